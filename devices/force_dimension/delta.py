@@ -161,7 +161,7 @@ class PlainDelta:
 
 
 class Delta(PlainDelta):
-    """The same with its library's C functions, so that no Python runs in its loop."""
+    """A device with its library's C functions, so that no Python runs in its loop."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

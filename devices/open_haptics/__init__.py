@@ -7,7 +7,7 @@ library's interface. The library, libHD, comes with the maker's SDK: nothing of 
 from __future__ import annotations
 
 from graspfx.devices._settings import number, whole
-from graspfx.devices.open_haptics.hd import check_library, check_name
+from graspfx.devices.open_haptics.hd import check_library, check_unit
 from graspfx.devices.open_haptics.stylus import Stylus
 from graspfx.protocols import SMALLEST, WINDOW
 
@@ -20,7 +20,7 @@ PERIOD = 0.001  # [s]
 
 def connect(
     *,
-    name: str | None = None,
+    unit: str | None = None,
     library: object = None,
     force_limit: float = 3.0,
     resolution: float = 5.5e-5,
@@ -29,16 +29,16 @@ def connect(
     """Connect a device.
 
     Args:
-        name: that the maker's setup tool has for it; None for the default device.
+        unit: its name in the maker's setup tool; None for the default device.
         library: path of libHD; None for its usual names.
         force_limit: largest force at the handle [N].
         resolution: of a position [m].
         velocity_window: the longest window of the velocity estimate [samples].
     """
     check_library(library)
-    check_name(name)
+    check_unit(unit)
     return Stylus(
-        name=name,
+        unit=unit,
         library=library,
         force_limit=number("force_limit", force_limit, SMALLEST, MOST_FORCE),
         resolution=number("resolution", resolution, SMALLEST),
@@ -46,16 +46,16 @@ def connect(
     )
 
 
-def quench(*, name: str | None = None, library: object = None, **_: object) -> None:
+def quench(*, unit: str | None = None, library: object = None, **_: object) -> None:
     """Take the force from a device whose program has died: open it afresh, display zero force, close it.
 
     Args:
-        name, library: as of `connect`; other settings do not matter.
+        unit, library: as of `connect`; other settings do not matter.
 
     Raises:
         DeviceError: it cannot be opened, or its scheduler does not run.
     """
-    with Stylus(name=name, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1) as device:
+    with Stylus(unit=unit, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1) as device:
         device.open(PERIOD)
         device.read()
         device.stop()

@@ -113,7 +113,7 @@ def check_library(library: object) -> None:
         raise InputError("library", library, "the path of libHD, or None for its usual names")
 
 
-def check_name(name: object) -> None:
+def check_unit(unit: object) -> None:
     """Refuse what can be no name of a device."""
-    if name is not None and not (isinstance(name, str) and name):
-        raise InputError("name", name, "the name that the maker's setup tool has for the device, or None")
+    if unit is not None and not (isinstance(unit, str) and unit):
+        raise InputError("unit", unit, "the name that the maker's setup tool has for the device, or None")

@@ -36,18 +36,18 @@ class Scheduler:
         self._number = 0  # of the callback
         self._lock = RLock()
 
-    def add(self, member: Member, name: str | None, velocity: VelocityEstimator) -> Calls:
+    def add(self, member: Member, unit: str | None, velocity: VelocityEstimator) -> Calls:
         """Initialise a device; give its C functions, which may be called in the scheduler's thread only.
 
         Args:
             member: the device.
-            name: that the maker's setup tool has for it.
+            unit: its name in the maker's setup tool.
             velocity: estimates velocities, a period of the scheduler after the other.
         """
         hd = self._hd
         with self._lock:
             self._halt()
-            handle = int(hd.call("hdInitDevice", None if name is None else name.encode()))
+            handle = int(hd.call("hdInitDevice", None if unit is None else unit.encode()))
             if handle == NO_DEVICE:
                 raise DeviceError("OpenHaptics gives no handle for the device")
             member.handle = handle

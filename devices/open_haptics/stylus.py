@@ -28,9 +28,9 @@ class Stylus:
     """
 
     def __init__(
-        self, *, name: str | None, library: object, force_limit: float, resolution: float, velocity_window: int
+        self, *, unit: str | None, library: object, force_limit: float, resolution: float, velocity_window: int
     ) -> None:
-        self.name, self.library, self.force_limit, self.resolution = name, library, force_limit, resolution
+        self.unit, self.library, self.force_limit, self.resolution = unit, library, force_limit, resolution
         self._window = velocity_window
         self.handle = -1
         self._scheduler: Scheduler | None = None  # while the device is open
@@ -69,7 +69,7 @@ class Stylus:
     def open(self, period: float) -> None:
         self.close()
         scheduler = scheduler_of(self.library)
-        self._calls = scheduler.add(self, self.name, self._estimator(1.0 / RATE))
+        self._calls = scheduler.add(self, self.unit, self._estimator(1.0 / RATE))
         self._scheduler = scheduler
         self._rate, self._period = self._estimator(period), period
         self._count, self._time = 0, 0.0

@@ -165,15 +165,15 @@ def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
 
 def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:
     """Count the entries of a buffer."""
-    arguments = [each for several in calls.values() for call in several for each in call.arguments]
+    arguments = [each for role in calls.values() for call in role for each in call.arguments]
     return next(each.count for each in arguments if each.kind == "buffer" and each.name == buffer)
 
 
 def _fill_settings(parts: Trampolines, words: np.ndarray[Any, Any], settings: dict[str, float]) -> None:
-    wanted = parts.plan.settings
-    if set(wanted) != set(settings):
-        raise InputError("settings", sorted(settings), f"those that the calls name: {sorted(wanted)}")
-    for name, (type_, word) in wanted.items():
+    room = parts.plan.settings
+    if set(room) != set(settings):
+        raise InputError("settings", sorted(settings), f"those that the calls name: {sorted(room)}")
+    for name, (type_, word) in room.items():
         value = settings[name]
         if type_ not in FLOATS:
             low = -(1 << (width(type_) - 1)) if type_.startswith("i") else 0

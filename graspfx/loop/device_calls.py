@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-FRESH, HELD = 0, 1  # what the functions return; less than zero is a fault
+FRESH, REPEAT = 0, 1  # what the functions return; less than zero is a fault
 
 
 class Calls(NamedTuple):

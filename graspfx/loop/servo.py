@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from graspfx import log
 from graspfx.compile.records import start_of
-from graspfx.coupling.grasped import fault_text
 from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.coupling_report import coupling_report
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name, is_hardware
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.guest_rounds import GuestRounds
+from graspfx.loop.guest_rounds import GuestRounds, settle_guests
+from graspfx.loop.hand_tables import fill_table
+from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.realtime.guards import GUARDS, Guards
@@ -28,7 +30,7 @@ from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, NATIVE, OBJECT_, SAFETY, STATION, ServoState, latch
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, NATIVE, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.programs import Engine, Generic, Interpreted, MachineCode
 from graspfx.loop.tick.rehearsal import rehearse
@@ -96,12 +98,7 @@ class Servo:
     @property
     def coupling(self) -> dict[str, Any]:
         """Report of the objects' couplings on the run so far, as entries of an `Outcome`."""
-        grasps = [part.grasped for part in self.objects]
-        return {
-            "fade_shortfall": max(each.shortfall for each in grasps),
-            "fade_needed": max(each.fade_needed for each in grasps),
-            "blended": max(each.blended for each in grasps),
-        }
+        return coupling_report(self.objects)
 
     @property
     def faulted(self) -> bool:
@@ -133,16 +130,8 @@ class Servo:
         if self._record and isinstance(engine, MachineCode) and not self.why_python:
             from graspfx.loop.realtime.native_loop import NativeLoop
 
-            width, every = self.layout.width, self.every
-            self.native = NativeLoop(
-                self._tick, engine, self._devices, width, every, self.period, self.guards, self.safety
-            )  # fmt: skip
+            self.native = NativeLoop(self._tick, engine, self._devices, self.parts, self.guards)
         return self._devices
-
-    @property
-    def loop(self) -> str:
-        """Loop of machine code alone that paced ticks run in, "native" or "driven"; empty where Python runs between."""
-        return "" if self.native is None else self.native.name
 
     @property
     def why_python(self) -> str:
@@ -186,7 +175,7 @@ class Servo:
             self._run_native(self.native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
-        self._settle()
+        settle_guests(self._tick.guests, self.movers, self._own, self.ticks - 1)
         self._notice(recorder)
         for part in self.objects:
             part.grasped.check_activity()
@@ -312,14 +301,6 @@ class Servo:
             if not self._own.stuck_bodies[i]:
                 exchange()
 
-    def _settle(self) -> None:
-        """Settle what guests were told after the last tick."""
-        for i in self._tick.guests:
-            code = 0 if self._own.stuck_bodies[i] else self.movers[i].body.take()
-            if code:
-                latch(self._own, self.ticks - 1, MOVER, i, code)
-                self._own.stuck_bodies[i] = 1.0
-
     def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
@@ -371,7 +352,7 @@ class Servo:
                 self.movers[i].body.step(self.period)
             except GraspFXError as error:
                 self._own.stuck_bodies[i] = 1.0
-                self._tell(k, f"{self._objects(i)}: {error}")
+                self._tell(k, f"{object_names(self.parts, i)}: {error}")
 
     def _advance(self, k: int, j: int) -> None:
         m = self.plants[j]
@@ -380,19 +361,13 @@ class Servo:
                 m.plant.advance(np.concatenate([d.effort for d in m.devices]), m.hand, self.period)
             except GraspFXError as error:
                 self._own.stuck_plants[j] = 1.0
-                self._tell(k, f"{self._fingers(j)}: {error}")
+                self._tell(k, f"{finger_names(self.parts, j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
-        T, k = self.period, self.ticks
-        self._own.table_start = k
+        self._own.table_start = self.ticks
         for table in self._tick.tables:
-            m = self.plants[table.plant]
-            each = table.memory.reshape(CHUNK, -1, *m.plant.position.shape)
-            for i in range(count):
-                each[i, 0], each[i, 1] = m.hand.target((k + i + 1) * T)
-                if table.middle:
-                    each[i, 2], each[i, 3] = m.hand.target(0.5 * ((k + i) * T + (k + i + 1) * T))
+            fill_table(table, self.plants[table.plant], self.ticks, count, self.period)
 
     # Faults -------------------------------------------------------------------------------------------------------
 
@@ -417,24 +392,8 @@ class Servo:
     def why(self, own: FloatArray) -> str:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
         servo = ServoState(own)
-        kind, index, code = servo.kind, servo.index, servo.code
-        if kind == NATIVE and self.native is not None:
-            return self.native.why(index, code)
-        if kind == FOREIGN:
-            return self._foreign_faults[code]
-        if kind == SAFETY and self.safety is not None:
-            devices = [device_name(each, self.layout.fingers) for each in self.stations]
-            return self.safety.fault_text(code, self.layout.fingers, devices)
-        if kind == STATION:
-            return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
-        if kind == OBJECT_:
-            return fault_text(code, [self.layout.fingers[f] for f in self.objects[index].fingers])
-        if kind == MOVER:
-            return f"{self._objects(index)}: {self.movers[index].body.fault_text(code)}"
-        return f"{self._fingers(index)}: {self.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
-
-    def _objects(self, mover: int) -> str:
-        return ", ".join(self.objects[number].name for number in self.movers[mover].objects)
-
-    def _fingers(self, index: int) -> str:
-        return ", ".join(self.layout.fingers[f] for f in self.plants[index].fingers)
+        if servo.kind == FOREIGN:
+            return self._foreign_faults[servo.code]
+        if servo.kind == NATIVE and self.native is not None:
+            return self.native.why(servo.index, servo.code)
+        return kernel_fault(self.parts, servo.kind, servo.index, servo.code)

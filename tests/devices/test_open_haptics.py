@@ -55,14 +55,14 @@ def until(condition: Any, within: float = 2.0) -> bool:
 
 
 def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
-    """Of devices, on its wire; and no rule of the library is broken meanwhile."""
+    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile."""
     check_device(lambda: connect(wire), wire=wire, period=PERIOD)
     assert wire.violations == 0
 
 
 def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
     """One callback for both, frames inside one another; each has its own force; the one goes on without the other."""
-    with connect(wire) as one, connect(wire, name="right") as two:
+    with connect(wire) as one, connect(wire, unit="right") as two:
         one.open(PERIOD)
         two.open(PERIOD)
         wire.place(np.array([0.1, 0.2, 0.3]), 1)
@@ -96,7 +96,7 @@ def test_a_device_that_another_program_has_is_refused(wire: OpenHapticsWire) -> 
 )  # fmt: skip
 def test_errors_of_the_library_are_faults_in_words(error: int, words: str) -> None:
     """Each is told by its first reader, the device is at zero force, and the stack is empty afterwards."""
-    with OpenHapticsWire() as wire, connect(wire) as device, connect(wire, name="right") as other:
+    with OpenHapticsWire() as wire, connect(wire) as device, connect(wire, unit="right") as other:
         device.open(PERIOD)
         other.open(PERIOD)
         other.write(X)
@@ -121,7 +121,7 @@ def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
 
 
 def test_settings() -> None:
-    for name, value in (("name", ""), ("library", ""), ("force_limit", 0.0), ("velocity_window", 0)):
+    for name, value in (("unit", ""), ("library", ""), ("force_limit", 0.0), ("velocity_window", 0)):
         with pytest.raises(InputError, match=name):
             driver("open-haptics").connect(**{name: value})
     device = driver("open-haptics").connect(library="/nowhere/libHD.so")

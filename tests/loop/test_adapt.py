@@ -231,7 +231,7 @@ def test_velocities_are_the_estimators(library: Library) -> None:
 
 
 def test_positions_that_were_missed_lie_on_a_line() -> None:
-    """As Force Dimension's driver always had it: the estimate after a gap is that of the points between."""
+    """The estimate after a gap is that of the points between, as Force Dimension's driver always had it."""
     one, other = (VelocityEstimator(1e-3, (), 1e-5, 8) for _ in range(2))
     for x in (0.0, 1e-3):
         one.update(x)

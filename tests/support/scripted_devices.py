@@ -189,7 +189,7 @@ class Plain:
 
 
 class Scripted(Plain):
-    """The same with C functions."""
+    """A device that follows a script by C functions."""
 
     @property
     def calls(self) -> Calls:

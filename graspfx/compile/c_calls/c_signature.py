@@ -82,14 +82,14 @@ class Reader:
     """Reads a text token by token.
 
     Args:
-        what: the argument that the text was given for.
+        subject: the argument that the text was given for.
         text: of the calls, or of the comparisons.
     """
 
-    def __init__(self, what: str, text: object) -> None:
+    def __init__(self, subject: str, text: object) -> None:
         if not isinstance(text, str):
-            raise InputError(what, text, f"a text: {GRAMMAR}")
-        self.what, self.text = what, text
+            raise InputError(subject, text, f"a text: {GRAMMAR}")
+        self.subject, self.text = subject, text
         self.tokens = list(self._tokens())
         self.at = 0
 
@@ -103,7 +103,7 @@ class Reader:
             at = match.end()
 
     def wrong(self, why: str) -> InputError:
-        return InputError(self.what, self.text, GRAMMAR, why)
+        return InputError(self.subject, self.text, GRAMMAR, why)
 
     @property
     def next(self) -> str:
@@ -114,8 +114,8 @@ class Reader:
         """Take a token, one of these if any are named."""
         token = self.next
         if not token or (expected and token not in expected):
-            wanted = " or ".join(map(repr, expected)) if expected else "more"
-            raise self.wrong(f"{wanted} expected{f' before {token!r}' if token else ' at its end'}")
+            words = " or ".join(map(repr, expected)) if expected else "more"
+            raise self.wrong(f"{words} expected{f' before {token!r}' if token else ' at its end'}")
         self.at += 1
         return token
 
@@ -151,18 +151,18 @@ class Reader:
         return TYPES[token]
 
 
-def read_calls(what: str, text: object, size: int | None) -> tuple[CCall, ...]:
+def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...]:
     """Read calls.
 
     Args:
-        what: the argument that the text was given for, for errors.
+        subject: the argument that the text was given for, for errors.
         text: of the calls.
         size: entries of the block; None for any.
 
     Raises:
         InputError: no such text, an unknown type, or an entry that the block does not have.
     """
-    reader, calls = Reader(what, text), []
+    reader, calls = Reader(subject, text), []
     while True:
         calls.append(_call(reader, size))
         if not reader.has(";"):
@@ -239,9 +239,9 @@ def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
                 raise reader.wrong(f"{each.name!r} is a buffer of two sizes")
 
 
-def read_comparisons(what: str, text: object) -> tuple[Comparison, ...]:
+def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
     """Read comparisons with `or` between, such as `< 0 or status[5] == 0`; none of an empty text."""
-    reader, comparisons = Reader(what, text), []
+    reader, comparisons = Reader(subject, text), []
     while reader.next:
         if comparisons:
             reader.take("or")

@@ -12,7 +12,7 @@ from graspfx.compile.c_calls.c_signature import FLOATS, Argument, CCall, Compari
 ORDERS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 BITS = {"double": 64, "float": 32}
 DRAIN = 64  # errors that a library's stack is asked for at most
-FRESH, HELD = 0, 1  # what a function returns; less than zero is a fault
+FRESH, REPEAT = 0, 1  # what a function returns; less than zero is a fault
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Trampolines:
 
     Args:
         roles: the functions.
-        fault, held: comparisons that judge each call.
+        fault, repeat: comparisons that judge each call.
         errors: a call that pops the newest error of a library's stack, and returns zero where there is none.
 
     Attributes:
@@ -99,11 +99,11 @@ class Trampolines:
     """
 
     def __init__(
-        self, roles: Sequence[Role], fault: Sequence[Comparison], held: Sequence[Comparison], errors: CCall | None
+        self, roles: Sequence[Role], fault: Sequence[Comparison], repeat: Sequence[Comparison], errors: CCall | None
     ) -> None:  # fmt: skip
         self.plan = ContextPlan()
         self.faults: list[tuple[str, str]] = []
-        self._fault, self._held, self._errors = fault, held, errors
+        self._fault, self._repeat, self._errors = fault, repeat, errors
         self._lines: list[str] = []
         self._count = 0
         symbols = {role.estimation.symbol for role in roles if role.estimation}
@@ -209,12 +209,12 @@ class Trampolines:
         if self._errors is not None:
             verdict = self._emptied(role, call, self._errors, verdict)
         if role.name == "read" and result:
-            for each in self._held:
+            for each in self._repeat:
                 if not each.buffer:
                     _, old = self._compared(each, call, result)
                     fine = self._op(f"icmp sge i64 {verdict}, 0")
                     both = self._op(f"and i1 {old}, {fine}")
-                    verdict = self._op(f"select i1 {both}, i64 {HELD}, i64 {verdict}")
+                    verdict = self._op(f"select i1 {both}, i64 {REPEAT}, i64 {verdict}")
         return verdict
 
     def _compared(self, each: Comparison, call: CCall, result: str) -> tuple[str, str]:
@@ -283,7 +283,7 @@ class Trampolines:
         missed_at = self._op(f"load ptr, ptr {self._at(MISSED)}")
         missed = self._op(f"load i64, ptr {missed_at}")
         state = self._op(f"load ptr, ptr {self._at(STATE)}")
-        old = self._op(f"icmp eq i64 {verdict}, {HELD}")
+        old = self._op(f"icmp eq i64 {verdict}, {REPEAT}")
         count, fresh, end = (self._name(kind)[1:] for kind in ("count", "fresh", "end"))
         self._put(f"br i1 {old}, label %{count}, label %{fresh}")
         self._lines.append(f"{count}:")

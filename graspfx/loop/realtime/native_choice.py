@@ -66,11 +66,11 @@ def _why_tick(tick: Tick, stations: Sequence[DeviceWiring], fingers: Sequence[st
     for port in tick.ports:
         if not is_hardware(stations[port.station].device):
             return f"{device_name(stations[port.station], fingers)} is simulated in plain Python"
-    for what, parts in (
+    for part, plain in (
         ("a hand", tick.tables), ("a plant", tick.plants), ("a body", tick.bodies), ("a body", tick.guests)
     ):  # fmt: skip
-        if parts:
-            return f"{what} is moved by plain Python or other software"
+        if plain:
+            return f"{part} is moved by plain Python or other software"
     if foreign_kernels(tick.script.kernels):
         return "kernels of others are checked in the first ticks"
     return ""

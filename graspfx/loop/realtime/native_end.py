@@ -17,16 +17,16 @@ class EndState(Record):
 
 
 @kernel
-def go_on(end: EndState, k: int, asked: int, faulted: float) -> int:
+def go_on(end: EndState, k: int, stop: int, faulted: float) -> int:
     """Tell whether tick k is run, 1 or 0.
 
     Args:
         end: of the loop, where forces begin to decay in time.
         k: the tick.
-        asked: not zero where the loop is to stop.
+        stop: not zero where the loop is to stop.
         faulted: not zero after a fault, when there is no force that could decay.
     """
-    if asked != 0:
+    if stop != 0:
         if end.decay == 0 or faulted != 0.0:
             return 0
         if not end.is_stopped:

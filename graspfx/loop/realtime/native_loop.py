@@ -17,6 +17,7 @@ from graspfx.compile.emission import address
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort
+from graspfx.loop.parts import Parts
 from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState
@@ -30,15 +31,17 @@ from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
 from graspfx.loop.realtime.soft_end import decay_ticks
 from graspfx.loop.recording.header import REST, RunFault
 from graspfx.loop.recording.row_taker import RowTaker
-from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.programs import MachineCode
 from graspfx.loop.tick.script import Tick
 
 IntArray = NDArray[np.int64]
 
 POLL = 0.005  # between two looks [s]
-PATIENCE = 1.0  # for a tick that goes on, before a device is stopped beside it [s]
+PATIENCE = 0.1  # for a tick that goes on, before devices are stopped beside it [s]
+STALLED = 50  # looks without a tick, and
+STALLED_PERIODS = 20  # periods, after which a device's function is taken not to return
 ADDRESS, TABLE, TICK, END, BUSY = range(5)  # words of a callback
+HANGS = "a device's C function does not return; all forces are set to zero beside it"
 FOREVER = 1 << 62  # ticks: the loop's end says when
 _LOST: list[object] = []  # memories of loops that did not end: a vendor's function may still write there
 
@@ -62,11 +65,8 @@ class NativeLoop:
         tick: of the scene.
         code: its program.
         devices: all of them, in their order.
-        width: of a row.
-        every: ticks from one row to the next.
-        period: T [s].
+        parts: of the scene.
         guards: of hardware.
-        safety: the chain between law and devices.
     """
 
     def __init__(
@@ -74,20 +74,18 @@ class NativeLoop:
         tick: Tick,
         code: MachineCode,
         devices: DeviceExchange,
-        width: int,
-        every: int,
-        period: float,
+        parts: Parts,
         guards: Guards,
-        safety: SafetyChain | None,
     ) -> None:
-        self._code, self._ports, self._period, self._guards = code, devices.ports, period, guards
-        self._devices, self._safety = devices, safety
-        self._ring = Ring(create(width), width, every)
+        self._code, self._ports, self._period, self._guards = code, devices.ports, parts.period, guards
+        self._devices, self._safety = devices, parts.safety
+        self._ring = Ring(create(parts.layout.width), parts.layout.width, parts.every)
         self._driver = next((each.device for each in self._ports if isinstance(each.device, DrivingDevice)), None)
-        self.program = NativeProgram(tick, self._ports, self._ring, safety, nested=self._driver is not None)
+        self.program = NativeProgram(tick, self._ports, self._ring, parts.safety, nested=self._driver is not None)
         self._calls: list[Calls] = []
-        self._told = [False] * len(self._ports)  # whether a device could not be stopped
-        self._taken = 0  # ticks whose rows the recorder has
+        self._noted = [False] * len(self._ports)  # whether a device could not be stopped
+        self._drained = 0  # ticks whose rows the recorder has
+        self._seen, self._looks = -1, 0  # ticks at the last look, and looks since there was one
 
     def run(
         self,
@@ -123,6 +121,7 @@ class NativeLoop:
             while worker.goes_on(POLL):
                 look(self._drain(recorder, ring))
                 pacer.skipped = self.program.clock.skipped
+                self._require_progress(ring)
                 if isinstance(stop, Writer) and stop.has_news:
                     worker = self._between_ticks(worker, stop, ring, look)
                 if stop is not None and stop():
@@ -149,14 +148,23 @@ class NativeLoop:
     ) -> _Worker | _Driven:  # fmt: skip
         """Let who stops the loop write into its memories, while it waits; go on with another thread."""
         self.program.words[HALT] = 1
-        if not worker.end(PATIENCE):
-            raise DeviceError("a device's C function does not return; all forces are zero")
+        if not worker.pause(PATIENCE):
+            raise DeviceError(HANGS)
         look(int(ring.words[Word.HEAD]))
         stop()
         self.program.words[HALT] = 0
-        worker = self._worker(int(ring.words[Word.HEAD]))
-        worker.start()
+        if isinstance(worker, _Worker):
+            worker = self._worker(int(ring.words[Word.HEAD]))
+            worker.start()
         return worker
+
+    def _require_progress(self, ring: Ring) -> None:
+        """Require a tick since one of the last looks; they are counted, for a machine may stand still as a whole."""
+        head = int(ring.words[Word.HEAD])
+        self._looks = 0 if head != self._seen else self._looks + 1
+        self._seen = head
+        if self._looks > max(STALLED, STALLED_PERIODS * self._period / POLL):
+            raise DeviceError(HANGS)
 
     def _note_rest(self, recorder: RowTaker) -> None:
         """Note from which tick on forces decayed."""
@@ -178,8 +186,8 @@ class NativeLoop:
         """Faults of devices that could not be stopped, which were not told before."""
         faults = []
         for i, (port, state) in enumerate(zip(self._ports, self.program.states, strict=True)):
-            if state.stop_code and not self._told[i]:
-                self._told[i] = True
+            if state.stop_code and not self._noted[i]:
+                self._noted[i] = True
                 faults.append(RunFault(state.stop_tick, stop_text(port, state, self._calls[i])))
         return faults
 
@@ -198,7 +206,7 @@ class NativeLoop:
         self.program.write_to(ring, *self._code.halves(ring.rows))
         if ring is self._ring:
             ring.words[Word.HEAD] = k
-        self._taken = k
+        self._drained = k
         clock = self.program.clock
         clock.mode, clock.period, clock.most = mode, self._period, self._guards.late
         clock.is_begun = pacer.deadline is not None
@@ -211,6 +219,7 @@ class NativeLoop:
         end.decay, end.last = decay if self._safety is not None and decay > 1 else 0, last
         end.is_stopped = end.is_begun = False
         self.program.words[[HALT, STOP]] = 0
+        self._seen, self._looks = -1, 0
 
     def _finish(self, pacer: Pacer) -> None:
         """Make pacer and readings what they would be after Python's own loop."""
@@ -233,20 +242,20 @@ class NativeLoop:
         if isinstance(recorder, RingRecorder):
             recorder.ticks = head  # whoever reads the ring has them already
             return head
-        lost = max(0, head - self._taken - ring.span + ring.every)
+        lost = max(0, head - self._drained - ring.span + ring.every)
         if lost:
-            recorder.fault(self._taken, f"{lost} rows are lost: the recorder was not there for {ring.span} ticks")
-        while self._taken < head:
+            recorder.fault(self._drained, f"{lost} rows are lost: the recorder was not there for {ring.span} ticks")
+        while self._drained < head:
             rows, place, left = recorder.space()
-            at = self._taken % ring.span
-            count = min(left, head - self._taken, ring.span - at)
-            first = -self._taken % ring.every  # ticks to the first one with a row
+            at = self._drained % ring.span
+            count = min(left, head - self._drained, ring.span - at)
+            first = -self._drained % ring.every  # ticks to the first one with a row
             if first < count:
                 n = (count - first - 1) // ring.every + 1
                 to, source = (place + first) // ring.every, (at + first) // ring.every
                 rows[to : to + n] = ring.rows[source : source + n] if lost <= 0 else np.nan
             lost -= count
-            self._taken += count
+            self._drained += count
             recorder.take(count)
             recorder.drain()
         return head
@@ -278,12 +287,14 @@ class _Worker:
         return self._thread.is_alive()
 
     def end(self, wait: float) -> bool:
-        """Wait for the thread's end, so long; tell whether it has ended."""
+        """Wait for the thread's end, so long [s]; tell whether it has ended."""
         if self._thread.ident is not None:
             self._thread.join(wait)
         if self._error is not None:
             raise self._error
         return not self._thread.is_alive()
+
+    pause = end  # another thread goes on
 
 
 class _Driven:
@@ -301,6 +312,15 @@ class _Driven:
     def goes_on(self, wait: float) -> bool:
         time.sleep(wait)
         return int(self.words[TICK]) < self._end.last and self._driver.drives
+
+    def pause(self, wait: float) -> bool:
+        """Wait until no tick of a loop that halts goes on, so long [s]; tell whether it is so."""
+        end = time.monotonic() + wait
+        while self.words[BUSY]:
+            if time.monotonic() > end:
+                return False
+            time.sleep(1e-4)
+        return True
 
     def end(self, wait: float) -> bool:
         """Take the loop back from the thread; tell whether it has let go."""

@@ -6,7 +6,7 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Record, Table, floats, table
-from graspfx.loop.device_calls import HELD
+from graspfx.loop.device_calls import REPEAT
 
 NEAR = 1e-3  # of a position that was zero to the last bit only by chance [m]
 FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = range(1, 11)  # why a device is a fault
@@ -77,8 +77,8 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
         if not math.isfinite(raw[i]):
             return fail(port, NOT_FINITE, i)
     port.periods += periods
-    port.is_fresh = code != HELD
-    if code == HELD:
+    port.is_fresh = code != REPEAT
+    if code == REPEAT:
         port.repeats += 1
         port.row += 1
         if port.row > port.hold:

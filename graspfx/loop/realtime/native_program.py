@@ -38,7 +38,7 @@ def beat({arrays}, k, count):
     for i in range(count):
         if {peek}({own}, {halt}) != 0:
             return i
-        if {go_on}({end}, 0, k, {peek}({own}, {stop}) + {peek}({words}, {asked}), {faulted}) == 0:
+        if {go_on}({end}, 0, k, {peek}({own}, {stop}) + {peek}({words}, {quit}), {faulted}) == 0:
             return i
         turn({arrays}, k)
         k += 1
@@ -99,7 +99,7 @@ class NativeProgram:
         faulted = f"{servo}[{start_of(ServoState, 'faulted')}]"
         source = TEXT.format(
             arrays=", ".join(script.arrays), lines="\n    ".join(lines), peek=script.kernel(peek),
-            go_on=script.kernel(go_on), words=self._ring_name, asked=Word.STOP.value, own=own, halt=HALT, stop=STOP,
+            go_on=script.kernel(go_on), words=self._ring_name, quit=Word.STOP.value, own=own, halt=HALT, stop=STOP,
             end=end, faulted=faulted,
         )  # fmt: skip
         functions = machine_functions()

@@ -55,7 +55,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def settings(self) -> dict[str, Any]:
-        return {"name": NAMES[0], "library": self.library}
+        return {"unit": NAMES[0], "library": self.library}
 
     @property
     def torque(self) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import sys
 import threading
 import time
@@ -16,6 +17,7 @@ import graspfx as gx
 from graspfx.build import pace
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
+from graspfx.loop.realtime import native_loop
 from graspfx.loop.realtime.native_clock import ClockState
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import SLOTS
@@ -246,4 +248,32 @@ def test_letters_are_taken_between_two_ticks(tmp_path: Path) -> None:
     assert len(letters.ticks) == 2
     assert letters.ticks[0] >= 20
     assert letters.ticks[1] >= 60
+    session.finish()
+
+
+def test_a_function_that_does_not_return_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python sees that no tick comes, stops the devices beside it, and says why."""
+    monkeypatch.setattr(native_loop, "STALLED", 5)
+    release = threading.Event()
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+    def hang(context: int, block: int) -> int:
+        release.wait(5.0)
+        return 0
+
+    def calls(device: Scripted) -> Calls:
+        place = ctypes.cast(hang, ctypes.c_void_p).value
+        assert place is not None
+        return real(device)._replace(write=place)
+
+    real = vars(Scripted)["calls"].fget
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True))
+    try:
+        with pytest.raises(DeviceError, match="a device's C function does not return"):
+            session.run(TICKS)
+        assert not session.devices.stop()
+        assert [device.stops for device in session.stations] == [1, 1]
+    finally:
+        release.set()
     session.finish()
