@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.calibration.calibration_bench import Bench
-from graspfx.loop.frame import Frame
+from graspfx.loop.device_frame import Frame
 
 FloatArray = NDArray[np.float64]
 
