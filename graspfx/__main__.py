@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, warmup, bench, devices, doctor, list, schema, plot, picture, replay..."""
+"""The graspfx command: run, check, stability, calibrate, warmup, bench, devices, doctor, list, plot, replay..."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
     "replay": "move a recording's fingers again, and compare forces and objects to the bit",
+    "calibrate": "measure a scene's hardware: how late its forces are, mass, friction, axes",
     "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",

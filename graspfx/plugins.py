@@ -38,6 +38,7 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 UPWARD = {
     "Batch.to_frame": "graspfx.show.tabular.batch_frame",
     "Batch.to_xarray": "graspfx.show.labelled.batch_dataset",
+    "Linearisation.recorded": "graspfx.certificate.rest.recorded_loop.recorded_loop",
     "Linearisation.scene": "graspfx.scene.load.to_scene",
     "Linearisation.to_control": "graspfx.show.control_system.to_control",
     "Loci.bode": "graspfx.show.loop_figures.bode",

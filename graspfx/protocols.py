@@ -23,6 +23,7 @@ from graspfx.compile.records import (
 )
 from graspfx.errors import DeviceError, GraspFXError, InputError, MissingPackageError
 from graspfx.exponential import expm1
+from graspfx.loop.adapt import adapt
 from graspfx.loop.device import (
     AskedDevice,
     Device,
@@ -36,8 +37,10 @@ from graspfx.loop.device import (
     SwitchedDevice,
     former_settings,
 )
+from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
+from graspfx.loop.mailbox import Mailbox
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
 from graspfx.loop.velocity import WINDOW, VelocityEstimate, VelocityEstimator, estimate, estimate_size
@@ -65,6 +68,12 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     # devices with switches, and devices that show what came over the wire
     "SwitchedDevice",
     "RawDevice",
+    # C functions of a device, for loops in which no Python runs
+    "Calls",
+    "CallsDevice",
+    "DrivingDevice",
+    "adapt",
+    "Mailbox",
     # a board's serial port, and a lock of other hardware, for one program at a time
     "SerialPort",
     "ProgramLock",

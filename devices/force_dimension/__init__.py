@@ -7,8 +7,8 @@ maker's interface. The library, libdrd, comes with the maker's SDK: nothing of i
 from __future__ import annotations
 
 from graspfx.devices._settings import number, whole
-from graspfx.devices.force_dimension.delta import Delta
-from graspfx.devices.force_dimension.dhd import check_library
+from graspfx.devices.force_dimension.delta import Delta, PlainDelta
+from graspfx.devices.force_dimension.dhd import check_library, is_of_c
 from graspfx.protocols import SMALLEST, WINDOW
 
 __all__ = ["Delta", "connect", "quench"]
@@ -25,7 +25,7 @@ def connect(
     force_limit: float = 3.0,
     resolution: float = 1e-5,
     velocity_window: int = WINDOW,
-) -> Delta:
+) -> PlainDelta:
     """Connect a device.
 
     Args:
@@ -37,7 +37,7 @@ def connect(
         velocity_window: the longest window of the velocity estimate [samples].
     """
     check_library(library)
-    return Delta(
+    return (Delta if is_of_c(library) else PlainDelta)(
         serial=None if serial is None else whole("serial", serial, 0, 2**31 - 1),
         library=library,
         force_limit=number("force_limit", force_limit, SMALLEST, MOST_FORCE),
@@ -55,7 +55,7 @@ def quench(*, serial: int | None = None, library: object = None, **_: object) ->
     Raises:
         DeviceError: it cannot be opened or takes no force of zero.
     """
-    device = Delta(serial=serial, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1)
+    device = PlainDelta(serial=serial, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1)
     with device:
         device.open(PERIOD)
         device.stop()

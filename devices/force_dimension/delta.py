@@ -5,20 +5,28 @@ from __future__ import annotations
 import ctypes
 import time
 from contextlib import suppress
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices.force_dimension.dhd import FORCE, NO_NEW_DATA, OFF, OFF_CAUSE, STATUS, Dhd
-from graspfx.protocols import DeviceError, Features, InputError, VelocityEstimator
+from graspfx.protocols import (
+    Calls,
+    DeviceError,
+    Features,
+    InputError,
+    MissingPackageError,
+    VelocityEstimator,
+    adapt,
+)
 
 FloatArray = NDArray[np.float64]
 
 WATCHDOG, UNIT = 255, 125e-6  # the longest that a device takes, and its unit [s]
 
 
-class Delta:
+class PlainDelta:
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
     Each call of the library is judged by itself: less than zero is a fault, and of the reading a 1, no new data, is the
@@ -63,10 +71,10 @@ class Delta:
             dhd.call("dhdEnableForce", 1, self._id)
             dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
             self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
-            self._missing, self._time, self._began = 0, 0.0, time.perf_counter()
+            self._time, self._began = 0.0, time.perf_counter()
             if not self._refresh():
                 raise DeviceError("the device gives no first position")
-            self._follow(1)
+            self._follow()
         except DeviceError:
             self.close()
             raise
@@ -77,11 +85,10 @@ class Delta:
         if not self._status[FORCE]:
             raise DeviceError(f"the device has switched its force off: {self._cause}")
         if not self._refresh():
-            self._missing += 1
+            self._estimator.miss()
             return self._position, self._velocity, self._time
         self._time = time.perf_counter() - self._began
-        self._follow(self._missing + 1)
-        self._missing = 0
+        self._follow()
         return self._position, self._velocity, self._time
 
     def write(self, forces: FloatArray) -> None:
@@ -138,19 +145,59 @@ class Delta:
             raise DeviceError(f"the device gives the position {list(self._xyz)}")
         return fresh
 
-    def _follow(self, samples: int) -> None:
+    def _follow(self) -> None:
         """Take the position; samples that were missed lie on a line between the last one and this."""
-        old, new = self._position[0].copy(), np.array(self._xyz)
-        for k in range(1, samples + 1):
-            rate = self._estimator.update(new if k == samples else old + (new - old) * (k / samples))
-        self._position[0], self._velocity[0] = new, rate
+        self._position[0] = self._xyz
+        self._velocity[0] = self._estimator.update(self._position[0])
 
     @property
     def _cause(self) -> str:
-        cause = int(self._status[OFF_CAUSE])
-        return str(OFF.get(cause, f"cause {cause}"))
+        return _cause_text(int(self._status[OFF_CAUSE]))
 
     def _opened(self) -> Dhd:
         if self._dhd is None:
             raise DeviceError("the device is not open: call open(period) first")
         return self._dhd
+
+
+class Delta(PlainDelta):
+    """A device with its library's C functions, so that no Python runs in its loop."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._calls: Calls | None = None
+
+    @property
+    def calls(self) -> Calls | None:
+        return self._calls
+
+    def open(self, period: float) -> None:
+        super().open(period)
+        with suppress(MissingPackageError):  # without LLVM the loop is Python's
+            self._calls = adapt(
+                self._opened().library,
+                read=f"int dhdGetStatus(i32[{STATUS}] status, i8 id); int dhdGetPosition(out 0, out 1, out 2, i8 id)",
+                write="int dhdSetForce(in 0, in 1, in 2, i8 id)",
+                stop="int dhdSetForce(double 0, double 0, double 0, i8 id)",
+                fault=f"< 0 or status[{FORCE}] == 0",
+                held=f"== {NO_NEW_DATA}",
+                velocity=self._estimator,
+                id=self._id,
+            )
+
+    def close(self) -> None:
+        self._calls = None
+        super().close()
+
+    def fault_text(self, code: int) -> str:
+        """Say what a code below zero of the C functions means."""
+        assert self._calls is not None
+        adapter = self._calls.keep
+        text: str = adapter.fault_text(code)
+        if text.startswith("dhdGetStatus gives"):
+            return f"the device has switched its force off: {_cause_text(int(adapter.buffer('status')[OFF_CAUSE]))}"
+        return text
+
+
+def _cause_text(cause: int) -> str:
+    return str(OFF.get(cause, f"cause {cause}"))

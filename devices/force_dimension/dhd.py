@@ -52,10 +52,13 @@ class Dhd:
 
     Args:
         library: its path; None for its usual names; or an object with functions of these names.
+
+    Attributes:
+        library: as it is loaded.
     """
 
     def __init__(self, library: object) -> None:
-        loaded = _loaded(library)
+        self.library = loaded = _loaded(library)
         self._last = self._function(loaded, "dhdErrorGetLastStr", (), ctypes.c_char_p)
         self._functions = {name: self._function(loaded, name, kinds) for name, kinds in ARGUMENTS.items()}
         self.expert = all(hasattr(loaded, name) for name in EXPERT)
@@ -97,6 +100,12 @@ def _loaded(library: object) -> Any:
     raise DeviceError(
         f"Force Dimension's library does not load ({reason}): install the maker's SDK, or give its path as `library`"
     ) from reason
+
+
+def is_of_c(library: object) -> bool:
+    """Tell whether a library's functions are C's, as they are in one that is loaded by its path."""
+    function = getattr(library, "dhdSetForce", None)
+    return library is None or isinstance(library, str) or (hasattr(function, "argtypes") and function is not None)
 
 
 def check_library(library: object) -> None:

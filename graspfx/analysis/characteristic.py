@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.discrete import ONE_PLUS, S, device, plus, power, thing, times
+from graspfx.analysis.discrete import ONE_PLUS, S, plus, power, thing, times
+from graspfx.analysis.fractional_delay import late_device
 from graspfx.errors import InputError
 
 LATEST = 20  # samples of delay: beyond, coefficients lose the digits of the roots (4e-9 of |z| at 20, 1e-4 at 25)
@@ -22,13 +23,15 @@ def wall(
     spring: Numbers,
     damping: Numbers,
     delay: int,
+    latency: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Give D and N of f = k x + B (x_k - x_(k-1))/T, displayed `delay` samples late; ascending powers of s = z - 1.
 
-    z^L [den + z^-delay (k + B (1 - 1/z)/T) num], the device num/den under zero-order hold.
+    z^L [den + z^-delay (k + B (1 - 1/z)/T) num], the device num/den under zero-order hold, `latency` s later still.
     """
+    late, numerator, denominator = late_device(mass, friction, spring, period, latency)
+    delay += late
     _check("delay", delay)
-    numerator, denominator = device(mass, friction, spring, period)
     more = int(np.any(damping))
     D = times(denominator, power(delay + more))
     if more:
@@ -48,15 +51,17 @@ def external(
     integrator: str,
     delay: int,
     object_delay: int,
+    latency: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Give D and N of one device and one object through f = k (x - x_o) + B ((x_k - x_(k-1))/T - v_o).
 
     The object's velocity is its state; "implicit" takes its position and velocity at the end of the sample. A motion of
     both together that no force opposes (no spring) is a root z = 1 of D and N: it is put at z = 0, out of the way.
     """
+    late, numerator, denominator = late_device(mass, friction, spring, period, latency)
+    delay += late
     _check("delay", delay)
     _check("object_delay", object_delay)
-    numerator, denominator = device(mass, friction, spring, period)
     position, velocity, body = thing(object_mass, object_viscosity, integrator, period)
     more = int(np.any(damping))
     L = max(delay + more, object_delay)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx import plugins
-from graspfx.analysis.arguments import lag_of_object, number, numbers, one_of, samples
+from graspfx.analysis.arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
@@ -30,7 +30,8 @@ class Linearisation(Carded):
         M_o q'' + B_o q' = G f - N_q (x, q)                                  object, by its integrator
         f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
 
-    everything on the right held over the sample; devices feel it `delay` samples late, the object `object_delay`.
+    everything on the right held over the sample; devices feel it `delay` samples and `lateness` seconds late, the
+    object `object_delay` samples; x on the right is `age` seconds old.
     `rate = "state"` takes the devices' true velocity for x' instead. What the object stands on adds to its wrench
 
         -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
@@ -49,6 +50,9 @@ class Linearisation(Carded):
         hand_stiffness: K_h (m, m), its diagonal, or one number [N/m].
         hand_damping: B_h likewise [N s/m].
         delay: samples, per coordinate or one number.
+        lateness: of the force on the device besides, any time [s], likewise: the held force of a delay of (n + phi) T
+            changes within a sample, after phi T.
+        age: of the position that the coupling takes [s], likewise, and with it of the velocity.
         object_delay: samples.
         integrator: one of `INTEGRATORS`.
         preload: N (m + r, m + r), what the forces at rest add to the stiffness (`preloaded`); none if None.
@@ -74,6 +78,8 @@ class Linearisation(Carded):
     hand_stiffness: FloatArray
     hand_damping: FloatArray
     delay: NDArray[np.int64]
+    lateness: FloatArray
+    age: FloatArray
     object_delay: int
     integrator: str
     preload: FloatArray | None
@@ -96,6 +102,8 @@ class Linearisation(Carded):
         hand_stiffness: ArrayLike = 0.0,
         hand_damping: ArrayLike = 0.0,
         delay: int | ArrayLike = 0,
+        lateness: ArrayLike = 0.0,
+        age: ArrayLike = 0.0,
         object_delay: int = 0,
         integrator: str = "exact",
         preload: ArrayLike | None = None,
@@ -124,6 +132,8 @@ class Linearisation(Carded):
             hand_stiffness=_square("hand_stiffness", hand_stiffness, m, "N/m"),
             hand_damping=_square("hand_damping", hand_damping, m, "N s/m"),
             delay=np.broadcast_to(whole, (m,)),
+            lateness=_seconds("lateness", lateness, m, period),
+            age=_seconds("age", age, m, period),
             object_delay=lag_of_object(object_delay, kind),
             integrator=kind,
             preload=None if preload is None else _shaped("preload", preload, (m + r, m + r), "N/m"),
@@ -143,13 +153,15 @@ class Linearisation(Carded):
         m, r = self.coordinates
         extras = (("preload", self.preload), ("ground", self.ground))
         late = f"{listed(dict.fromkeys(self.delay.tolist()))} samples, of the object's force {self.object_delay}"
+        if self.latency.any():
+            late += f"; {span(1e3 * self.latency, 'ms')} besides, of readings and forces"
         rows = [
             ("motions", f"{m} device coordinates and {r} of the object, sampled every {1e3 * self.period:g} ms"),
             ("devices", f"{span(self.mass, 'kg')}, {span(self.friction, 'N s/m')}"),
             ("object", f"{span(np.linalg.eigvalsh(self.inertia), 'kg or kg m^2')}, integrator {self.integrator}"),
             ("coupling", f"{_range(self.stiffness, 'N/m')}; {_range(self.damping, 'N s/m')}"),
             ("hands", f"{_range(self.hand_stiffness, 'N/m')}; {_range(self.hand_damping, 'N s/m')}"),
-            ("delay", late if self.delay.any() or self.object_delay else "none"),
+            ("delay", late if self.delay.any() or self.latency.any() or self.object_delay else "none"),
             ("with", listed(name for name, part in extras if part is not None)),
         ]
         calls = "gx.stability.spectral_radius(linear), gx.stability.loci(linear), .to_control(), .with_changes()"
@@ -159,6 +171,11 @@ class Linearisation(Carded):
     def coordinates(self) -> tuple[int, int]:
         """(m, r)."""
         return self.G.shape[1], self.G.shape[0]
+
+    @property
+    def latency(self) -> FloatArray:
+        """Age of the position and lateness of the force together, (m,) [s]."""
+        return self.lateness + self.age
 
     def to_control(self, loop: str = "closed") -> control.StateSpace:
         """Convert to a system of python-control with dt = T.
@@ -201,17 +218,26 @@ class Linearisable(Protocol):
 Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
-def linear_of(subject: Subject) -> Linearisation:
+def linear_of(subject: Subject, recording: object = None) -> Linearisation:
     """Take a linearisation as it is, or that of a scene, or of the scene behind a name or a path.
 
+    Args:
+        subject: one of these.
+        recording: of the scene, or its path, for the rest that it ended with.
+
     Raises:
-        InputError: none of these; others as `gx.load` and `Scene.linearise` have them.
+        InputError: none of these, or a recording of none of them; others as `gx.load` and `Scene.linearise` have them.
     """
     if isinstance(subject, Linearisation):
+        if recording is not None:
+            raise InputError("recording", recording, "None beside a Linearisation", "give the scene of the recording")
         return subject
     scene = plugins.upward("Linearisation.scene")(subject) if isinstance(subject, str | PathLike) else subject
     if not isinstance(scene, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
+    if recording is not None:
+        recorded: Linearisation = plugins.upward("Linearisation.recorded")(scene, recording)
+        return recorded
     return scene.linearise()
 
 
@@ -232,6 +258,13 @@ def _row(name: str, entries: ArrayLike, m: int, unit: str, *, zero: bool = True)
     if value.shape not in ((), (m,)):
         raise InputError(name, value, f"one number [{unit}], or {m}")
     return np.array(np.broadcast_to(value, (m,)))
+
+
+def _seconds(name: str, entries: ArrayLike, m: int, period: float) -> FloatArray:
+    value = _row(name, entries, m, "s")
+    if (value > LONGEST * period).any():
+        raise InputError(name, value.tolist(), f"at most {LONGEST} periods [s]")
+    return value
 
 
 def _square(name: str, matrix: ArrayLike, size: int, unit: str) -> FloatArray:

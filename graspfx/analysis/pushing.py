@@ -59,6 +59,8 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
         hand_stiffness=linear.hand_stiffness[block],
         hand_damping=linear.hand_damping[block],
         delay=linear.delay[a],
+        lateness=linear.lateness[a],
+        age=linear.age[a],
         preload=None,
         G_displacement=G,
         G_contact=None,

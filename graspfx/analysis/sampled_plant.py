@@ -29,6 +29,7 @@ class Plant:
         mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
         coupling_damping: B of the wall, or of the coupling to the object [N s/m].
         delay: of the displayed force [samples].
+        latency: of the displayed force besides, and of the reading, [s].
         object_mass, object_damping: m_v [kg], b_v [N s/m] of the object that n fingers move; None for a wall.
         fingers: n.
         integrator: of the object.
@@ -49,6 +50,7 @@ class Plant:
     integrator: str = "exact"
     object_delay: int = 0
     gain: Any = 0.0
+    latency: float = 0.0
 
     @property
     def unit(self) -> Any:
@@ -68,11 +70,16 @@ class Plant:
     @property
     def plain(self) -> bool:
         """Whether there is neither a delay nor damping of the coupling."""
-        return not (self.delay or self.object_delay or np.any(self.coupling_damping))
+        return not (self.delay or self.latency or self.object_delay or np.any(self.coupling_damping))
 
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Give D and N of the loop's characteristic polynomial D + k N."""
-        hand = {"spring": self.spring, "damping": self.coupling_damping, "delay": self.delay}
+        hand = {
+            "spring": self.spring,
+            "damping": self.coupling_damping,
+            "delay": self.delay,
+            "latency": self.latency,
+        }
         if self.object_mass is None:
             return characteristic.wall(self.mass, self.friction, self.period, **hand)
         return characteristic.external(
@@ -127,10 +134,19 @@ class ObjectOptions(TypedDict, total=False):
     object_delay: int
     coupling_damping: ArrayLike
     spring_damping: ArrayLike
+    latency: float
 
 
 def plant_on_wall(
-    check: Check, mass: Any, damping: Any, period: Any, spring: Any, wall_damping: Any, delay: int, spring_damping: Any
+    check: Check,
+    mass: Any,
+    damping: Any,
+    period: Any,
+    spring: Any,
+    wall_damping: Any,
+    delay: int,
+    spring_damping: Any,
+    latency: float = 0.0,
 ) -> Plant:
     """Check the parameters of a device on a wall.
 
@@ -145,6 +161,7 @@ def plant_on_wall(
         check("spring_damping", spring_damping, "N s/m"),
         check("wall_damping", wall_damping, "N s/m", negative=True),
         samples("delay", delay),
+        latency=number("latency", latency, "s"),
     )
 
 
@@ -163,13 +180,14 @@ def plant_with_object(
     object_delay: int = 0,
     coupling_damping: Any = 0.0,
     spring_damping: Any = 0.0,
+    latency: float = 0.0,
 ) -> Plant:
     """Check the parameters of devices that move an object.
 
     Raises:
         InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
     """
-    device = plant_on_wall(check, mass, damping, period, spring, 0.0, 0, spring_damping)
+    device = plant_on_wall(check, mass, damping, period, spring, 0.0, 0, spring_damping, latency)
     return replace(
         device,
         object_mass=check("object_mass", object_mass, "kg", zero=False),

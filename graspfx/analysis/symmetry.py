@@ -61,9 +61,9 @@ def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...]
     if W[np.ix_(free, ~free)].any() and np.abs(W[np.ix_(free, ~free)]).max() > SAME:
         return False
     W = W[np.ix_(free, free)]
-    delay = linear.delay.astype(float)
+    delay = linear.delay * linear.period + linear.lateness
     devices = [linear.stiffness, linear.damping, linear.hand_stiffness, linear.hand_damping]
-    devices += [np.diag(each) for each in (linear.mass, linear.friction, delay)]
+    devices += [np.diag(each) for each in (linear.mass, linear.friction, delay, linear.age)]
     objects = [linear.inertia, linear.viscosity]
     pairs = [(V @ A @ V.T, A) for A in devices] + [(W @ A @ W.T, A) for A in objects] + [(W @ linear.G @ V.T, linear.G)]
     return all(np.abs(A - B).max(initial=0.0) <= SAME * np.abs(B).max(initial=0.0) for A, B in pairs)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.build.build import build
 from graspfx.build.columns import Columns, plain_keys
+from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.part_columns import NotAlikeError
 from graspfx.build.resolve import resolve
 from graspfx.errors import Fault, InputError, SceneError
@@ -77,7 +78,9 @@ class Variants:
     def _make(self, overrides: Mapping[str, Any]) -> Built:
         text = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
         try:
-            with build(self.scene.replace(overrides)) as servo:
+            variant = self.scene.replace(overrides)
+            require_prompt_simulations(resolve(variant))
+            with build(variant) as servo:
                 tick = write(servo.parts)
                 built = Built(np.concatenate(list(tick.script.arrays.values())), _structure(tick))
         except SceneError as error:

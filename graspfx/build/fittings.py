@@ -20,6 +20,7 @@ Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
 
 KEYS = ("frame", "deadman", "rate")
+OF_RUNS = ("jitter", "round_trip")  # measures that are no features
 MOST = 4  # ticks from one call of a device to the next: more would be felt as steps
 SLACK = 1e-6  # of a rate, relative: a period has rounding
 
@@ -27,12 +28,16 @@ SLACK = 1e-6  # of a rate, relative: a period has rounding
 def fitting_of(table: DeviceTable, scene: SceneTable) -> Fitting:
     """Give the fitting of a device's table without faults."""
     place, deadman, rate = table.frame, table.deadman, table.rate
-    if place is None and deadman is None and rate is None:
+    if place is None and deadman is None and rate is None and table.measures is None:
         return PLAIN
+    figures = {} if table.measures is None else table.measures.model_dump(exclude_none=True)
     return Fitting(
         None if place is None else frame(scene.dimensions, place.origin, place.axes, place.scale),
         deadman,
         1 if rate is None else _ticks(rate, scene.period),
+        {name: value for name, value in figures.items() if name not in OF_RUNS},
+        figures.get("jitter"),
+        figures.get("round_trip", 0.0),
     )
 
 

@@ -81,8 +81,7 @@ class Hardware:
         return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
-        numbers = self._exits.numbers
-        return lambda: bool(numbers) or (stop is not None and stop())
+        return Stops(self._exits, stop)
 
     def _arm(self) -> None:
         """Look once more where the fingers are, and let those in gradually that are inside an object."""
@@ -132,6 +131,26 @@ def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray
         meet(parts, servo.objects, servo.movers, start - offset)
     servo.watch.note()
     return offset
+
+
+class Stops:
+    """Tells whether a run is to stop: a signal has come, or who runs it says so.
+
+    Args:
+        exits: the signals.
+        stop: of who runs it.
+    """
+
+    def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
+        self._numbers, self._stop = exits.numbers, stop
+
+    @property
+    def has_news(self) -> bool:
+        """Whether who runs it has something to write into the memories of the run."""
+        return bool(getattr(self._stop, "has_news", False))
+
+    def __call__(self) -> bool:
+        return bool(self._numbers) or (self._stop is not None and self._stop())
 
 
 @contextmanager

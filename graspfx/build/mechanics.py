@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import StillHand
+from graspfx.build.wiring import Wire
 from graspfx.errors import InputError
-from graspfx.loop.device import Features
+from graspfx.loop.device import Features, SimulatedDevice
 from graspfx.loop.device_frame import Frame
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
+
+MECHANICAL = {"mass", "friction"}  # measures that stand for what an arm says of where its finger is
 
 
 @runtime_checkable
@@ -36,6 +39,11 @@ class Mechanics:
         mass, friction: (n, d, d) [kg], [N s/m].
         stiffness, damping: of the hands, (n d, n d) [N/m], [N s/m].
         delay: of each device's output, (n,) [samples].
+        lateness: besides, from the reading to the force, (n,) [s].
+        age: of the positions when they are read, (n,) [s].
+        jitter: least and largest lateness, (2, n) [s].
+        round_trip: part of the lateness that reading and writing take, (n,) [s].
+        hardware: whether its device is no simulation, (n,).
         assumed: what devices do not tell and is taken as zero.
     """
 
@@ -44,6 +52,11 @@ class Mechanics:
     stiffness: FloatArray
     damping: FloatArray
     delay: NDArray[np.int64]
+    lateness: FloatArray
+    age: FloatArray
+    jitter: FloatArray
+    round_trip: FloatArray
+    hardware: NDArray[np.bool_]
     assumed: tuple[str, ...]
 
 
@@ -56,17 +69,19 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
     delay = np.zeros(n, dtype=np.int64)
+    lateness, age, round_trip, jitter = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    hardware = np.zeros(n, dtype=bool)
     assumed: set[str] = set()
     for wire in parts.wires:
         used = wire.used
         mechanics_of = _device_mechanics(parts.scene, used, wire.features)
-        if mechanics_of.delay is None:
-            assumed.add("no output delay, where devices tell none")
-        if mechanics_of.resolution:
-            assumed.add("encoders too fine to be felt")
+        assumed.update(_assumed(wire, [parts.scene.finger_names[i] for i in used]))
+        lateness[used], age[used] = wire.features.lateness or 0.0, wire.features.latency or 0.0
+        jitter[:, used] = np.array(wire.fitting.jitter or (wire.features.lateness or 0.0,) * 2)[:, None]
+        round_trip[used], hardware[used] = wire.fitting.round_trip, not isinstance(wire.device, SimulatedDevice)
         for i in used:
             delay[i] = mechanics_of.delay or 0
-            if isinstance(wire.device, Postured):
+            if isinstance(wire.device, Postured) and not MECHANICAL & wire.fitting.measures.keys():
                 mass[i], friction[i] = _in_posture(wire.device, wire.fitting.frame, position[i])
             else:
                 mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
@@ -75,7 +90,22 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
         for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
             for a in range(d):
                 total[np.ix_(still.fingers, [a], still.fingers, [a])] = part[a][:, None, :, None]
-    return Mechanics(mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, tuple(sorted(assumed)))
+    return Mechanics(
+        mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, lateness, age, jitter, round_trip,
+        hardware, tuple(sorted(assumed)),
+    )  # fmt: skip
+
+
+def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
+    """Say what of a device is not known, or not as its simulation has it."""
+    features, who = wire.features, ", ".join(names)
+    if features.delay is None and features.lateness is None:
+        yield "no output delay, where devices tell none"
+    if features.resolution:
+        yield "encoders too fine to be felt"
+    late = (features.lateness or 0.0) + (features.latency or 0.0)
+    if late and isinstance(wire.device, SimulatedDevice):
+        yield f"forces of {who} {1e3 * late:.3g} ms late, as measured: their simulation is not, and does not run so"
 
 
 def _in_posture(device: Postured, frame: Frame | None, position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -90,7 +120,6 @@ class _DeviceMechanics:
     mass: float
     friction: float
     delay: int | None
-    resolution: float | None
 
 
 def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _DeviceMechanics:
@@ -103,4 +132,4 @@ def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Feature
             f"one that tells its {' and '.join(lacking)}",
             "a limit of stability needs both; give the driver the settings that its features are made of",
         )
-    return _DeviceMechanics(features.mass, features.friction, features.delay, features.resolution)
+    return _DeviceMechanics(features.mass, features.friction, features.delay)

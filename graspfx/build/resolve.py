@@ -99,7 +99,7 @@ class Parts:
     @cached_property
     def simulated(self) -> bool:
         """Whether every device is a simulation."""
-        return all(isinstance(wire.device, SimulatedDevice) for wire in self.wires)
+        return not self.hardware
 
     @property
     def hardware(self) -> list[str]:

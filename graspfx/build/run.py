@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log, plugins
 from graspfx.build.build import make_layout
+from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.pace import pace_of
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.run_header import source_name
@@ -89,6 +90,7 @@ def run(
     parts = resolve(scene_)
     if not real_time:
         require_simulations(parts.hardware)
+    require_prompt_simulations(parts)
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     warn_of_axes(parts)
     layout = chosen_layout(make_layout(parts, real_time=real_time), scene_.record.columns)

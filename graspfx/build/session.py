@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build.build import build
+from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.live import keys_of, numbered, require_value, value_of
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.run import require_memory, warn_of_axes
@@ -91,6 +92,7 @@ class Session(Carded):
         parts = resolve(scene)
         if not self.is_paced:
             require_simulations(parts.hardware)
+        require_prompt_simulations(parts)
         warn_of_axes(parts)
         if out is not None and not overwrite:
             require_vacancy_of(recording_path(out, "out") / NAME)

@@ -79,7 +79,7 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
         return None, "its fingertips are compliant"
     if loop.compliance.any():
         return None, "its damping grows with depth, and is not whole here"
-    if linear.delay.any():
+    if linear.delay.any() or linear.latency.any():
         return None, "its devices display forces late"
     if linear.integrator != "exact":
         return None, f"it takes an object with the integrator exact, not {linear.integrator}"

@@ -200,6 +200,8 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     keys = [_plain(scene, sweep.key) for sweep in sweeps]
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
+    if "period" in keys and loop.linear.latency.any():
+        return False  # the same time is another part of each sample
     return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 
@@ -250,8 +252,11 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
     growth = values["m_v"] / m_v if table.inertia is None else 1.0
     internal, external = np.full(whole, math.inf), np.full(whole, math.inf)
     device = {"spring": values["k_s"], "spring_damping": values["b_s"], "delay": int(linear.delay[0])}
+    latency = float(linear.latency[0])
     if m > r:
-        internal[...] = wall_limit_map(values["m"], values["b"], values["T"], wall_damping=values["kid"], **device)
+        internal[...] = wall_limit_map(
+            values["m"], values["b"], values["T"], wall_damping=values["kid"], latency=latency, **device
+        )
     for t_i, J_i, w_i in np.unique(np.round(np.stack([t, J, w], axis=1), 14), axis=0):
         limit = external_limit_map(
             values["m"],
@@ -262,6 +267,7 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
             fingers=1,
             integrator=linear.integrator,
             coupling_damping=values["ked"],
+            latency=latency,
             **device,
         )
         np.minimum(external, limit, out=external)

@@ -24,6 +24,7 @@ from graspfx.certificate.rest.ground import LOW, Ground, ground_under
 from graspfx.certificate.rest.place import Place, provisional, squeezed
 from graspfx.certificate.rest.resting import Grip
 from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, force_directions
+from graspfx.certificate.worst_lateness import lateness_ends, less_stable
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
@@ -130,7 +131,7 @@ def linearise(
     Args:
         at: "squeezed", "start", "provisional" or "recorded".
         object: one of the scene's; all that fingers touch if None, in one linearisation.
-        recording: of the scene, for "recorded".
+        recording: of the scene, for "recorded"; of hardware, its forces come as late as in it.
 
     Raises:
         InputError: a device that does not tell its mass or damping; objects with different integrators together.
@@ -148,7 +149,7 @@ def linearise(
     kinds = sorted({share.integrator for share in shares})
     if len(kinds) > 1:
         raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
-    return _joined(parts, shares)
+    return _joined(parts, shares, recording)
 
 
 def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _Share:
@@ -295,7 +296,7 @@ def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
     return np.asarray(full[np.ix_(grip.axes, grip.axes)])
 
 
-def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
+def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None) -> Linearised:
     """Join the matrices of all shares into one, along the principal axes of the devices' masses."""
     d = parts.scene.dimensions
     position = parts.start.copy()
@@ -342,13 +343,15 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
         hand_stiffness=V.T @ mechanics_.stiffness[np.ix_(columns, columns)] @ V,
         hand_damping=V.T @ mechanics_.damping[np.ix_(columns, columns)] @ V + apart,
         delay=np.repeat(mechanics_.delay[fingers], d),
+        age=np.repeat(mechanics_.age[fingers], d),
         integrator=shares[0].integrator,
         preload=_preload(shares, V),
         G_displacement=G_e,
         ground=_ground(shares),
         G_contact=block_diagonal([share.G_c for share in shares]) @ V if shares[0].integrator == "implicit" else None,
     )
-    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *mechanics_.assumed])
+    linear, late = less_stable(linear, np.repeat(lateness_ends(mechanics_, recording)[:, fingers], d, axis=1))
+    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *mechanics_.assumed, *late])
     return Linearised(
         linear=linear,
         objects=tuple(share.name for share in shares),

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from graspfx.build.build import build
 from graspfx.build.process.boot import is_possible
 from graspfx.build.process.quenching import quenchers
 from graspfx.build.resolve import Parts
 from graspfx.errors import InputError
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.realtime.native_choice import loop_text, why_python
 
 Row = tuple[str, bool, str]
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """List where the servo runs, and of each device what becomes of its force if the servo's process dies."""
-    if parts.simulated:
+    """List the loop, where the servo runs, and of each device what becomes of its force if the servo's process dies."""
+    if not parts.hardware:
         return
+    yield "loop", True, _loop(parts)
     if is_possible():
         yield "process", True, "the servo has a process of its own with --real-time; who records stands guard over it"
     else:
@@ -29,3 +33,14 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
         own = "" if each.watchdog is None else f"its watchdog drops the force within {each.watchdog:g} s"
         ours = "" if each.quench is None else "its driver's quench takes the force away"
         yield "guard", True, f"{each.name}: if the process dies {' and '.join(text for text in (ours, own) if text)}"
+
+
+def _loop(parts: Parts) -> str:
+    """Say whether Python runs between two ticks, and why."""
+    scene = parts.scene
+    stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
+    why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)
+    if not why:
+        with build(scene, real_time=True) as servo:
+            why = servo.why_python
+    return loop_text(why, stations)

@@ -11,6 +11,7 @@ from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.resolve import Parts, resolve
+from graspfx.certificate.device_rows import lateness_rows, moment_rows
 from graspfx.certificate.loop_plan import loop_rows
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.certificate.safety_plan import safety_rows
@@ -68,6 +69,7 @@ def _kernel(scene: Scene, step: str) -> str:
 def _rows(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     yield from _starts(parts)
+    yield from loop_rows(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
@@ -88,6 +90,8 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from safety_rows(parts)
     yield from loop_rows(parts)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
+    yield from moment_rows(scene)
+    yield from lateness_rows(parts)
     for thing in scene.object:
         yield _of_object(scene, thing, "move"), True, _body(scene, thing)
         yield _of_object(scene, thing, "turn"), *_turn(scene, thing)

@@ -62,7 +62,8 @@ class _PartLoop:
             u = plant.at["u"]
             rows = plant.advanced(u + extra[:m], linear.G @ u - extra[m:])
             W, C = rows[:, states:], np.zeros((m, states))
-            C[:, :m], C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
+            C += plant.reading[:, :states]
+            C[:, 2 * m : 2 * m + r] -= linear.G_displacement.T
             still = rows[:, :states] + W @ f[:, :states]
             self._still = self._without_drift(still)
             self._W, self._C = (W, C) if basis is None else (basis.T @ W, C @ basis)

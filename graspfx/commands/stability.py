@@ -106,7 +106,8 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
             drawing = draw(response, options.width, plain(scene.title))
         else:
             mass, damping, delay = float(linear.mass[0]), float(linear.friction[0]), int(linear.delay[0])
-            region = z_width(damping, linear.period, mass=mass, delay=delay)
+            latency = float(linear.latency[0])
+            region = z_width(damping, linear.period, mass=mass, delay=delay, latency=latency)
             drawing = loop_figures.z_width(region, options.width, plain(scene.title))
         with placing(picture) as file:
             drawing.save(file, options.format)

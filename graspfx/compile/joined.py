@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable, Collection, Mapping
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
 from graspfx import log
@@ -28,19 +29,28 @@ class Calls:
     Args:
         kernels: by the names that the text has for them.
         shelf: kernels of the package that are compiled together, by module and name.
+        machine: functions of machine code that is loaded, by the names that the text has for them.
     """
 
-    def __init__(self, kernels: Mapping[str, Kernel], shelf: tuple[str, ...]) -> None:
-        self._kernels, self._shelf = kernels, shelf
+    def __init__(
+        self,
+        kernels: Mapping[str, Kernel],
+        shelf: tuple[str, ...],
+        machine: Mapping[str, LlvmFunction] = MappingProxyType({}),
+    ) -> None:
+        self._kernels, self._shelf, self._machine = kernels, shelf, machine
         self.symbols: dict[tuple[str, tuple[str, ...]], str] = {}
         self._libraries: dict[int, tuple[Library, list[str]]] = {}
 
     def has(self, name: str) -> bool:
         """Tell whether a text's name is a kernel's."""
-        return name in self._kernels
+        return name in self._kernels or name in self._machine
 
     def find(self, name: str, types: tuple[str, ...]) -> LlvmFunction:
         """Find the machine code of a kernel for these types of arguments; compile it if there is none."""
+        if name in self._machine:
+            self.symbols[name, types] = self._machine[name].name
+            return self._machine[name]
         kernel = self._kernels[name]
         home, symbol = None, None
         if kernel_name(kernel) in self._shelf:
@@ -66,6 +76,7 @@ def joined(
     buffers: Collection[str],
     shelf: tuple[str, ...] = (),
     floats: Collection[str] = (),
+    machine: Mapping[str, LlvmFunction] = MappingProxyType({}),
 ) -> Native:
     """Compile a program with the kernels that it calls left by themselves.
 
@@ -76,6 +87,8 @@ def joined(
         buffers: the parameters that are buffers.
         shelf: kernels of the package that are compiled together, by module and name.
         floats: the entry's parameters that are floats; its other numbers are whole.
+        machine: functions of machine code that is loaded, by the names that the source has for them; what they do is in
+            no key of the cache.
 
     Raises:
         MissingPackageError: no LLVM.
@@ -87,7 +100,7 @@ def joined(
     roots = [[name, *identity(kernel)] for name, kernel in sorted(used.items())]
     request = json.dumps([source_digest(), *platform(), source, sorted(buffers), roots, sorted(floats)])
     key = hashlib.sha256(f"joined {request}".encode()).hexdigest()
-    calls = Calls(used, shelf)
+    calls = Calls(used, shelf, machine)
     return _from_cache(key, calls) or _compiled(key, source, buffers, calls, floats)
 
 

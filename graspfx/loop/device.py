@@ -31,6 +31,7 @@ UNITS = {
     "watchdog": "s",
     "rate": "Hz",
     "latency": "s",
+    "lateness": "s",
 }
 METHODS = ("open", "read", "write", "stop", "close")  # of every device
 
@@ -53,6 +54,7 @@ class Features(Carded):
     watchdog: float | None = None  # after the last `write`, hardware drops its force [s]; None: never
     rate: float | None = None  # most exchanges of reading and writing in a second [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
+    lateness: float | None = None  # from a tick's reading to its force besides `delay` samples, any time [s]
     switches: int = 0  # count of switches, whose state a `SwitchedDevice` tells
 
     def _card(self) -> Card:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from graspfx.loop.device import Features
 from graspfx.loop.device_frame import Frame
@@ -16,11 +18,17 @@ class Fitting:
         frame: in which it stands; None for the scene's own axes.
         deadman: number of the switch without which there is no force; None for none.
         every: ticks from one reading and writing of it to the next.
+        measures: features of one's own device, which stand before those that its driver tells.
+        jitter: least and largest lateness, but for one sample in a hundred each [s]; None where it is not known.
+        round_trip: part of the lateness that a reading and a writing take [s].
     """
 
     frame: Frame | None = None
     deadman: int | None = None
     every: int = 1
+    measures: Mapping[str, Any] = field(default_factory=dict)
+    jitter: tuple[float, float] | None = None
+    round_trip: float = 0.0
 
     @property
     def scale(self) -> float:
@@ -29,6 +37,8 @@ class Fitting:
 
     def features(self, own: Features) -> Features:
         """Give what a device's features are in the scene; one called every m ticks is m - 1 samples later."""
+        if self.measures:
+            own = replace(own, **self.measures)
         if self.every > 1:
             own = replace(own, delay=(own.delay or 0) + self.every - 1)
         return own if self.frame is None else self.frame.features(own)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from graspfx.compile.calls import Call
+from graspfx.loop.parts import BodyGroup
+from graspfx.loop.tick.memory import MOVER, ServoState, latch
 from graspfx.loop.tick.programs import Engine
 from graspfx.objects.guest import CallingGuest, Guest
 
@@ -92,3 +94,19 @@ def _quick(guest: Guest) -> Exchange:
     from graspfx.compile.rounds import at_once
 
     return at_once(guest.calls)
+
+
+def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
+    """Settle what guests were told in tick k, the last one.
+
+    Args:
+        guests: numbers of their movers.
+        movers: of the scene.
+        servo: memory of the tick.
+        k: the tick.
+    """
+    for i in guests:
+        code = 0 if servo.stuck_bodies[i] else movers[i].body.take()
+        if code:
+            latch(servo, k, MOVER, i, code)
+            servo.stuck_bodies[i] = 1.0

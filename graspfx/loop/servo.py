@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import log
 from graspfx.compile.records import start_of
-from graspfx.coupling.grasped import fault_text
 from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.coupling_report import coupling_report
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name, is_hardware
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.guest_rounds import GuestRounds
+from graspfx.loop.guest_rounds import GuestRounds, settle_guests
+from graspfx.loop.hand_tables import fill_table
+from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.played import Playback
 from graspfx.loop.realtime.guards import GUARDS, Guards
 from graspfx.loop.realtime.loop_log import LoopLog
-from graspfx.loop.realtime.pacing import Pacer, late_text
+from graspfx.loop.realtime.native_choice import why_python
+from graspfx.loop.realtime.pacing import Pacer, WallClock, late_text
 from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.realtime.soft_end import SoftEnd
 from graspfx.loop.recording.header import RunFault
@@ -28,13 +31,16 @@ from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, NATIVE, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
-from graspfx.loop.tick.programs import Engine, Generic, Interpreted
+from graspfx.loop.tick.programs import Engine, Generic, Interpreted, MachineCode
 from graspfx.loop.tick.rehearsal import rehearse
 from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
+
+if TYPE_CHECKING:
+    from graspfx.loop.realtime.native_loop import NativeLoop
 
 FloatArray = NDArray[np.float64]
 
@@ -88,17 +94,13 @@ class Servo:
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
         self._io: DeviceExchange | LoopLog | Playback  # that readings come from
+        self.native: NativeLoop | None = None  # of ticks without Python, made ready by `prepare`
         self._periods = 1  # of the wall's clock since the last tick
 
     @property
     def coupling(self) -> dict[str, Any]:
         """Report of the objects' couplings on the run so far, as entries of an `Outcome`."""
-        grasps = [part.grasped for part in self.objects]
-        return {
-            "fade_shortfall": max(each.shortfall for each in grasps),
-            "fade_needed": max(each.fade_needed for each in grasps),
-            "blended": max(each.blended for each in grasps),
-        }
+        return coupling_report(self.objects)
 
     @property
     def faulted(self) -> bool:
@@ -131,8 +133,19 @@ class Servo:
 
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
-        rehearse(self._ready(), self._tick, self.layout.width)
+        engine = self._ready()
+        rehearse(engine, self._tick, self.layout.width)
+        if self._record and isinstance(engine, MachineCode) and not self.why_python:
+            from graspfx.loop.realtime.native_loop import NativeLoop
+
+            self.native = NativeLoop(self._tick, engine, self._devices, self.parts, self.guards)
         return self._devices
+
+    @property
+    def why_python(self) -> str:
+        """Why Python runs between two ticks on the wall's clock; empty if it does not."""
+        self._ready()
+        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self._tick)
 
     def run(
         self,
@@ -166,9 +179,11 @@ class Servo:
         engine.expect(ticks)
         if pacer is None:
             self._run(ticks, recorder, stop)
+        elif self.native is not None and recorder is not None and isinstance(pacer.clock, WallClock):
+            self._run_native(self.native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
-        self._settle()
+        settle_guests(self._tick.guests, self.movers, self._own, self.ticks - 1)
         self._notice(recorder)
         for part in self.objects:
             part.grasped.check_activity()
@@ -259,9 +274,21 @@ class Servo:
             if log is not None:
                 log.begin()
             if self.hardware and pacer.row > self.guards.late:
-                self._tell(self.ticks, late_text(pacer, self.guards))
+                self._tell(self.ticks, late_text(pacer.row, pacer.period, self.guards.late))
             end.begin(self.ticks, recorder)
             self._run(1, recorder, None)
+
+    def _run_native(
+        self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None, pacer: Pacer
+    ) -> None:  # fmt: skip
+        """Run ticks on the wall's clock by machine code alone, which Python looks at from time to time."""
+
+        def look(done: int) -> None:
+            self.ticks = done
+            self._notice(recorder, native.stop_faults)
+
+        native.run(self.ticks, ticks, recorder, stop, pacer, look)
+        self.row = recorder.row
 
     def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
@@ -281,14 +308,6 @@ class Servo:
         for i, exchange in zip(self._tick.guests, exchanges, strict=True):
             if not self._own.stuck_bodies[i]:
                 exchange()
-
-    def _settle(self) -> None:
-        """Settle what guests were told after the last tick."""
-        for i in self._tick.guests:
-            code = 0 if self._own.stuck_bodies[i] else self.movers[i].body.take()
-            if code:
-                latch(self._own, self.ticks - 1, MOVER, i, code)
-                self._own.stuck_bodies[i] = 1.0
 
     def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
@@ -341,7 +360,7 @@ class Servo:
                 self.movers[i].body.step(self.period)
             except GraspFXError as error:
                 self._own.stuck_bodies[i] = 1.0
-                self._tell(k, f"{self._objects(i)}: {error}")
+                self._tell(k, f"{object_names(self.parts, i)}: {error}")
 
     def _advance(self, k: int, j: int) -> None:
         m = self.plants[j]
@@ -350,19 +369,13 @@ class Servo:
                 m.plant.advance(np.concatenate([d.effort for d in m.devices]), m.hand, self.period)
             except GraspFXError as error:
                 self._own.stuck_plants[j] = 1.0
-                self._tell(k, f"{self._fingers(j)}: {error}")
+                self._tell(k, f"{finger_names(self.parts, j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
-        T, k = self.period, self.ticks
-        self._own.table_start = k
+        self._own.table_start = self.ticks
         for table in self._tick.tables:
-            m = self.plants[table.plant]
-            each = table.memory.reshape(CHUNK, -1, *m.plant.position.shape)
-            for i in range(count):
-                each[i, 0], each[i, 1] = m.hand.target((k + i + 1) * T)
-                if table.middle:
-                    each[i, 2], each[i, 3] = m.hand.target(0.5 * ((k + i) * T + (k + i + 1) * T))
+            fill_table(table, self.plants[table.plant], self.ticks, count, self.period)
 
     # Faults -------------------------------------------------------------------------------------------------------
 
@@ -371,13 +384,15 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: RowTaker | None) -> None:
+    def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
+        """Note faults that were not noted yet, with others beside those of the tick."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)
-        while self._stop_faults:
-            fault = RunFault(self.ticks, self._stop_faults.pop(0))
+        faults = [*others, *(RunFault(self.ticks, text) for text in self._stop_faults)]
+        self._stop_faults.clear()
+        for fault in faults:
             self.fault = self.fault or fault
             if recorder is not None:
                 recorder.fault(*fault)
@@ -385,22 +400,8 @@ class Servo:
     def why(self, own: FloatArray) -> str:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
         servo = ServoState(own)
-        kind, index, code = servo.kind, servo.index, servo.code
-        if kind == FOREIGN:
-            return self._foreign_faults[code]
-        if kind == SAFETY and self.safety is not None:
-            devices = [device_name(each, self.layout.fingers) for each in self.stations]
-            return self.safety.fault_text(code, self.layout.fingers, devices)
-        if kind == STATION:
-            return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
-        if kind == OBJECT_:
-            return fault_text(code, [self.layout.fingers[f] for f in self.objects[index].fingers])
-        if kind == MOVER:
-            return f"{self._objects(index)}: {self.movers[index].body.fault_text(code)}"
-        return f"{self._fingers(index)}: {self.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
-
-    def _objects(self, mover: int) -> str:
-        return ", ".join(self.objects[number].name for number in self.movers[mover].objects)
-
-    def _fingers(self, index: int) -> str:
-        return ", ".join(self.layout.fingers[f] for f in self.plants[index].fingers)
+        if servo.kind == FOREIGN:
+            return self._foreign_faults[servo.code]
+        if servo.kind == NATIVE and self.native is not None:
+            return self.native.why(servo.index, servo.code)
+        return kernel_fault(self.parts, servo.kind, servo.index, servo.code)

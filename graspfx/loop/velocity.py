@@ -133,6 +133,21 @@ def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: flo
     return slope
 
 
+@kernel
+def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
+    """Take the next position x of a component after some that were missed, and give its velocity.
+
+    Those lie on a line between the last one and x.
+    """
+    if missed > 0 and state.filled > 0:
+        before = state.positions[0]
+        if state.length > 1:
+            before = state.positions[state.head]
+        for k in range(1, missed + 1):
+            estimate(state, before + (x - before) * (k / (missed + 1)))
+    return estimate(state, x)
+
+
 class VelocityEstimator:
     """First-order adaptive windowing, end fit, each component by itself.
 
@@ -148,7 +163,8 @@ class VelocityEstimator:
     while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
 
     Of samples that come when they will, `update` is told the times: each interval is the true one, and a time that has
-    not moved on leaves the velocity as it is.
+    not moved on leaves the velocity as it is. Of samples that come every T or not at all, `miss` is told each that did
+    not come: those before the next one lie on a line.
 
     The first position gives zero. A position that is not finite gives velocities that are not finite until
     two finite ones have followed.
@@ -190,6 +206,7 @@ class VelocityEstimator:
         states.array(VelocityEstimate.length)[:] = self._length
         self._times: FloatArray = np.zeros((self._count, self._length + 1))
         self._time = -np.inf  # of the last sample that had one [s]
+        self._missed = np.zeros(1, dtype=np.int64)  # samples since the last one
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
         # Plain floats from a view cost half of what array items do.
@@ -202,11 +219,21 @@ class VelocityEstimator:
         """Samples spanned by the last estimate of each component, in the shape of a position; 0 for none."""
         return self._used.astype(np.intp).reshape(self._velocity.shape)
 
+    @property
+    def memory(self) -> tuple[FloatArray, int, NDArray[np.int64]]:
+        """State of all components, entries of each, and the count of missed samples, for machine code to go on from."""
+        return self._state, self._size, self._missed
+
+    def miss(self) -> None:
+        """Note that a sample did not come."""
+        self._missed[0] += 1
+
     def reset(self, position: ArrayLike | None = None) -> None:
         """Forget every position; then take this one as the first, if it is given."""
         self._memory[...] = 0.0
         self._velocity[...] = 0.0
         self._time = -np.inf
+        self._missed[0] = 0
         if position is not None:
             self.update(position)
 
@@ -224,6 +251,13 @@ class VelocityEstimator:
             return self._update_at(position, time)
         self._position[...] = position
         S, x, v = self._entries, self._x, self._v
+        missed = int(self._missed[0])
+        if missed:
+            self._missed[0] = 0
+            after = source_function(estimate_after)
+            for j in range(self._count):
+                v[j] = after(S, j * self._size, x[j], missed)
+            return self._velocity
         component = source_function(estimate)  # without a view for each
         for j in range(self._count):
             v[j] = component(S, j * self._size, x[j])

@@ -22,7 +22,7 @@ def check_features(device: Device, promises: Promises) -> Features:
             nothing = name == "continuous_force" and value == 0.0 and features.peak_force is None
             good = value is None or nothing or (math.isfinite(value) and value > 0.0)
             promise.holds(good, f"{name} = {value!r}")
-        for name in ("damping", "friction", "latency"):
+        for name in ("damping", "friction", "latency", "lateness"):
             value = getattr(features, name)
             promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
         delay = features.delay

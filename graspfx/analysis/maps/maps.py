@@ -28,6 +28,7 @@ def wall_limit_map(
     wall_damping: ArrayLike = 0.0,
     delay: int = 0,
     spring_damping: ArrayLike = 0.0,
+    latency: float = 0.0,
     engine: str = "auto",
 ) -> FloatArray:
     """Compute `wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
@@ -35,7 +36,7 @@ def wall_limit_map(
     Args:
         engine: as in `external_limit_map`.
     """
-    plant = plant_on_wall(numbers, mass, damping, period, spring, wall_damping, delay, spring_damping)
+    plant = plant_on_wall(numbers, mass, damping, period, spring, wall_damping, delay, spring_damping, latency)
     return _limit_map(plant, engine)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,7 @@ def z_width(
     mass: float | None = None,
     delay: int = 0,
     wall_damping: ArrayLike | None = None,
+    latency: float = 0.0,
 ) -> ZWidth:
     """Compute the largest stiffness of a wall K x + B (x_k - x_(k-1))/T over B (Colgate and Brown 1994).
 
@@ -68,36 +69,47 @@ def z_width(
         period: T [s].
         mass: m of the device [kg]; without it there is no `stable`.
         delay: whole samples until the force acts.
+        latency: besides, of reading and force, any time [s].
         wall_damping: B, rising [N s/m]; if None up to where no stiffness is passive or, with a mass, stable.
 
     Raises:
         InputError: naming the argument that cannot be.
     """
     b, T = number("damping", damping, "N s/m"), number("period", period, "s", zero=False)
+    late = Late(delay=delay, latency=number("latency", latency, "s"))
     if wall_damping is None:
-        top = b if mass is None else max(b, _largest_damping(number("mass", mass, "kg", zero=False), b, T, delay))
+        top = b if mass is None else max(b, _largest_damping(number("mass", mass, "kg", zero=False), b, T, late))
         top = 1.02 * top if top > 0.0 else 1.0
         B = np.linspace(0.0, top, COUNT) if mass is None else np.geomspace(1e-2 * (min(b, top) or top), top, COUNT)
     else:
         B = numbers("wall_damping", wall_damping, "N s/m")
     if B.ndim != 1 or not len(B) or (np.diff(B) <= 0.0).any():
         raise InputError("wall_damping", wall_damping, "rising numbers [N s/m]")
-    passive = np.array([guaranteed_wall_limit(b, T, wall_damping=each, delay=delay * T) for each in B.tolist()])
+    passive = np.array(
+        [guaranteed_wall_limit(b, T, wall_damping=each, delay=delay * T + latency) for each in B.tolist()]
+    )
     stable = None
     if mass is not None:
-        stable = np.array([stable_wall_limit(mass, b, T, wall_damping=each, delay=delay) for each in B.tolist()])
+        stable = np.array([stable_wall_limit(mass, b, T, wall_damping=each, **late) for each in B.tolist()])
     return ZWidth(B, passive, stable)
 
 
-def _largest_damping(m: float, b: float, T: float, delay: int) -> float:
+class Late(TypedDict):
+    """Delay of a wall's force: whole samples, and seconds besides."""
+
+    delay: int
+    latency: float
+
+
+def _largest_damping(m: float, b: float, T: float, late: Late) -> float:
     """Find about where the wall's damping alone is not stable any more, by doubling and halving."""
     high = max(b, m / T) * 1e-3
-    while stable_wall_limit(m, b, T, wall_damping=high, delay=delay) > 0.0 and high < 1e3 * m / T:
+    while stable_wall_limit(m, b, T, wall_damping=high, **late) > 0.0 and high < 1e3 * m / T:
         high *= 2.0
     low = 0.5 * high
     for _ in range(20):
         middle = 0.5 * (low + high)
-        if stable_wall_limit(m, b, T, wall_damping=middle, delay=delay) > 0.0:
+        if stable_wall_limit(m, b, T, wall_damping=middle, **late) > 0.0:
             low = middle
         else:
             high = middle

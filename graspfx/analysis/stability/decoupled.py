@@ -66,7 +66,9 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
         if np.abs(N_x).max(initial=0.0) > NOTHING * np.abs(linear.stiffness).max(initial=0.0):
             matrices.append(N_x)
     matrices += [A.T for A in matrices if (A != A.T).any()]
-    reached = None if (linear.delay != linear.delay[0]).any() else _closure(np.vstack(rows), matrices)
+    lags = (linear.delay, linear.lateness, linear.age)
+    alike = all((lag == lag[0]).all() for lag in lags)
+    reached = _closure(np.vstack(rows), matrices) if alike else None
     if reached is None:
         return [Part(linear, None)]
     rest = np.linalg.qr(reached, mode="complete")[0][:, reached.shape[1] :] if reached.size else np.eye(m)
@@ -145,6 +147,8 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
         "stiffness": on(linear.stiffness),
         "damping": on(linear.damping),
         "delay": linear.delay[:k],
+        "lateness": linear.lateness[:k],
+        "age": linear.age[:k],
         "preload": preload,
         "G": linear.G[:q] @ forces,
         "G_displacement": linear.G_displacement[:q] @ forces,

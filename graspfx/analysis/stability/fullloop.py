@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
-from graspfx.exponential import expm1
+from graspfx.analysis.stability.held_devices import advance, held_devices
+from graspfx.analysis.stability.late_devices import LateDevices, late_readings
 
 FloatArray = NDArray[np.float64]
 
@@ -20,7 +21,9 @@ Motions = tuple[FloatArray, ...]
 
 
 def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
-    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), ground's wrench, forces undisplayed, wrenches unfelt).
+    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, forces undisplayed, unfelt).
+
+    Readings are there where the positions that the coupling takes have an age.
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
     wrench is there under "implicit", whose prediction holds it.
@@ -49,9 +52,7 @@ def open_loop(subject: Subject) -> OpenLoop:
     f, extra = plant.coupling()
     u = plant.at["u"]
     rows = plant.advanced(u + extra[:m], linear.G @ u - extra[m:])
-    hand = np.zeros((plant.size, m))
-    hand[: 2 * m] = plant.hold
-    return OpenLoop(rows[:, : plant.size], rows[:, plant.size :], f[:, : plant.size], hand, linear.period)
+    return OpenLoop(rows[:, : plant.size], rows[:, plant.size :], f[:, : plant.size], plant.hand, linear.period)
 
 
 class OpenLoop(NamedTuple):
@@ -72,11 +73,16 @@ class Plant:
 
     def __init__(self, linear: Linearisation, motions: Motions | None = None, inputs: int = 0) -> None:
         m, r = linear.coordinates
-        self.linear, self.lag, self.object_lag = linear, int(linear.delay.max()), linear.object_delay
+        self.linear, self.object_lag = linear, linear.object_delay
+        self.late = None if not linear.latency.any() else LateDevices(linear)
+        self.lag = int(linear.delay.max()) if self.late is None else self.late.forces
         self.differenced = linear.rate == "difference" and bool(linear.damping.any())
         self.implicit, self.grounded = linear.integrator == "implicit", linear.ground is not None
         ground = r if self.implicit and self.grounded else 0
-        parts = {"x": m, "v": m, "q": r, "w": r, "old": m if self.differenced else 0, "g": ground}
+        parts = {"x": m, "v": m, "q": r, "w": r, "old": m if self.differenced else 0}
+        parts |= {f"y{i}": m for i in range(0 if self.late is None else self.late.readings)}
+        parts |= {f"dy{i}": m for i in range(0 if self.late is None or linear.rate != "state" else self.late.readings)}
+        parts["g"] = ground
         parts |= {f"f{i}": m for i in range(1, self.lag + 1)} | {f"g{i}": r for i in range(1, self.object_lag + 1)}
         self.size = sum(parts.values())
         parts["u"] = inputs
@@ -89,23 +95,41 @@ class Plant:
         self.drift, self.hold, p, q, R, s = uncoupled(linear) if motions is None else motions
         self.shift, self.push = q, s
         self.translation, self.spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+        self.reading = at["x"] if self.late is None else self.late.pick(at, "x", "y")
+        self.speed_reading = at["v"] if self.late is None or linear.rate != "state" else self.late.pick(at, "v", "dy")
+
+    @property
+    def hand(self) -> FloatArray:
+        """How a force of the operator on each device coordinate, held over a sample, enters, (states, m)."""
+        m = len(self.linear.mass)
+        entry = np.zeros((self.size, m))
+        entry[: 2 * m] = self.hold
+        if self.late is not None and self.late.readings:
+            start = 2 * sum(self.linear.coordinates) + (m if self.differenced else 0)
+            push = self.late.age_forced
+            entry[start : start + m] = push[:m]
+            if self.linear.rate == "state":
+                start += m * self.late.readings
+                entry[start : start + m] = push[m:]
+        return entry
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
         """Give the coupling's forces f, and what the preload adds to devices and object, as rows over the state."""
         linear, at, q, s = self.linear, self.at, self.shift, self.push
         m, r = linear.coordinates
         T = linear.period
-        rate = (at["x"] - at["old"]) / T if self.differenced else at["v"]
+        x = self.reading
+        rate = (x - at["old"]) / T if self.differenced else self.speed_reading
         N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
         K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
         pose, speed = (self.translation, self.spun) if self.implicit else (at["q"], at["w"])
         if self.implicit and self.grounded:
             pose, speed = self.translation + q @ at["g"], self.spun + s @ at["g"]
-        f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
-        extra = N @ np.concatenate([at["x"], pose])
+        f = K @ (x - G_e.T @ pose) + D @ (rate - G.T @ speed)
+        extra = N @ np.concatenate([x, pose])
         if self.implicit and linear.G_contact is not None:
             # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
-            stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
+            stretch, slip, c = x - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
             implicit_part = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
             u = np.linalg.solve(implicit_part, q @ (c @ K @ stretch + G @ D @ slip))
             f = f - K @ c.T @ u - D @ G.T @ u / T
@@ -118,13 +142,19 @@ class Plant:
         """Give the next state's rows, for the force to display on devices and the wrench that the object is to feel."""
         linear, at, lag, object_lag = self.linear, self.at, self.lag, self.object_lag
         late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
-        displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
         wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
-        state = self.drift @ np.concatenate([at["x"], at["v"]]) - self.hold @ displayed
+        motion = np.concatenate([at["x"], at["v"]])
+        readings: list[FloatArray] = []
+        if self.late is None:
+            displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
+            state = self.drift @ motion - self.hold @ displayed
+        else:
+            state, readings = self.late.advanced(self.drift, self.hold, motion, late, at)
         translation, spun, q, s = self.translation, self.spun, self.shift, self.push
         borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
         rows = [state, translation + q @ borne, spun + s @ borne]
-        rows += [at["x"]] if self.differenced else []
+        rows += [self.reading] if self.differenced else []
+        rows += readings
         rows += [borne - wrench] if self.implicit and self.grounded else []
         rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
         return np.concatenate(rows)
@@ -148,52 +178,6 @@ def uncoupled(linear: Linearisation) -> Motions:
     """Give `held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
     matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
     return *held_devices(linear), *matrices
-
-
-def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
-    """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m)."""
-    m, T = len(linear.mass), linear.period
-    K, B = linear.hand_stiffness, linear.hand_damping
-    if not (K - np.diag(np.diag(K))).any() and not (B - np.diag(np.diag(B))).any():
-        return _apart(linear)
-    per_mass = 1.0 / linear.mass[:, None]
-    E = _advance(per_mass * K, per_mass * (np.diag(linear.friction) + B), per_mass * np.eye(m), T)
-    return E[:, : 2 * m], E[:, 2 * m :]
-
-
-def _advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:
-    """Map (x, x', F) to (x, x') after T under x'' = -stiffness x - damping x' + push F, (2 m, 3 m)."""
-    m = len(push)
-    A = np.zeros((3 * m, 3 * m))
-    A[:m, m : 2 * m] = np.eye(m)  # in s = t/T, for x and T x'
-    A[m : 2 * m, :m] = -T * T * stiffness
-    A[m : 2 * m, m : 2 * m] = -T * damping
-    A[m : 2 * m, 2 * m :] = T * T * push
-    E = expm1(A)[: 2 * m]
-    np.einsum("ii->i", E[:, : 2 * m])[:] += 1.0
-    E[:m, m : 2 * m] *= T
-    E[m:] /= T
-    E[m:, m : 2 * m] *= T
-    return E
-
-
-def _apart(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
-    """Compute `held_devices` of coordinates that hands do not couple: each is alone."""
-    m = len(linear.mass)
-    rows = zip(linear.mass, linear.friction, np.diag(linear.hand_stiffness), np.diag(linear.hand_damping), strict=True)
-    E = np.zeros((2, m, 3, m))
-    i = np.arange(m)
-    E[:, i, :, i] = [_advance_alone(float(k / mass), float((b + B) / mass), float(1.0 / mass), linear.period)
-                     for mass, b, k, B in rows]  # fmt: skip
-    wide = E.reshape(2 * m, 3 * m)
-    return wide[:, : 2 * m], wide[:, 2 * m :]
-
-
-@lru_cache(maxsize=256)
-def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
-    """Compute `_advance` of one coordinate; alike ones are many."""
-    one = np.ones((1, 1))
-    return _advance(stiffness * one, damping * one, push * one, T)
 
 
 def object_matrices(
@@ -223,7 +207,7 @@ def _object_matrices(
     if integrator == "implicit":
         R: FloatArray = np.asarray(np.linalg.inv(I + T * a), dtype=float)
         return T * R, T * T * R @ per, R, T * R @ per
-    E = _advance(np.zeros((n, n)), a, per, T)
+    E = advance(np.zeros((n, n)), a, per, T)
     R, s = E[n:, n : 2 * n], E[n:, 2 * n :]
     if integrator == "bullet":
         return T * R, T * s, R, s
@@ -265,6 +249,11 @@ def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
         return None
     drifts = np.zeros((states, len(free)))
     drifts[:m], drifts[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
+    start = 2 * (m + r)
     if linear.rate == "difference" and linear.damping.any():
-        drifts[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
+        drifts[start : start + m] = free.T[:m]
+        start += m
+    for _ in range(late_readings(linear)):
+        drifts[start : start + m] = free.T[:m]
+        start += m
     return np.linalg.qr(drifts, mode="complete")[0][:, len(free) :]

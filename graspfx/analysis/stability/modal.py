@@ -91,6 +91,8 @@ def _devices(linear: Linearisation) -> tuple[_Device, FloatArray]:
         raise InputError("ground", linear.ground, "none", "an object that stands on something has no separate modes")
     if (linear.delay != linear.delay[0]).any():
         raise InputError("delay", linear.delay.tolist(), "the same for every device")
+    if (linear.latency != linear.latency[0]).any():
+        raise InputError("latency", linear.latency.tolist(), "the same for every device")
     if linear.rate != "difference":
         raise InputError("rate", linear.rate, "'difference'")
     mean = float(linear.mass.mean())
@@ -130,6 +132,7 @@ def _internal(linear: Linearisation, device: _Device, inner: FloatArray, K: Floa
             spring=device.spring,
             damping=d,
             delay=int(linear.delay[0]),
+            latency=float(linear.latency[0]),
         )
         limits = limits_of(P, N, device.mass / linear.period**2, linear.period)
         radius = limits.spectral_radius(float(k))
@@ -155,6 +158,7 @@ def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequ
             stiffness=K,
             damping=D,
             delay=int(linear.delay[0]),
+            lateness=float(linear.latency[0]),
             object_delay=linear.object_delay,
             integrator=linear.integrator,
         )
@@ -173,6 +177,7 @@ def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequ
             integrator=linear.integrator,
             delay=int(linear.delay[0]),
             object_delay=linear.object_delay,
+            latency=float(linear.latency[0]),
         )
         limits = limits_of(P, N, device.mass / linear.period**2, linear.period)
         motion = (U @ turn[:, i])[:, None]

@@ -23,6 +23,7 @@ def wall_limit(
     wall_damping: float = 0.0,
     delay: int = 0,
     spring_damping: float = 0.0,
+    latency: float = 0.0,
 ) -> float:
     """Find the first loss of stability of a wall as its stiffness grows from zero [N/m], inf where there is none.
 
@@ -41,12 +42,21 @@ def wall_limit(
             report velocity; a negative one is allowed.
         delay: of the displayed force, whole samples.
         spring_damping: b_s, the operator's [N s/m].
+        latency: besides, from the motion to its reading and from there to the force, any time [s]: a delay of
+            (n + phi) T acts on the held force within a sample, exactly.
 
     Raises:
         InputError: naming the argument that cannot be.
     """
     return wall_limits(
-        mass, damping, period, spring=spring, wall_damping=wall_damping, delay=delay, spring_damping=spring_damping
+        mass,
+        damping,
+        period,
+        spring=spring,
+        wall_damping=wall_damping,
+        delay=delay,
+        spring_damping=spring_damping,
+        latency=latency,
     ).limit
 
 
@@ -59,9 +69,10 @@ def wall_limits(
     wall_damping: float = 0.0,
     delay: int = 0,
     spring_damping: float = 0.0,
+    latency: float = 0.0,
 ) -> Limits:
     """Find all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
-    plant = plant_on_wall(number, mass, damping, period, spring, wall_damping, delay, spring_damping)
+    plant = plant_on_wall(number, mass, damping, period, spring, wall_damping, delay, spring_damping, latency)
     return limits_of(*plant.polynomials(), plant.unit, plant.period)
 
 
@@ -79,6 +90,7 @@ def external_limit(
     object_delay: int = 0,
     coupling_damping: float = 0.0,
     spring_damping: float = 0.0,
+    latency: float = 0.0,
 ) -> float:
     """Find the first loss of stability of fingers that move an object as k_ep grows from zero [N/m], inf without one.
 
@@ -105,6 +117,7 @@ def external_limit(
         object_delay: of the force on the object, whole samples; none under "implicit".
         coupling_damping: B [N s/m].
         spring_damping: b_s [N s/m].
+        latency: of each device besides, from the motion to its reading and from there to the force, any time [s].
 
     Raises:
         InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
@@ -122,6 +135,7 @@ def external_limit(
         object_delay=object_delay,
         coupling_damping=coupling_damping,
         spring_damping=spring_damping,
+        latency=latency,
     ).limit
 
 
@@ -158,14 +172,16 @@ def stable_intervals(
 
 
 @one_blas_thread()
-def spectral_radius(linear: Subject, *, drift: bool = False) -> float:
+def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = False) -> float:
     """Find the largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
 
     Args:
         linear: a `Linearisation`, a scene, or the name or path of one.
+        recording: of the scene, or its path: the loop is that at the rest that it ended with, and of hardware with the
+            forces as late as they came in it, the worse end of 98 % of the samples.
         drift: count motions of fingers and object together that change no force (no operator's spring), too.
     """
-    return radius_of(linear_of(linear), drift=drift)
+    return radius_of(linear_of(linear, recording), drift=drift)
 
 
 def modes(linear: Subject) -> list[Mode]:

@@ -39,6 +39,11 @@ class Orders:
         self._number = int(self._words[Word.MAIL])
         self.cause = ""
 
+    @property
+    def has_news(self) -> bool:
+        """Whether a letter has come that was not taken yet."""
+        return bool(self._words[Word.MAIL] != self._number)
+
     def __call__(self) -> bool:
         words = self._words
         if words[Word.MAIL] != self._number:

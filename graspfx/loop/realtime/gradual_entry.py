@@ -18,18 +18,22 @@ class Entry:
         offset: o of each finger, (k, d) [m].
         period: of a tick [s].
         duration: T_s [s].
+
+    Attributes:
+        ticks: so far.
     """
 
     def __init__(self, offset: FloatArray, period: float, duration: float) -> None:
-        self.offset, self._period, self._duration, self._ticks = offset, period, duration, 0
+        self.offset, self.duration, self.ticks = offset, duration, 0
+        self._period = period
 
     def apply(self, position: FloatArray, velocity: FloatArray) -> bool:
         """Set a tick's positions and velocities off, (k, d); return whether there is more to come."""
-        time = self._ticks * self._period
-        if time >= self._duration:
+        time = self.ticks * self._period
+        if time >= self.duration:
             return False
-        u = time / self._duration
+        u = time / self.duration
         position -= (1.0 - u * u * (3.0 - 2.0 * u)) * self.offset
-        velocity += 6.0 * u * (1.0 - u) / self._duration * self.offset
-        self._ticks += 1
+        velocity += 6.0 * u * (1.0 - u) / self.duration * self.offset
+        self.ticks += 1
         return True

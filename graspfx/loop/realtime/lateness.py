@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 
 BINS = 4096  # of a microsecond each; the last one has all that is later
@@ -21,6 +21,11 @@ class Lateness:
         self.counts[min(max(int(1e6 * late), 0), BINS - 1)] += 1
         if late > self.most:
             self.most = late
+
+    def merge(self, counts: Sequence[int], most: float) -> None:
+        """Add the counts of another histogram, and its latest [s]."""
+        self.counts = [one + other for one, other in zip(self.counts, counts, strict=True)]
+        self.most = max(self.most, most)
 
     @property
     def figures(self) -> Mapping[str, float]:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.lateness import Lateness
 
 SLICE = 0.005  # [s]: a sleep is cut into pieces, between which a run may be stopped
@@ -46,6 +45,7 @@ class Pacer:
         clock: to wait on.
 
     Attributes:
+        start: of the first tick [s].
         wall: time of the last tick since that of the first [s].
         late: of it, after its deadline [s].
         left_out: periods before it that were left out.
@@ -58,7 +58,7 @@ class Pacer:
         self.skipped = self.row = 0
         self.wall = self.late = 0.0
         self.left_out = 0
-        self._start = 0.0  # of the first tick [s]
+        self.start = 0.0
         self.latest = 0.0  # the most that a tick began after its deadline [s]
         self.lateness = Lateness()
 
@@ -77,7 +77,7 @@ class Pacer:
         """
         clock = self.clock
         if self.deadline is None:
-            self.deadline = self._start = clock.now()
+            self.deadline = self.start = clock.now()
             return 0
         self.deadline += self.period
         is_early, late = self._sleep(stop)
@@ -86,7 +86,7 @@ class Pacer:
         self.skipped += skipped
         self.row = 0 if is_early and not skipped else self.row + skipped
         self.late, self.left_out = late - skipped * self.period, skipped
-        self.wall = self.deadline + self.late - self._start
+        self.wall = self.deadline + self.late - self.start
         self.latest = max(self.latest, self.late)
         self.lateness.add(late)
         return skipped
@@ -95,7 +95,7 @@ class Pacer:
         """Wait for what is left to the deadline, where `stop` ended the wait."""
         assert self.deadline is not None
         _, self.late = self._sleep(None)
-        self.wall = self.deadline + self.late - self._start
+        self.wall = self.deadline + self.late - self.start
 
     def _sleep(self, stop: Callable[[], bool] | None) -> tuple[bool, float]:
         """Wait for the deadline; tell whether there was a wait, and how late it is [s]."""
@@ -107,9 +107,15 @@ class Pacer:
         return is_early, -left  # a sleep may have been as long as the machine was away
 
 
-def late_text(pacer: Pacer, guards: Guards) -> str:
-    """Say that ticks came too late for hardware."""
+def late_text(row: int, period: float, most: int) -> str:
+    """Say that ticks came too late for hardware.
+
+    Args:
+        row: periods in a row that were left out.
+        period: T [s].
+        most: that may be.
+    """
     return (
-        f"{pacer.row} periods of {pacer.period:g} s in a row were left out, {guards.late} at most: this machine was "
-        "too late for the hardware; all forces are zero"
+        f"{row} periods of {period:g} s in a row were left out, {most} at most: this machine was too late for the "
+        "hardware; all forces are zero"
     )

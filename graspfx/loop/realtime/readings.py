@@ -65,7 +65,7 @@ class Readings:
             copy[i] = each
         entries: list[float] = self._flat.tolist()
         if not all(map(isfinite, entries)):
-            return f"gave {_numbers(copy)}: numbers that are not finite"
+            return f"gave {number_text(copy)}: numbers that are not finite"
         if guards is not None:
             if not isinstance(time, float) or not isfinite(time):
                 return f"gave {abbreviate(time)} for the time of a reading, expected a finite number [s]"
@@ -81,6 +81,23 @@ class Readings:
         self._last[...] = copy
         return ""
 
+    @property
+    def standing(self) -> tuple[bool, int, int]:
+        """Whether there was a sample, readings in a row without one, and periods since the last."""
+        return bool(self._entries), self._row, self._periods
+
+    def go_on(self, sample: FloatArray, *, samples: int, repeats: int, row: int) -> None:
+        """Go on from what others have read meanwhile.
+
+        Args:
+            sample: the last one, positions and velocities, (2 k d,).
+            samples, repeats: counts so far.
+            row: readings in a row without a new sample.
+        """
+        self._last[...] = sample.reshape(self._last.shape)
+        self._entries = sample.tolist() if samples else self._entries
+        self.samples, self.repeats, self._row = samples, repeats, row
+
     def _repeat(self, time: float, guards: Guards) -> str:
         """Count a reading without a new sample; return what is wrong with it, or nothing."""
         if time < self.time:
@@ -89,7 +106,7 @@ class Readings:
         self.repeats += 1
         self._row += 1
         if self._row > guards.hold:
-            return f"gave no new sample in {self._row} readings in a row: each is of {time:.9g} s"
+            return stale_text(self._row, time)
         return ""
 
     def _leap(self, entries: list[float], speed: float) -> str:
@@ -97,18 +114,39 @@ class Readings:
         half = len(entries) // 2
         fastest = max(map(abs, entries[half:]))
         if fastest > speed:
-            return f"gave a velocity of {fastest:.4g} m/s, expected at most {speed:g} m/s"
+            return fast_text(fastest, speed)
         if self._entries:
             bound = speed * self._period * max(self._periods, 1)
             step = max(abs(x - y) for x, y in zip(entries[:half], self._entries, strict=False))
             if step > NEAR and not any(entries):
-                return f"gave zeros for everything, {step:.4g} m from the last position: a reading that failed"
+                return zeros_text(step)
             if step > bound:
-                return (
-                    f"gave a position {step:.4g} m from the last one, expected at most {bound:.4g} m "
-                    f"({speed:g} m/s over {max(self._periods, 1)} x {self._period:g} s)"
-                )
+                return far_text(step, bound, speed, max(self._periods, 1), self._period)
         return ""
+
+
+def stale_text(row: int, time: float | None = None) -> str:
+    """Say that so many readings in a row brought no new sample."""
+    text = f"gave no new sample in {row} readings in a row"
+    return text if time is None else f"{text}: each is of {time:.9g} s"
+
+
+def fast_text(fastest: float, speed: float) -> str:
+    """Say that a velocity is beyond a hand's."""
+    return f"gave a velocity of {fastest:.4g} m/s, expected at most {speed:g} m/s"
+
+
+def zeros_text(step: float) -> str:
+    """Say that a reading failed without a word."""
+    return f"gave zeros for everything, {step:.4g} m from the last position: a reading that failed"
+
+
+def far_text(step: float, bound: float, speed: float, periods: int, period: float) -> str:
+    """Say that a position is further from the last one than a hand comes."""
+    return (
+        f"gave a position {step:.4g} m from the last one, expected at most {bound:.4g} m "
+        f"({speed:g} m/s over {periods} x {period:g} s)"
+    )
 
 
 def _described(value: object) -> str:
@@ -118,7 +156,7 @@ def _described(value: object) -> str:
     return f"{abbreviate(value)} ({type(value).__name__})"
 
 
-def _numbers(copy: FloatArray) -> str:
+def number_text(copy: FloatArray) -> str:
     """Write the first quantity of a reading that is not finite."""
     i = int(np.isfinite(copy[0]).all())
     return f"{abbreviate(copy[i].tolist())} for {QUANTITIES[i]}"

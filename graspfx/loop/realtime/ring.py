@@ -125,6 +125,11 @@ class RingRecorder:
         self._words = memoryview(ring.memory).cast("q")
 
     @property
+    def ring(self) -> Ring:
+        """The ring; who writes into it himself sets `ticks`."""
+        return self._ring
+
+    @property
     def row(self) -> FloatArray:
         """The last row that a tick wrote."""
         row: FloatArray = self._ring.rows[(max(self.ticks, 1) - 1) // self._ring.every % SLOTS]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Record, Table, floats, table
 
-# kinds of what cannot go on; the last but one is code that is no kernel
-STATION, OBJECT_, MOVER, PLANT, FOREIGN, SAFETY = range(6)
+# kinds of what cannot go on; FOREIGN is code that is no kernel, NATIVE a device by C functions
+STATION, OBJECT_, MOVER, PLANT, FOREIGN, SAFETY, NATIVE = range(7)
 
 CHUNK = 1024  # ticks for which the targets of a hand without a kernel are known ahead
 

@@ -151,6 +151,13 @@ class MachineCode:
             self._bounds[program] = program.rebind(before, "rows", rows.reshape(-1))
         return self._bounds[program]
 
+    def halves(self, rows: FloatArray) -> tuple[Spread, Spread]:
+        """Give `begin` and `end` of a tick for other machine code, recorded in these rows."""
+        begin, end = (self._bound(self.programs[name], rows).spread for name in ("begin", "end"))
+        assert begin is not None
+        assert end is not None
+        return begin, end
+
     def run(self, k: int, count: int, row: int) -> int:
         return self._brief(k, 1, row) if count == 1 else self._long(k, count, row)
 

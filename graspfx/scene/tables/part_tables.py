@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
@@ -99,6 +99,12 @@ PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair,
 AxesOrMatrix = Annotated[Annotated[str, Tag("<name>")] | Annotated[Vectors, Tag("<list>")], _by_word]
 
 
+def _no_negative(values: tuple[float, float]) -> tuple[float, float]:
+    if min(values) >= 0.0:
+        return values
+    raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
+
+
 def _friction(value: Any) -> Any:
     if isinstance(value, str) and value == "stick":
         return value
@@ -171,6 +177,34 @@ class Frame(Table):
     scale: Positive = Field(default=1.0, description="metres of the scene for a metre of the device")
 
 
+def _range(value: tuple[float, float]) -> tuple[float, float]:
+    low, high = value
+    if low <= high:
+        return value
+    text = "expected the lesser one first; given {given}"
+    raise PydanticCustomError("range", text, {"given": abbreviate(list(value))})
+
+
+class Measures(Table):
+    """Figures of one's own device, as `graspfx calibrate` measures them: they stand before what its driver tells."""
+
+    mass: Positive | None = Field(default=None, description="effective, at a fingertip [kg]")
+    friction: NotNegative | None = Field(default=None, description="viscous, at a fingertip [N s/m]")
+    resolution: Positive | None = Field(default=None, description="of a fingertip position [m]")
+    latency: NotNegative | None = Field(default=None, description="age of a sample when it is read [s]")
+    lateness: NotNegative | None = Field(
+        default=None,
+        description="from the reading of a sample to its force, any time; half a hold is no part of it [s]",
+    )
+    jitter: Annotated[Pair, AfterValidator(_no_negative), AfterValidator(_range)] | None = Field(
+        default=None, description="lateness of one sample in a hundred, and of all but one: the worse counts [s]"
+    )
+    round_trip: NotNegative | None = Field(
+        default=None,
+        description="of a reading and a writing, a part of the lateness; a recording's own stands for it [s]",
+    )
+
+
 class Device(Table):
     """A driver and its settings: whatever its `connect` takes, besides the keys that are the scene's own."""
 
@@ -182,6 +216,7 @@ class Device(Table):
         default=None,
         description="number of the device's switch, from 0, that has to be down: forces decay once it is up",
     )
+    measures: Measures | None = Field(default=None, description="figures of one's own device, before its driver's")
     rate: Positive | None = Field(
         default=None, description="how often hardware is called at most [Hz]; in every tick if not given"
     )

@@ -6,6 +6,7 @@ from graspfx.testing.wire.diy_wire import DiyWire
 from graspfx.testing.wire.event_wire import EventWire
 from graspfx.testing.wire.force_dimension_wire import ForceDimensionWire
 from graspfx.testing.wire.inverse_wire import InverseWire
+from graspfx.testing.wire.open_haptics_wire import OpenHapticsWire
 from graspfx.testing.wire.rig_wire import RigWire
 from graspfx.testing.wire.serial_wire import SerialWire
 from graspfx.testing.wire.wire import FAILURES, Failure, Wire
@@ -17,6 +18,7 @@ __all__ = [
     "Failure",
     "ForceDimensionWire",
     "InverseWire",
+    "OpenHapticsWire",
     "RigWire",
     "SerialWire",
     "Wire",

@@ -25,7 +25,7 @@ MOST_FRAMES = 100_000  # that are remembered
 
 
 class DiyWire(SerialWire):
-    """A 2DIY board with its five-bar linkage, which nothing moves but `move` and `place`.
+    """A 2DIY board with its five-bar linkage, which nothing moves but `move`, `place` and, given an inertia, torques.
 
     A frame that is cut in its payload blocks the board for a second while the last torques stay on; whatever comes
     meanwhile is taken for the rest of it. Nothing but a frame of zeros takes the torque away.
@@ -33,6 +33,8 @@ class DiyWire(SerialWire):
     Args:
         links: at the motors, and from those to the handle [m].
         distance: between the motors [m].
+        inertia: of each link at a motor with all that it moves [kg m^2]; None for links that stand where they are put.
+        friction: viscous, at each motor [N m s/rad]; with an inertia encoders tell whole counts.
         seed: of the damage that failures do.
 
     Attributes:
@@ -42,8 +44,17 @@ class DiyWire(SerialWire):
     limit = CLAMP
     checksum = False
 
-    def __init__(self, *, links: tuple[float, float] = (0.07, 0.09), distance: float = 0.038, seed: int = 0) -> None:
-        self.links, self.distance = links, distance
+    def __init__(
+        self,
+        *,
+        links: tuple[float, float] = (0.07, 0.09),
+        distance: float = 0.038,
+        inertia: float | None = None,
+        friction: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.links, self.distance, self.inertia, self.friction = links, distance, inertia, friction
+        self._speed, self._clock, self._step = np.zeros(2), time.monotonic(), 0.0  # [rad/s], [s], and a count [deg]
         self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
         self._angles, self._offset = np.array(HOME), np.zeros(2)
         self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, which stand at ports 2 and 1
@@ -96,9 +107,30 @@ class DiyWire(SerialWire):
             self._began = time.monotonic()
             yield from self._act(frame)
 
+    def _move_on(self) -> None:
+        """Turn the links as torques have had them since the last time: I a'' + c a' = torque, exactly."""
+        now = time.monotonic()
+        passed, self._clock = now - self._clock, now
+        if self.inertia is None or passed <= 0.0:
+            return
+        p = self.friction / self.inertia
+        slow = -math.expm1(-p * passed) / p if p * passed > 1e-9 else passed
+        push = self._torque / self.inertia
+        glide = (passed - slow) / p if p * passed > 1e-6 else 0.5 * passed * passed
+        self._angles = self._angles + np.degrees(slow * self._speed + glide * push)
+        self._speed = self._speed * (1.0 - p * slow) + slow * push
+
     def tick(self) -> None:
+        self._move_on()
         if self._buffer and time.monotonic() - self._began > PATIENCE:
             self._buffer = b""  # what came of the frame is given up
+
+    def _encoders(self) -> FloatArray:
+        """Give what the encoders tell, (2,) [deg]."""
+        if self._step == 0.0:
+            return self._angles + self._offset
+        angles: FloatArray = np.round(self._angles / self._step) * self._step + self._offset
+        return angles
 
     def _size(self) -> int:
         """Count the bytes of the frame that begins the buffer; the board does not wait for the second one."""
@@ -114,9 +146,11 @@ class DiyWire(SerialWire):
     def _act(self, frame: bytes) -> Iterator[bytes]:
         if len(frame) < 2:
             return
+        self._move_on()
         if frame[0] == SETUP:
             self._identity = frame[1]
-            second, _, first, _ = struct.unpack_from("<4f", frame, 10)  # ports ascend: encoder 2 is at port 1
+            second, _, first, counts = struct.unpack_from("<4f", frame, 10)  # ports ascend: encoder 2 is at port 1
+            self._step = 360.0 / counts if self.inertia is not None and counts > 0.0 else 0.0
             self._offset = np.array([first, second]) - self._angles  # the board takes it that the handle is at home
         elif frame[0] == RESET and frame[1] == self._identity:
             self._torque = np.zeros(2)
@@ -125,5 +159,5 @@ class DiyWire(SerialWire):
             wished = np.nan_to_num(np.array([first, second], dtype=float), posinf=CLAMP, neginf=-CLAMP)
             self._torque = np.clip(wished, -CLAMP, CLAMP)
             self.frames.append((time.monotonic(), (float(self._torque[0]), float(self._torque[1]))))
-            first, second = self._angles + self._offset
+            first, second = self._encoders()
             yield struct.pack("<B2f", frame[1], second, first)

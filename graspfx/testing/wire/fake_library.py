@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from graspfx.compile.emission import address, emitted, loaded
-from graspfx.testing.wire.c_compiler import build, compiler
+from graspfx.testing.wire.c_compiler import compiler
+from graspfx.testing.wire.linking import shared
 
 DEVICES = 4
 STATUS = 17  # entries of dhdGetStatus
@@ -286,19 +287,8 @@ def library(state: Path, folder: Path) -> Any:
     """Make the library: the path of a shared one where there is a compiler, else an object with its functions."""
     text = _source(state)
     if compiler() is not None:
-        return str(_shared(text, folder))
+        return str(shared(text, folder, "libdrd.so"))
     return Functions(text)
-
-
-def _shared(text: str, folder: Path) -> Path:
-    import llvmlite.binding as llvm
-
-    emitted("")  # LLVM is made ready
-    machine = llvm.Target.from_default_triple().create_target_machine(reloc="pic", codemodel="default")
-    module = llvm.parse_assembly(text)
-    module.verify()
-    (folder / "fake.o").write_bytes(machine.emit_object(module))
-    return build(["-shared", "fake.o"], folder / "libdrd.so", folder)
 
 
 class Functions:

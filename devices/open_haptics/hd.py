@@ -1,0 +1,119 @@
+"""Functions and numbers of the OpenHaptics library (HD), by their names; it is loaded when a device is opened."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from typing import Any
+
+from graspfx.protocols import DeviceError, InputError
+
+LIBRARIES = {"win32": ("hd.dll",), "darwin": ("HD.framework/HD",)}
+ELSEWHERE = "libHD.so", "libHD.so.3.4", "libHD.so.3"
+
+NO_DEVICE = 0xFFFFFFFF
+POSITION, FORCE, FORCE_OUTPUT = 0x2050, 0x2700, 0x4000  # mm, N
+FIRST = 0xFFFF  # priority of a callback that comes before all others
+RATE = 1000  # of the scheduler [Hz]
+ERRORS = {
+    0x102: "an operation that is not allowed there",
+    0x200: "the motors are warm: let them cool down",
+    0x201: "the force was above the device's largest",
+    0x202: "the force changed by more than the device allows",
+    0x203: "the handle was faster than the device allows",
+    0x204: "the force cannot be displayed",
+    0x300: "the device has a fault: it may be unplugged, switched off, or in use by another program",
+    0x302: "the device does not answer: look after its cable",
+    0x304: "the scheduler's timer does not run",
+}
+
+_handle, _number = ctypes.c_uint, ctypes.c_uint
+SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "hdInitDevice": (_handle, ctypes.c_char_p),
+    "hdDisableDevice": (None, _handle),
+    "hdMakeCurrentDevice": (None, _handle),
+    "hdEnable": (None, _number),
+    "hdBeginFrame": (None, _handle),
+    "hdEndFrame": (None, _handle),
+    "hdGetDoublev": (None, _number, ctypes.c_void_p),
+    "hdSetDoublev": (None, _number, ctypes.c_void_p),
+    "hdScheduleAsynchronous": (ctypes.c_ulong, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ushort),
+    "hdUnschedule": (None, ctypes.c_ulong),
+    "hdSetSchedulerRate": (None, ctypes.c_ulong),
+    "hdStartScheduler": (None,),
+    "hdStopScheduler": (None,),
+}
+MOST = 64  # errors that the stack is asked for
+
+
+class _Error(ctypes.Structure):
+    """HDErrorInfo."""
+
+    _fields_ = (("code", ctypes.c_uint), ("internal", ctypes.c_int), ("handle", ctypes.c_uint))
+
+
+class Hd:
+    """The library's functions with their arguments; an error on its stack after a call is a DeviceError.
+
+    Args:
+        library: its path; None for its usual names; or an object with ctypes functions of these names.
+
+    Attributes:
+        library: as it is loaded.
+    """
+
+    def __init__(self, library: object) -> None:
+        self.library = loaded = _loaded(library)
+        self._functions = {}
+        for name, kinds in {**SIGNATURES, "hdGetError": (_Error,)}.items():
+            function = getattr(loaded, name, None)
+            if function is None:
+                raise DeviceError(f"the OpenHaptics library has no {name}: it is another one, or too old")
+            if isinstance(loaded, ctypes.CDLL):
+                function.restype, function.argtypes = kinds[0], kinds[1:]
+            self._functions[name] = function
+
+    def call(self, name: str, *arguments: object) -> Any:
+        """Call a function and give what it returns.
+
+        Raises:
+            DeviceError: it leaves an error.
+        """
+        result = self._functions[name](*arguments)
+        errors: list[int] = []
+        while len(errors) < MOST and (code := int(self._functions["hdGetError"]().code)):
+            errors.append(code)
+        if errors:
+            raise DeviceError(f"{name} of OpenHaptics: {error_text(errors[-1])}")
+        return result
+
+
+def error_text(code: int) -> str:
+    """Say what an error of the library means."""
+    return f"{ERRORS.get(code, 'an error')} (0x{code:X})"
+
+
+def _loaded(library: object) -> Any:
+    if library is not None and not isinstance(library, str):
+        return library
+    names = LIBRARIES.get(sys.platform, ELSEWHERE) if library is None else (library,)
+    for name in names:
+        try:
+            return ctypes.CDLL(name)
+        except OSError as error:
+            reason = error
+    raise DeviceError(
+        f"the OpenHaptics library does not load ({reason}): install the maker's SDK, or give its path as `library`"
+    ) from reason
+
+
+def check_library(library: object) -> None:
+    """Refuse what can be no library, before anything is loaded."""
+    if isinstance(library, str) and not library:
+        raise InputError("library", library, "the path of libHD, or None for its usual names")
+
+
+def check_unit(unit: object) -> None:
+    """Refuse what can be no name of a device."""
+    if unit is not None and not (isinstance(unit, str) and unit):
+        raise InputError("unit", unit, "the name that the maker's setup tool has for the device, or None")

@@ -1,0 +1,212 @@
+"""Delay, mobility and drag of a fingertip from how it answers small pushes, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+GRID = 80  # delays looked at first
+REFINED = 40  # golden sections between two of them
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+GROUPS = 10  # of pushes, each of which is left out once for the error
+SLOW = 1e-6  # of p t: below it drag does not show
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A fingertip before and under a force along one axis, which begins to be written at time zero.
+
+    Attributes:
+        axis: of the force.
+        force: [N], with its sign.
+        time: when each reading began, (n,) [s].
+        position: that it gave, (n, d) [m].
+    """
+
+    axis: int
+    force: float
+    time: FloatArray
+    position: FloatArray
+
+
+class Estimate(NamedTuple):
+    """A figure, and the standard error that leaving out a tenth of the data tells."""
+
+    value: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How a fingertip answers a push.
+
+    Attributes:
+        delay: from the writing of a force to the beginning of the reading that sees its motion begin [s].
+        mobility: W, acceleration by force, (d, d) [1/kg].
+        mass: geometric mean of the principal values of W^-1 [kg].
+        explained: share of the motion that is that of a mass, at most 1.
+    """
+
+    delay: Estimate
+    mobility: FloatArray
+    mass: Estimate
+    explained: float
+
+
+def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
+    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on, x_0, v_0 of each push.
+
+    Args:
+        pushes: along every axis.
+        drag: p, friction over mass [1/s].
+        longest: delay that is looked for [s].
+
+    Raises:
+        InputError: an axis without a push, or too few of them.
+    """
+    d = pushes[0].position.shape[1] if pushes else 0
+    counts = [sum(push.axis == axis for push in pushes) for axis in range(d)]
+    if not pushes or min(counts) < GROUPS:
+        raise InputError("pushes", counts, f"at least {GROUPS} along each axis")
+    table = _Table(pushes, drag)
+    whole = np.ones(len(pushes), dtype=bool)
+    delay = _least(lambda t: table.fit(t, whole)[1], longest)
+    mobility, left = table.fit(delay, whole)
+    explained = 1.0 - left / max(table.size, 1e-300)
+    order = np.concatenate([np.arange(count) % GROUPS for count in counts])
+    groups = np.empty(len(pushes), dtype=int)
+    groups[np.argsort([push.axis for push in pushes], kind="stable")] = order
+    delays, masses = [], []
+    for group in range(GROUPS):
+        selection = groups != group
+        delays.append(_least(lambda t, selection=selection: table.fit(t, selection)[1], longest))  # type: ignore[misc]
+        masses.append(mean_mass(table.fit(delays[-1], selection)[0]))
+    mass = Estimate(mean_mass(mobility), _jackknife(masses))
+    return Response(Estimate(delay, _jackknife(delays)), mobility, mass, explained)
+
+
+def mean_mass(mobility: FloatArray) -> float:
+    """Give the geometric mean of the principal masses of a mobility (d, d) [kg]; infinite for what does not move."""
+    d = len(mobility)
+    values = np.linalg.eigvalsh(0.5 * (mobility + mobility.T))
+    return float(np.prod(values) ** (-1.0 / d)) if values[0] > 0.0 else float("inf")
+
+
+class _Table:
+    """Pushes as arrays of one length, (N, n), and what is left of them without their own coasting x_0 + v_0 h(t)."""
+
+    def __init__(self, pushes: Sequence[Push], drag: float) -> None:
+        n = max(len(push.time) for push in pushes)
+        self.drag, self.axis = drag, np.array([push.axis for push in pushes])
+        self.force = np.array([push.force for push in pushes])
+        self.time, self.weight = np.zeros((len(pushes), n)), np.zeros((len(pushes), n))
+        position = np.zeros((len(pushes), n, pushes[0].position.shape[1]))
+        for i, push in enumerate(pushes):
+            count = len(push.time)
+            self.time[i, :count], self.weight[i, :count] = push.time, 1.0
+            position[i, :count] = push.position
+        slow = drag * float(np.abs(self.time).max()) < SLOW
+        self.coast = self.time if slow else -np.expm1(-drag * self.time) / drag  # of a finger at 1 m/s at time zero
+        self.position = self._free(position)
+        self.size = float((self.position**2).sum())
+
+    def _free(self, values: FloatArray) -> FloatArray:
+        """Take the best place and speed of a finger that coasts out of values (N, n, ...)."""
+        w = self.weight
+        count = w.sum(axis=1)
+        mean = (w * self.coast).sum(axis=1) / count
+        t = w * (self.coast - mean[:, None])
+        spread = (t * t).sum(axis=1)
+        wide = w[..., None] * values
+        level = wide.sum(axis=1) / count[:, None]
+        slope = (t[..., None] * values).sum(axis=1) / spread[:, None]
+        return np.asarray(wide - w[..., None] * level[:, None] - t[..., None] * slope[:, None])
+
+    def fit(self, delay: float, selection: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+        """Give the best W for a delay, and the sum of squares that is left."""
+        basis = self._free((self.force[:, None] * _travel(self.time - delay, self.drag))[..., None])[..., 0]
+        d = self.position.shape[2]
+        W, left = np.zeros((d, d)), 0.0
+        for axis in range(d):
+            rows = selection & (self.axis == axis)
+            b, x = basis[rows], self.position[rows]
+            size = float((b * b).sum())
+            W[:, axis] = np.einsum("ij,ijk->k", b, x) / size if size > 0.0 else 0.0
+            left += float(((x - b[..., None] * W[:, axis]) ** 2).sum())
+        return W, left
+
+
+def _travel(t: FloatArray, drag: float) -> FloatArray:
+    """Compute g: how far a unit of force brings a unit of mass in a time t, nothing before zero."""
+    s = np.maximum(t, 0.0)
+    if drag * float(s.max(initial=0.0)) < SLOW:
+        return np.asarray(0.5 * s * s)
+    return np.asarray((s + np.expm1(-drag * s) / drag) / drag)
+
+
+def _least(badness: Callable[[float], float], longest: float) -> float:
+    """Find where a function is least: on a grid, then by golden sections about its best point."""
+    grid = np.linspace(-0.25 * longest, longest, GRID)
+    best = int(np.argmin([badness(t) for t in grid.tolist()]))
+    low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, GRID - 1)])
+    for _ in range(REFINED):
+        a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        low, high = (low, b) if badness(a) < badness(b) else (a, high)
+    return 0.5 * (low + high)
+
+
+def _jackknife(values: Sequence[float]) -> float:
+    """Estimate the standard error of a figure from those with a part of the data left out in turn."""
+    n = len(values)
+    return float(np.sqrt((n - 1) / n * ((np.array(values) - np.mean(values)) ** 2).sum()))
+
+
+def drag_matrix(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Fit P of x'' + P x' = 0 to coasting fingertips: x(t) = a + b t - P int x dt, a and b of each run its own.
+
+    Args:
+        runs: times (n,) [s] and positions (n, d) [m] of each.
+
+    Returns:
+        P (d, d) [1/s], and those without each run in turn, (runs, d, d).
+
+    Raises:
+        InputError: fewer than two runs.
+    """
+    if len(runs) < 2:
+        raise InputError("runs", len(runs), "two or more")
+    left, right = [], []
+    for time, position in runs:
+        steps = np.diff(time)[:, None]
+        area = np.vstack([np.zeros(position.shape[1]), np.cumsum(0.5 * steps * (position[1:] + position[:-1]), axis=0)])
+        basis = np.linalg.qr(np.column_stack([np.ones(len(time)), time - time.mean()]))[0]
+        left.append(-(area - basis @ (basis.T @ area)))
+        right.append(position - basis @ (basis.T @ position))
+    every = np.arange(len(runs))
+    return _solved(left, right, every), np.array([_solved(left, right, every[every != k]) for k in every])
+
+
+def _solved(left: Sequence[FloatArray], right: Sequence[FloatArray], rows: NDArray[np.intp]) -> FloatArray:
+    A, b = np.vstack([left[k] for k in rows]), np.vstack([right[k] for k in rows])
+    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-6)[0].T)
+
+
+def mean_friction(mobility: FloatArray, drag: FloatArray) -> float:
+    """Give the geometric mean of the principal values of B = W^-1 P, never below zero [N s/m]."""
+    B = np.linalg.solve(mobility, drag)
+    values = np.maximum(np.linalg.eigvalsh(0.5 * (B + B.T)), 0.0)
+    return float(np.prod(values) ** (1.0 / len(values)))
+
+
+def friction_of(mobility: FloatArray, drag: FloatArray, others: FloatArray) -> Estimate:
+    """Give the mean friction with its error, from a drag and those with a run left out each (runs, d, d)."""
+    values = [mean_friction(mobility, each) for each in others]
+    return Estimate(mean_friction(mobility, drag), _jackknife(values))

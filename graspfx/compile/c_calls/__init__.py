@@ -1,0 +1,1 @@
+"""C functions of other libraries, called by machine code with the platform's own signatures."""

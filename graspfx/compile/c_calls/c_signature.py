@@ -1,0 +1,255 @@
+"""The text of C calls, read: `int dhdGetPosition(out 0, out 1, out 2, i8 id)`."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from graspfx.errors import InputError
+
+LONG = f"i{8 * ctypes.sizeof(ctypes.c_long)}"
+TYPES = {
+    "void": "void", "double": "double", "float": "float",
+    "char": "i8", "short": "i16", "int": "i32", "long": LONG,
+    "uint": "u32", "ulong": LONG.replace("i", "u"),
+    **{f"{sign}{bits}": f"{sign}{bits}" for sign in "iu" for bits in (8, 16, 32, 64)},
+}  # fmt: skip
+FLOATS = ("double", "float")
+SIGNS = ("<=", ">=", "==", "!=", "<", ">")
+TOKEN = re.compile(
+    r"\s*(0[xX][0-9a-fA-F]+|[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|<=|>=|==|!=|[-(){}\[\],;:*<>])"
+)
+NUMBER = re.compile(r"0[xX]|[-+]?[\d.]")
+GRAMMAR = "calls such as 'int dhdGetPosition(out 0, out 1, out 2, i8 id)', several with ';' between"
+MOST = 4096  # entries of a buffer
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument of a C function.
+
+    Attributes:
+        kind: "in" or "out" of the block's entries, "setting" by name, "number", or "buffer" by name.
+        type: "double" of a block's entry; else as of TYPES.
+        first: entry of the block.
+        count: entries, behind an address; 0 for a number that is passed by its value.
+        factor: by which entries are multiplied, after `out` and before `in`.
+        name: of a setting or buffer.
+        value: of a number.
+    """
+
+    kind: str
+    type: str = "double"
+    first: int = 0
+    count: int = 0
+    factor: float = 1.0
+    name: str = ""
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class CCall:
+    """One call: what the function returns, its name, and its arguments.
+
+    Attributes:
+        parts: numbers of this type that it returns side by side, as a struct; 1 for a plain number.
+    """
+
+    result: str
+    name: str
+    arguments: tuple[Argument, ...]
+    parts: int = 1
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A comparison of what a call returns, or of an entry of a buffer, with a number."""
+
+    sign: str
+    number: float
+    buffer: str = ""
+    entry: int = 0
+
+    @property
+    def subject(self) -> str:
+        """What is compared, as it is written."""
+        return f"{self.buffer}[{self.entry}]" if self.buffer else ""
+
+
+class Reader:
+    """Reads a text token by token.
+
+    Args:
+        subject: the argument that the text was given for.
+        text: of the calls, or of the comparisons.
+    """
+
+    def __init__(self, subject: str, text: object) -> None:
+        if not isinstance(text, str):
+            raise InputError(subject, text, f"a text: {GRAMMAR}")
+        self.subject, self.text = subject, text
+        self.tokens = list(self._tokens())
+        self.at = 0
+
+    def _tokens(self) -> Iterator[str]:
+        at = 0
+        while self.text[at:].strip():
+            match = TOKEN.match(self.text, at)
+            if match is None:
+                raise self.wrong(f"{self.text[at:].strip()[:12]!r} is no part of it")
+            yield match.group(1)
+            at = match.end()
+
+    def wrong(self, why: str) -> InputError:
+        return InputError(self.subject, self.text, GRAMMAR, why)
+
+    @property
+    def next(self) -> str:
+        """The next token; empty at the end."""
+        return self.tokens[self.at] if self.at < len(self.tokens) else ""
+
+    def take(self, *expected: str) -> str:
+        """Take a token, one of these if any are named."""
+        token = self.next
+        if not token or (expected and token not in expected):
+            words = " or ".join(map(repr, expected)) if expected else "more"
+            raise self.wrong(f"{words} expected{f' before {token!r}' if token else ' at its end'}")
+        self.at += 1
+        return token
+
+    def has(self, token: str) -> bool:
+        """Take a token if it is this one."""
+        if self.next != token:
+            return False
+        self.at += 1
+        return True
+
+    def name(self) -> str:
+        token = self.take()
+        if not token.isidentifier():
+            raise self.wrong(f"a name expected, not {token!r}")
+        return token
+
+    def number(self) -> float:
+        token = self.take()
+        if not NUMBER.match(token):
+            raise self.wrong(f"a number expected, not {token!r}")
+        return float(int(token, 16)) if token[:2].lower() == "0x" else float(token)
+
+    def whole(self) -> int:
+        number = self.number()
+        if number != int(number) or number < 0:
+            raise self.wrong(f"a whole number of zero or more expected, not {number:g}")
+        return int(number)
+
+    def type(self) -> str:
+        token = self.name()
+        if token not in TYPES:
+            raise self.wrong(f"unknown type {token!r}; there are {', '.join(TYPES)}")
+        return TYPES[token]
+
+
+def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...]:
+    """Read calls.
+
+    Args:
+        subject: the argument that the text was given for, for errors.
+        text: of the calls.
+        size: entries of the block; None for any.
+
+    Raises:
+        InputError: no such text, an unknown type, or an entry that the block does not have.
+    """
+    reader, calls = Reader(subject, text), []
+    while True:
+        calls.append(_call(reader, size))
+        if not reader.has(";"):
+            break
+        if not reader.next:
+            break
+    if reader.next:
+        raise reader.wrong(f"';' expected before {reader.next!r}")
+    _require_one_size(reader, calls)
+    return tuple(calls)
+
+
+def _call(reader: Reader, size: int | None) -> CCall:
+    result, parts = reader.type(), 1
+    if reader.has("["):
+        parts = reader.whole()
+        reader.take("]")
+        if (result != "i32" and result != "u32") or parts not in (2, 3, 4):
+            raise reader.wrong("a struct that is returned has two to four numbers of 32 bits")
+    name = reader.name()
+    reader.take("(")
+    arguments: list[Argument] = []
+    while not reader.has(")"):
+        if arguments:
+            reader.take(",")
+        arguments.append(_argument(reader, size))
+    return CCall(result, name, tuple(arguments), parts)
+
+
+def _argument(reader: Reader, size: int | None) -> Argument:
+    if reader.next in ("in", "out"):
+        return _entries(reader, reader.take(), size)
+    type_ = reader.type()
+    if type_ == "void":
+        raise reader.wrong("no argument is void")
+    if reader.has("["):
+        count = reader.whole()
+        reader.take("]")
+        if not 1 <= count <= MOST:
+            raise reader.wrong(f"a buffer has 1 to {MOST} entries")
+        return Argument("buffer", type_, count=count, name=reader.name())
+    if NUMBER.match(reader.next):
+        number = reader.number()
+        if type_ not in FLOATS and number != int(number):
+            raise reader.wrong(f"{number:g} is no whole number, as {type_} is")
+        return Argument("number", type_, value=number)
+    return Argument("setting", type_, name=reader.name())
+
+
+def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
+    first = reader.whole()
+    last, count = first + 1, 0
+    if kind == "out":
+        count = 1
+    if reader.has(":"):
+        last = reader.whole()
+        count = last - first
+        if count < 1:
+            raise reader.wrong(f"entries {first}:{last} are none")
+    if size is not None and last > size:
+        raise reader.wrong(f"entry {last - 1} is out of range: the block has {size}, from 0 on")
+    factor = reader.number() if reader.has("*") else 1.0
+    return Argument(kind, first=first, count=count, factor=factor)
+
+
+def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
+    """Require that a buffer's name means one buffer."""
+    buffers: dict[str, tuple[str, int]] = {}
+    for call in calls:
+        for each in call.arguments:
+            if each.kind == "buffer" and buffers.setdefault(each.name, (each.type, each.count)) != (
+                each.type, each.count
+            ):  # fmt: skip
+                raise reader.wrong(f"{each.name!r} is a buffer of two sizes")
+
+
+def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
+    """Read comparisons with `or` between, such as `< 0 or status[5] == 0`; none of an empty text."""
+    reader, comparisons = Reader(subject, text), []
+    while reader.next:
+        if comparisons:
+            reader.take("or")
+        buffer, entry = "", 0
+        if reader.next not in SIGNS:
+            buffer = reader.name()
+            reader.take("[")
+            entry = reader.whole()
+            reader.take("]")
+        comparisons.append(Comparison(reader.take(*SIGNS), reader.number(), buffer, entry))
+    return tuple(comparisons)

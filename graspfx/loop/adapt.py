@@ -1,0 +1,207 @@
+"""Adapts a vendor's C functions to those that a loop without Python calls, by machine code between the two."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from graspfx import log
+from graspfx.compile import cache as disk
+from graspfx.compile.c_calls.c_signature import FLOATS, CCall, read_calls, read_comparisons
+from graspfx.compile.c_calls.trampoline import (
+    MISSED,
+    STATE,
+    Estimation,
+    Role,
+    Trampolines,
+    width,
+    words_of,
+)
+from graspfx.compile.emission import address, emitted, loaded, platform, require_llvm
+from graspfx.errors import InputError
+from graspfx.loop.device_calls import Calls
+from graspfx.loop.velocity import VelocityEstimator
+
+KINDS = "ptr", "i64", "double", "i64"  # of the arguments of `estimate_after`
+
+
+class Adapter:
+    """The machine code of a device's C functions, with the memory that it works on.
+
+    Attributes:
+        context: words, which the functions are given the address of.
+    """
+
+    def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
+        self._faults, self._values, self._buffers = parts.faults, parts.plan.values, parts.plan.buffers
+        self.context, self._owners = context, owners
+
+    def value(self, code: int) -> float:
+        """Give the number by which a code below zero was judged: what a function returned, or left."""
+        return float(self.context.view(np.float64)[self._values[-code - 1]])
+
+    def fault_text(self, code: int) -> str:
+        """Say what a code below zero means."""
+        function, says = self._faults[-code - 1]
+        value = self.value(code)
+        number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
+        return f"{function} {says}{number}"
+
+    def buffer(self, name: str) -> np.ndarray[Any, Any]:
+        """Give a buffer's numbers as they are now."""
+        type_, word = self._buffers[name]
+        kind = np.dtype(
+            type_.replace("float", "f4").replace("double", "f8")
+            if type_ in FLOATS
+            else f"{type_[0]}{width(type_) // 8}"
+        )
+        return self.context[word:].view(kind)
+
+
+def adapt(
+    library: object,
+    *,
+    read: str,
+    write: str,
+    stop: str,
+    ask: str = "",
+    fault: str = "< 0",
+    held: str = "== 1",
+    errors: str = "",
+    shape: tuple[int, int] = (1, 3),
+    velocity: VelocityEstimator | None = None,
+    **settings: float,
+) -> Calls:
+    """Adapt C functions of a vendor's library, with their own signatures, to a loop without Python.
+
+        calls = adapt(
+            library,
+            read="int dhdGetPosition(out 0, out 1, out 2, i8 id)",
+            write="int dhdSetForce(in 0, in 1, in 2, i8 id)",
+            stop="int dhdSetForce(double 0, double 0, double 0, i8 id)",
+            velocity=estimator,
+            id=0,
+        )
+
+    Each text is a call as C would declare it, or several with `;` between. An argument is
+
+    - `in 0`, entry 0 of the block by its value, or `in 0:3`, the address of entries 0, 1 and 2;
+    - `out 0` or `out 0:3`, the address of entries that the function fills;
+    - a type with a number, as `double 0` or `u32 0x2050`, or with the name of a setting, as `i8 id`;
+    - a type with a size and a name, as `i32[17] status`: a buffer of the context's.
+
+    `* 0.001` behind entries multiplies them, after `out` and before `in`. Types are void, char, short, int, long, uint,
+    ulong, i8 to i64, u8 to u64, float and double; `u32[3]` before a function's name is a struct of three numbers, whose
+    first one counts. The block of `ask` and `read` are positions, then velocities; that of `write` and `stop` forces.
+
+    Each call is judged by itself: a fault is never hidden by what another returns, and ends the function; `stop`
+    tries all of its calls.
+
+    Args:
+        library: a `ctypes.CDLL`, or an object with ctypes functions of these names.
+        read, write, stop, ask: the calls; an `ask` without any is none.
+        fault: comparisons with `or` between: of what a call returns, or of an entry of a buffer, as in
+            "< 0 or status[5] == 0".
+        held: likewise, of what a call of `read` returns that has no new sample.
+        errors: a call that takes the newest error off the library's stack, 0 for none; it is called after every call
+            until the stack is empty, and an error is a fault.
+        shape: (k, d) of the device.
+        velocity: gives velocities where `read` gives positions alone; None if it gives both.
+        settings: numbers by the names that the texts have for them.
+
+    Raises:
+        MissingPackageError: no LLVM.
+        InputError: a text that is none of this kind, an entry out of range, a function that the library does not have,
+            or a name without a setting.
+    """
+    k, d = shape
+    texts = {"ask": ask, "read": read, "write": write, "stop": stop}
+    sizes = {"ask": 2 * k * d, "read": 2 * k * d, "write": k * d, "stop": k * d}
+    calls = {name: read_calls(name, text, sizes[name]) if text or name != "ask" else () for name, text in texts.items()}
+    popping: CCall | None = read_calls("errors", errors, 0)[0] if errors else None
+    judges = [read_comparisons(name, text) for name, text in (("fault", fault), ("held", held))]
+    require_llvm()
+    estimation = None if velocity is None else _estimation(velocity, k * d)
+    roles = [Role(name, each, estimation if name == "read" else None) for name, each in calls.items() if each]
+    faults, repeats = judges
+    parts = Trampolines(roles, faults, repeats, popping)
+    buffers = parts.plan.buffers
+    for each in (*judges[0], *judges[1]):
+        if each.buffer and not (each.buffer in buffers and each.entry < _entries(calls, each.buffer)):
+            raise InputError("fault", fault, f"entries of buffers that the calls have, not {each.subject}")
+    context = np.zeros(parts.plan.size, dtype=np.int64)
+    words = context.view(np.uint64)
+    _fill_settings(parts, words, settings)
+    for name, word in parts.plan.functions.items():
+        words[word] = _symbol(library, name)
+    if velocity is not None:
+        state, _, missed = velocity.memory
+        words[MISSED], words[STATE] = missed.ctypes.data, state.ctypes.data
+    engine = c_engine(parts.text)
+    addresses = {role.name: address(engine, f"graspfx_{role.name}") for role in roles}
+    return Calls(
+        addresses.get("ask", 0), addresses["read"], addresses["write"], addresses["stop"], context.ctypes.data,
+        Adapter(parts, context, engine, library, velocity),
+    )  # fmt: skip
+
+
+def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
+    """Load the kernel of velocities, which functions that are loaded later call."""
+    from graspfx.compile.generic import kernel_name, single
+    from graspfx.loop.velocity import estimate_after
+
+    state, stride, _ = velocity.memory
+    if len(state) != count * stride:
+        raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, those of `shape`")
+    library = single(estimate_after, KINDS)
+    symbol = library.find(kernel_name(estimate_after), KINDS)
+    assert symbol is not None
+    library.load([symbol.name])
+    return Estimation(symbol.name, count, stride)
+
+
+def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:
+    """Count the entries of a buffer."""
+    arguments = [each for role in calls.values() for call in role for each in call.arguments]
+    return next(each.count for each in arguments if each.kind == "buffer" and each.name == buffer)
+
+
+def _fill_settings(parts: Trampolines, words: np.ndarray[Any, Any], settings: dict[str, float]) -> None:
+    room = parts.plan.settings
+    if set(room) != set(settings):
+        raise InputError("settings", sorted(settings), f"those that the calls name: {sorted(room)}")
+    for name, (type_, word) in room.items():
+        value = settings[name]
+        if type_ not in FLOATS:
+            low = -(1 << (width(type_) - 1)) if type_.startswith("i") else 0
+            if value != int(value) or not low <= value < low + (1 << width(type_)):
+                raise InputError(name, value, f"a whole number that {type_} holds")
+        words[word] = words_of(type_, value)
+
+
+def _symbol(library: object, name: str) -> int:
+    """Find the address of a library's function."""
+    try:
+        function = getattr(library, name)
+        place = ctypes.cast(function, ctypes.c_void_p).value
+    except (AttributeError, ctypes.ArgumentError, TypeError) as error:
+        raise InputError(
+            "library", library, f"a library of C functions with {name}", "it is another one, or too old"
+        ) from error
+    if not place:
+        raise InputError("library", library, f"a library of C functions with {name}", "the address of it is zero")
+    return place
+
+
+def c_engine(text: str) -> Any:
+    """Load the machine code of a text, compiled now or before."""
+    key = hashlib.sha256("\0".join([*platform(), "calls", text]).encode()).hexdigest()
+    machine = disk.load(key)
+    if machine is None:
+        machine = emitted(text)
+        note = disk.store(key, machine)
+        log.info("C calls %s: %d kB of machine code%s", key[:12], len(machine) // 1000, f"; {note}" if note else "")
+    return loaded([machine], ())

@@ -1,0 +1,40 @@
+"""Faults of a tick's kernels in words."""
+
+from __future__ import annotations
+
+from graspfx.coupling.grasped import fault_text
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import Parts
+from graspfx.loop.tick.memory import MOVER, OBJECT_, SAFETY, STATION
+
+
+def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
+    """Explain a code of a kernel's.
+
+    Args:
+        parts: of the scene.
+        kind: of what could not go on, as a tick latches it.
+        index: which of its kind.
+        code: why.
+    """
+    fingers = parts.layout.fingers
+    if kind == SAFETY and parts.safety is not None:
+        devices = [device_name(each, fingers) for each in parts.stations]
+        return parts.safety.fault_text(code, fingers, devices)
+    if kind == STATION:
+        return parts.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
+    if kind == OBJECT_:
+        return fault_text(code, [fingers[f] for f in parts.objects[index].fingers])
+    if kind == MOVER:
+        return f"{object_names(parts, index)}: {parts.movers[index].body.fault_text(code)}"
+    return f"{finger_names(parts, index)}: {parts.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
+
+
+def object_names(parts: Parts, mover: int) -> str:
+    """Name the objects that a mover moves."""
+    return ", ".join(parts.objects[number].name for number in parts.movers[mover].objects)
+
+
+def finger_names(parts: Parts, plant: int) -> str:
+    """Name the fingers of a plant."""
+    return ", ".join(parts.layout.fingers[f] for f in parts.plants[plant].fingers)

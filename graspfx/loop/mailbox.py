@@ -1,0 +1,123 @@
+"""A mailbox between Python and a vendor's thread, in which alone a device's C functions may be called."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.c_calls import mailbox_text as at
+from graspfx.compile.emission import address
+from graspfx.loop.adapt import c_engine
+from graspfx.loop.device_calls import Calls
+
+FloatArray = NDArray[np.float64]
+
+PATIENCE = 20  # turns without news from Python, after which forces are zero
+NAP = 2e-4  # between two looks [s]
+
+
+class Mailbox:
+    """Exchange of some devices with Python, or with a loop without it, in a vendor's thread.
+
+    The thread calls `unsigned function(void *context)` once a period. In such a turn all devices are asked, then read,
+    and written in the reverse order: with the forces that Python has left here, or zero if it has left none for 20
+    turns. A device with a fault is stopped in this and in all later turns. While a loop drives (`drive`) it has the
+    turns instead.
+
+    Args:
+        calls: of the devices.
+        shape: (k, d) of each.
+
+    Attributes:
+        function, context: addresses for the vendor's thread.
+    """
+
+    def __init__(self, calls: Sequence[Calls], shape: tuple[int, int]) -> None:
+        k, d = shape
+        self._shape, self._entries = shape, k * d
+        engine = _engine()
+        self.function = address(engine, at.MAILBOX)
+        self._words: NDArray[np.int64] = np.zeros(at.FIRST + at.WORDS * len(calls), dtype=np.int64)
+        self.context: int = self._words.ctypes.data
+        self._samples: FloatArray = np.zeros((len(calls), 2, k, d))
+        self._orders: FloatArray = np.zeros((len(calls), 2, k, d))
+        self._raw, self._forces = np.zeros((len(calls), 2, k, d)), np.zeros((len(calls), k, d))
+        self._keep = engine, tuple(calls)
+        self._words[[at.COUNT, at.PATIENCE]] = len(calls), PATIENCE
+        for i, each in enumerate(calls):
+            words = self._device(i)
+            words[[at.ASK, at.READ, at.WRITE, at.STOP, at.OWN]] = (
+                each.ask,
+                each.read,
+                each.write,
+                each.stop,
+                each.context,
+            )
+            words[at.ENTRIES] = self._entries
+            for place, memory in (
+                (at.RAW, self._raw), (at.FORCES, self._forces), (at.SAMPLE, self._samples), (at.ORDERS, self._orders)
+            ):  # fmt: skip
+                words[place] = memory[i].ctypes.data
+
+    @property
+    def turns(self) -> int:
+        """Turns so far."""
+        return int(self._words[at.TURNS])
+
+    def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
+        """Give the count of samples of a device so far, and positions and velocities of the last, (k, d) each."""
+        words = self._device(i)
+        while True:
+            before = int(words[at.SEQUENCE])
+            sample = self._samples[i].copy()
+            if before % 2 == 0 and int(words[at.SEQUENCE]) == before:
+                return before // 2, sample[0], sample[1]
+
+    def write(self, i: int, forces: FloatArray) -> None:
+        """Leave forces (k, d) [N] for a device: finite, and within what it may display."""
+        words = self._device(i)
+        news = int(words[at.NEWS]) + 1
+        self._orders[i, news % 2] = forces
+        words[at.NEWS] = news
+
+    def fault(self, i: int) -> int:
+        """Give the code of a device's first fault; 0 for none."""
+        return int(self._device(i)[at.FAULT])
+
+    def wait(self, turns: int, longest: float) -> bool:
+        """Wait for so many turns from now on; tell whether they came within so long [s]."""
+        last, end = self.turns + turns, time.monotonic() + longest
+        while self.turns < last:
+            if time.monotonic() > end:
+                return False
+            time.sleep(NAP)
+        return True
+
+    def drive(self, function: int, context: int) -> None:
+        """Let a loop have the turns, `unsigned function(void *context)`: 1 for a tick, 0 for none."""
+        self._words[at.CONTEXT] = context
+        self._words[at.LOOP] = function
+
+    def release(self, longest: float) -> bool:
+        """Take the turns back; tell whether the loop has come back within so long [s]."""
+        self._words[at.LOOP] = 0
+        end = time.monotonic() + longest
+        while True:
+            time.sleep(NAP)
+            if not self._words[at.BUSY]:
+                return True
+            if time.monotonic() > end:
+                return False
+
+    def _device(self, i: int) -> NDArray[np.int64]:
+        return self._words[at.FIRST + at.WORDS * i :][: at.WORDS]
+
+
+@cache
+def _engine() -> Any:
+    return c_engine(at.TEXT)

@@ -1,0 +1,231 @@
+"""Devices in the scheduler of OpenHaptics: its rules, its errors in words, zero force, and the loop in its thread."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.build import pace
+from graspfx.certificate.plan import plan
+from graspfx.errors import DeviceError, InputError
+from graspfx.testing import check_device, driver
+from graspfx.testing.wire import OpenHapticsWire, fake_scheduler
+from graspfx.testing.wire.c_compiler import compiler
+from tests.support.optional import require
+from tests.support.wired_drivers import wired_driver
+
+require("llvmlite")
+if not sys.platform.startswith("linux"):
+    pytest.skip("the fake scheduler is for Linux", allow_module_level=True)
+
+PERIOD = 0.001
+X = np.array([[1.0, 0.0, 0.0]])
+
+
+@pytest.fixture(params=["linked", "loaded"])
+def wire(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[OpenHapticsWire]:
+    """A library linked by this machine's compiler, and one that LLVM has loaded into this process."""
+    if request.param == "loaded":
+        monkeypatch.setattr(fake_scheduler, "compiler", lambda: None)
+    elif compiler() is None:
+        pytest.skip("no C compiler")
+    with OpenHapticsWire() as bench:
+        yield bench
+
+
+def connect(wire: OpenHapticsWire, **settings: Any) -> Any:
+    return driver("open-haptics").connect(**{**wire.settings, **settings})
+
+
+def until(condition: Any, within: float = 2.0) -> bool:
+    end = time.monotonic() + within
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(1e-3)
+    return True
+
+
+def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
+    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile."""
+    check_device(lambda: connect(wire), wire=wire, period=PERIOD)
+    assert wire.violations == 0
+
+
+def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
+    """One callback for both, frames inside one another; each has its own force; the one goes on without the other."""
+    with connect(wire) as one, connect(wire, unit="right") as two:
+        one.open(PERIOD)
+        two.open(PERIOD)
+        wire.place(np.array([0.1, 0.2, 0.3]), 1)
+        assert until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
+        one.write(X)
+        two.write(-2.0 * X)
+        assert until(lambda: (wire.forces(0)[0], wire.forces(1)[0]) == (1.0, -2.0))
+        one.close()
+        assert not wire.forces(0).any()
+        before = two.read()[2]
+        assert until(lambda: two.read()[2] > before)
+    assert wire.violations == 0
+    assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
+
+
+def test_a_device_that_another_program_has_is_refused(wire: OpenHapticsWire) -> None:
+    with connect(wire) as one, connect(wire) as two:
+        one.open(PERIOD)
+        with pytest.raises(DeviceError, match=r"hdInitDevice of OpenHaptics: the device has a fault: .* \(0x300\)"):
+            two.open(PERIOD)
+        one.read()
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (0x200, "the motors are warm"), (0x201, "above the device's largest"), (0x202, "changed by more"),
+        (0x203, "faster than"), (0x204, "cannot be displayed"), (0x300, "has a fault"), (0x302, "does not answer"),
+        (0x304, "timer"), (0x777, r"an error \(0x777\)"),
+    ],
+)  # fmt: skip
+def test_errors_of_the_library_are_faults_in_words(error: int, words: str) -> None:
+    """Each is told by its first reader, the device is at zero force, and the stack is empty afterwards."""
+    with OpenHapticsWire() as wire, connect(wire) as device, connect(wire, unit="right") as other:
+        device.open(PERIOD)
+        other.open(PERIOD)
+        other.write(X)
+        device.write(X)
+        assert until(lambda: wire.forces(0)[0] == 1.0)
+        wire.leave(error)
+        with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
+            until(lambda: device.read()[0] is None)
+        assert until(lambda: not wire.forces(0).any())
+        assert not wire.words[fake_scheduler.ERRORS]
+        other.read()
+
+
+def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
+    """Without news for 20 ms the thread displays none."""
+    with connect(wire) as device:
+        device.open(PERIOD)
+        device.read()
+        device.write(X)
+        assert until(lambda: wire.torque[0] == 1.0)
+        assert until(lambda: not wire.torque.any(), 0.5)
+
+
+def test_settings() -> None:
+    for name, value in (("unit", ""), ("library", ""), ("force_limit", 0.0), ("velocity_window", 0)):
+        with pytest.raises(InputError, match=name):
+            driver("open-haptics").connect(**{name: value})
+    device = driver("open-haptics").connect(library="/nowhere/libHD.so")
+    with pytest.raises(DeviceError, match="does not load"):
+        device.open(PERIOD)
+
+
+def grasp(wire: OpenHapticsWire, folder: Path, **changes: Any) -> gx.Scene:
+    """Put a ball between two devices, 2 mm inside of it each."""
+    fingers, name = [], wired_driver(folder, "open-haptics", wire.library)
+    for k, side in enumerate((1.0, -1.0)):
+        wire.place(np.array([0.028 * side, 0.0, 0.0]), k)
+        fingers.append({"start": [0.03 * side, 0.0, 0.0], "device": {"name": name}})
+    ball = {"mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 2e-4, "shape": {"kind": "sphere", "radius": 0.03}}
+    coupling = {"external": {"stiffness": 100.0, "damping": 0.5}, "internal": {"stiffness": 200.0}, "enter": "ramp"}
+    scene = gx.Scene(dimensions=3, period=PERIOD, duration=0.4, object=ball, coupling=coupling, finger=fingers)
+    return scene.replace(changes) if changes else scene
+
+
+def loop_of(scene: gx.Scene) -> str:
+    return next(row.why for row in plan(scene) if row.step == "loop")
+
+
+def test_the_loop_runs_in_its_thread(
+    wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    """Every tick is a turn of the scheduler; another thread that keeps the interpreter takes none away."""
+    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    scene, before = grasp(wire, tmp_path), sys.getswitchinterval()
+    hogs = threading.Event()
+
+    def hog() -> None:
+        hogs.wait()
+        sys.setswitchinterval(10.0)
+        end = time.perf_counter() + 0.2
+        while time.perf_counter() < end:
+            pass
+        sys.setswitchinterval(before)
+
+    thread = threading.Thread(target=hog)
+    thread.start()
+
+    def stop() -> bool:
+        hogs.set()
+        return False
+
+    try:
+        rec = gx.run(scene, real_time=True, stop=stop)
+    finally:
+        hogs.set()
+        thread.join()
+        sys.setswitchinterval(before)
+    assert rec.ticks == 400
+    assert wire.violations == 0
+    assert wire.turns >= 400
+    assert np.abs(rec.displayed_force[:, 0, 0]).max() > 0.01  # they squeeze
+    assert not wire.forces(0).any()
+    assert not wire.forces(1).any()
+    assert not rec.outcome.faults or "left out" in rec.outcome.faults[0].message  # a machine that was too late
+
+
+def test_an_error_in_its_thread_is_a_fault_in_words(
+    wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    monkeypatch.setattr(pace, "is_possible", lambda: False)
+
+    def stop() -> bool:
+        wire.leave(0x200, 1)
+        return False
+
+    rec = gx.run(grasp(wire, tmp_path), real_time=True, stop=stop)
+    fault = rec.outcome.faults[0]
+    assert "left out" in fault.message or "of finger1 (Stylus) cannot be asked" in fault.message
+    if "left out" not in fault.message:
+        assert "hdBeginFrame of OpenHaptics: the motors are warm" in fault.message
+    assert not rec.displayed_force[fault.tick :].any()
+    assert not wire.forces(0).any()
+    assert not wire.forces(1).any()
+
+
+def test_the_plan_says_who_has_the_clock(wire: OpenHapticsWire, tmp_path: Path) -> None:
+    assert loop_of(grasp(wire, tmp_path)).startswith("driven: in the thread of a device's maker")
+    slow = loop_of(grasp(wire, tmp_path, period=0.002))
+    assert slow.endswith("has the clock and calls 1000 times a second, and the scene's period is 0.002 s")
+    assert loop_of(grasp(wire, tmp_path, engine="interpreted")).endswith("because the engine is 'interpreted'")
+    assert not any(row.step == "loop" for row in plan(gx.load("reference-1dof")))
+
+
+def test_devices_of_another_kind_beside_it(wire: OpenHapticsWire, tmp_path: Path) -> None:
+    """One that offers no C functions keeps Python in the loop, and is named; so does a deadman."""
+    other = {"finger.1.device": {"name": str(plain(tmp_path))}}
+    assert loop_of(grasp(wire, tmp_path, **other)).endswith("finger1 (Plain) offers no C functions (`calls`)")
+
+
+def plain(folder: Path) -> Path:
+    """Write a driver of a device in plain Python, which stays where it is."""
+    file = folder / "plain_driver.py"
+    file.write_text(PLAIN)
+    return file
+
+
+PLAIN = """
+from tests.support.scripted_devices import Plain
+
+def connect():
+    return Plain([[[[-0.03, 0.0, 0.0]], [[0.0, 0.0, 0.0]]]])
+"""

@@ -1,0 +1,279 @@
+"""The loop without Python: the same recordings, forces and faults as Python's, to the bit."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.build import pace
+from graspfx.errors import DeviceError
+from graspfx.loop.device_calls import Calls
+from graspfx.loop.realtime import native_loop
+from graspfx.loop.realtime.native_clock import ClockState
+from graspfx.loop.realtime.pacing import Pacer
+from graspfx.loop.realtime.ring import SLOTS
+from tests.support.native_runs import COLUMNS, PERIOD, Session, both, driver, scene
+from tests.support.optional import require
+from tests.support.scripted_devices import Scripted
+
+require("llvmlite")
+if not sys.platform.startswith("linux"):
+    pytest.skip("Python's loop runs elsewhere", allow_module_level=True)
+
+TICKS = 260
+SETTLING = 101  # readings before a run's first tick
+KINDS: dict[str, tuple[dict[str, Any], str]] = {
+    "all well": ({}, ""),
+    "in the plane": ({"dimensions": 2}, ""),
+    "compiled for the scene": ({"engine": "compiled"}, ""),
+    "held samples": ({"codes": [0] * 50 + [1, 1, 0, 0, 1, 1, 1]}, ""),
+    "no new sample any more": ({"codes": [0] * 50 + [1] * 30}, "no new reading"),
+    "held for too long, without the chain's decay": (
+        {"codes": [0] * 50 + [1] * 30, "safety.hold": 0},
+        "no new reading",
+    ),
+    "a read that fails": ({"codes": [0] * 60 + [-3]}, "code -3"),
+    "a read that fails at once": ({"codes": [-3]}, "code -3"),
+    "a write that fails": ({"refusals": [0] * 60 + [-3]}, "code -3"),
+    "NaN": ({"spoil": (100, np.nan)}, "numbers that are not finite"),
+    "infinity": ({"spoil": (100, [[[np.inf]], [[0.0]]])}, "numbers that are not finite"),
+    "a jump": ({"spoil": (100, [[[0.5]], [[0.0]]])}, "gave a position 0.5"),
+    "too quick": ({"spoil": (100, [[[-0.0255]], [[40.0]]])}, "gave a velocity of 40 m/s"),
+    "zeros": ({"spoil": (100, 0.0)}, "gave zeros for everything"),
+    "a limit": ({"safety.force": 0.05}, ""),
+    "every third tick": ({"record.every": 3}, ""),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_recordings_are_those_of_pythons_loop(tmp_path: Path, kind: str) -> None:
+    """Positions, velocities, forces, what each device was told, counts and the fault's words: all the same."""
+    changes, says = KINDS[kind]
+    python, one, native, other = both(driver(tmp_path), TICKS, **changes)
+    assert one.ticks == other.ticks
+    for column in COLUMNS:
+        assert np.array_equal(getattr(one, column), getattr(other, column)), column
+    assert float(np.abs(one.displayed_force).max()) > 0.0 or says
+    for first, second in zip(python.stations, native.stations, strict=True):
+        assert np.array_equal(first.written, second.written, equal_nan=True)
+        assert first.stops == second.stops
+        assert (second.reads, second.python_writes) == (0, 0)
+    assert python.devices.repeats == native.devices.repeats
+    assert len(one.outcome.faults) == len(other.outcome.faults) == bool(says)
+    for fault, same in zip(one.outcome.faults, other.outcome.faults, strict=True):
+        assert fault.tick == same.tick
+        assert says in fault.message
+        assert says in same.message
+    if says:
+        later = native.stations[1].written[one.outcome.faults[0].tick + 1 :]
+        assert np.isnan(later).all()  # nobody is written to after a fault
+
+
+def test_forces_keep_within_the_limit_of_the_device(tmp_path: Path) -> None:
+    """The loop limits what it tells C functions, as a driver's `write` does; a recording has what came before."""
+    session = Session(scene(driver(tmp_path), TICKS, native=True, dimensions=2, **{"safety.force": 2.0}))
+    device = session.stations[0]
+    device.features = replace(device.features, peak_force=0.01)  # which the chain knows nothing of
+    session.run(TICKS)
+    rec = session.finish()
+    force, told = rec.displayed_force[:, 0], device.written[:TICKS, 0]
+    over = np.linalg.norm(force, axis=1) > 0.01
+    assert over.any()
+    assert np.linalg.norm(told, axis=1).max() <= 0.01 * (1.0 + 1e-15)
+    assert told[over] == pytest.approx(0.01 * force[over] / np.linalg.norm(force[over], axis=1)[:, None], abs=1e-15)
+    assert np.array_equal(told[~over], force[~over])
+
+
+def test_runs_in_pieces_are_one_run(tmp_path: Path) -> None:
+    """What is carried from a call to the next is all that there is: deadlines, samples, counts."""
+    whole, pieces = (Session(scene(driver(tmp_path), TICKS, native=True)) for _ in range(2))
+    whole.run(TICKS)
+    for count in (1, 2, 57, 100, 100):
+        pieces.run(count)
+    one, other = whole.finish(), pieces.finish()
+    for column in COLUMNS[:-1]:  # forces decay at the end of each piece
+        assert np.array_equal(getattr(one, column)[:1], getattr(other, column)[:1]), column
+    assert other.ticks == TICKS
+    assert np.array_equal(one.finger_position, other.finger_position)
+
+
+def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def calls(device: Scripted) -> Calls:
+        own = real(device)
+        return own._replace(stop=own.write)  # which fails by then
+
+    real = vars(Scripted)["calls"].fget
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True, refusals=[0] * 60 + [-3] * 200))
+    for device in session.stations[1:]:
+        device.refusals[60:] = -4
+    session.run(TICKS)
+    faults = session.finish().outcome.faults
+    assert [fault.tick for fault in faults] == [60, 60]
+    assert "finger1 (Scripted) cannot be stopped, and may keep its force: switch it off: code -4" in faults[1].message
+
+
+def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session(scene(driver(tmp_path), TICKS, native=True))
+    monkeypatch.setattr(Scripted, "calls", property(lambda device: None))
+    with pytest.raises(DeviceError, match="offers C functions and gives none once it is open"):
+        session.run(1)
+    session.finish()
+
+
+def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While another thread keeps the interpreter for 0.3 s the loop goes on at 2 kHz, and all rows are there."""
+    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    ticks, before = 400, sys.getswitchinterval()
+    began = threading.Event()
+
+    def hog() -> None:
+        began.wait()
+        sys.setswitchinterval(10.0)
+        end = time.perf_counter() + 0.3
+        while time.perf_counter() < end:
+            pass
+        sys.setswitchinterval(before)
+
+    thread = threading.Thread(target=hog)
+    thread.start()
+    file = driver(tmp_path)
+    small = scene(file, ticks, native=True, rest=SETTLING)
+    seen: list[int] = []
+
+    def stop() -> bool:
+        began.set()
+        seen.append(len(seen))
+        return False
+
+    try:
+        rec = gx.run(small, real_time=True, stop=stop)
+    finally:
+        began.set()
+        thread.join()
+        sys.setswitchinterval(before)
+    device = sys.modules[next(n for n, m in sys.modules.items() if getattr(m, "__file__", "") == str(file))].devices[-1]
+    assert rec.ticks == ticks
+    assert rec.outcome.lost == 0
+    assert not rec.outcome.faults or "left out" in rec.outcome.faults[0].message  # a machine that was too late
+    assert device.reads == SETTLING
+    assert device.python_writes == SETTLING - 1
+    assert int(device.context[0]) >= SETTLING + ticks - 1
+    assert len(seen) < 100  # it was asked every 5 ms, and not while the other thread had the interpreter
+
+
+def test_many_ticks_lose_no_row(tmp_path: Path) -> None:
+    """More ticks than the ring has rows, at once; the rows of a recorder that is away for too long are told as lost."""
+    ticks = 3 * SLOTS
+    session = Session(scene(driver(tmp_path), 400, native=True))
+    session.native.program.end.decay = 0
+    for _ in range(12):
+        session.run(ticks // 12)
+    clock = session.native.program.clock
+    assert clock.array(ClockState.duration).sum() == ticks // 12
+    rec = session.finish()
+    assert rec.ticks == ticks
+    assert not rec.outcome.faults
+    assert np.isfinite(rec.finger_position).all()
+    assert np.array_equal(rec.finger_position[400:], np.repeat(rec.finger_position[400:401], ticks - 400, axis=0))
+
+
+def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session(scene(driver(tmp_path), 400, native=True))
+    native = session.native
+    drain = native._drain
+
+    def late(recorder: Any, ring: Any) -> int:
+        return drain(recorder, ring) if ring.words[0] >= SLOTS + 9 else int(ring.words[0])
+
+    monkeypatch.setattr(native, "_drain", late)
+    session.run(SLOTS + 9)
+    rec = session.finish()
+    [fault] = rec.outcome.faults
+    assert fault.message == f"10 rows are lost: the recorder was not there for {SLOTS} ticks"
+
+
+def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run of 150 ticks of 2 ms takes 0.3 s, however late each of them is, and says of each how late it was."""
+    monkeypatch.setattr(pace, "is_possible", lambda: False)
+    rec = gx.run(scene(driver(tmp_path), 150, native=True, rest=SETTLING), real_time=True)
+    assert rec.header.scheduling["loop"] == "inline"
+    wall, late, skipped, io = (np.asarray(getattr(rec, name)) for name in ("wall", "late", "skipped", "io"))
+    grid = PERIOD * (np.arange(150) + np.cumsum(skipped.ravel()))
+    assert wall.ravel() - late.ravel() == pytest.approx(grid, abs=1e-9)
+    assert (late >= 0.0).all()
+    assert rec.outcome.skipped == skipped.sum()
+    assert (io[:, 0] > 0.0).all()
+
+
+class Letters:
+    """A `stop` that writes into memories now and then, and looks whether a tick goes on meanwhile."""
+
+    def __init__(self, session: Session, at: list[int]) -> None:
+        self._session, self._at = session, at
+        self.ticks: list[int] = []
+
+    @property
+    def has_news(self) -> bool:
+        return bool(self._at) and self._session.servo.ticks >= self._at[0]
+
+    def __call__(self) -> bool:
+        if self.has_news:
+            self._at.pop(0)
+            before = self._session.native._ring.words[0]
+            time.sleep(0.005)
+            assert self._session.native._ring.words[0] == before  # no tick goes on
+            self.ticks.append(int(before))
+        return False
+
+
+def test_letters_are_taken_between_two_ticks(tmp_path: Path) -> None:
+    session = Session(scene(driver(tmp_path), 400, native=True))
+    servo, letters = session.servo, Letters(session, [20, 60])
+
+    def look(done: int) -> None:
+        servo.ticks = done
+
+    done = session.native.run(0, 100, session.recorder, letters, Pacer(PERIOD), look)
+    assert done == 100
+    assert len(letters.ticks) == 2
+    assert letters.ticks[0] >= 20
+    assert letters.ticks[1] >= 60
+    session.finish()
+
+
+def test_a_function_that_does_not_return_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python sees that no tick comes, stops the devices beside it, and says why."""
+    monkeypatch.setattr(native_loop, "STALLED", 5)
+    release = threading.Event()
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+    def hang(context: int, block: int) -> int:
+        release.wait(5.0)
+        return 0
+
+    def calls(device: Scripted) -> Calls:
+        place = ctypes.cast(hang, ctypes.c_void_p).value
+        assert place is not None
+        return real(device)._replace(write=place)
+
+    real = vars(Scripted)["calls"].fget
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True))
+    try:
+        with pytest.raises(DeviceError, match="a device's C function does not return"):
+            session.run(TICKS)
+        assert not session.devices.stop()
+        assert [device.stops for device in session.stations] == [1, 1]
+    finally:
+        release.set()
+    session.finish()
