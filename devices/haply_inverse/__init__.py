@@ -16,7 +16,6 @@ from graspfx.devices._settings import number, whole
 from graspfx.devices.haply_inverse.inverse_device import Inverse, lock_of
 from graspfx.devices.haply_inverse.inverse_messages import IDENTITY
 from graspfx.devices.haply_inverse.service import Service, service_at
-from graspfx.devices.haply_inverse.websocket import address
 from graspfx.protocols import SMALLEST, WINDOW, DeviceError, InputError
 
 __all__ = ["Inverse", "connect", "quench"]
@@ -50,13 +49,16 @@ def connect(
         resolution: of a position [m].
         velocity_window: the longest window of the velocity estimate [samples].
         timeout: until an answer is given up and the last sample stands; less than the period [s].
+
+    Raises:
+        MissingPackageError: websockets is not installed, which `pip install graspfx[inverse]` brings.
     """
-    address(url)
+    service = service_at(url)
     _check_name(device)
     if basis not in BASES:
         raise InputError("basis", basis, f"one of {', '.join(sorted(BASES))}")
     return Inverse(
-        service_at(url),
+        service,
         device=device,
         basis=basis,
         damping=number("damping", damping, 0.0),
@@ -74,6 +76,7 @@ def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
         url, device: as of `connect`; other settings do not matter.
 
     Raises:
+        MissingPackageError: websockets is not installed.
         DeviceError: the service does not answer, so that the force may still be there.
     """
     service = Service(url)

@@ -6,11 +6,13 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.devices.haply_inverse.inverse_messages import Force, check_config, devices_in, forces_text, position_in
-from graspfx.devices.haply_inverse.websocket import WebSocket
-from graspfx.protocols import DeviceError
+from graspfx.protocols import DeviceError, MissingPackageError
+
+if TYPE_CHECKING:
+    from graspfx.devices.haply_inverse.websocket import WebSocket
 
 INVENTORY = 1.0  # for the first message of the service [s]
 LOST = 0.02  # an answer that has not come by then is not waited for any more [s]
@@ -28,10 +30,13 @@ class Service:
 
     Args:
         url: of the service.
+
+    Raises:
+        MissingPackageError: websockets is not installed.
     """
 
     def __init__(self, url: str) -> None:
-        self._line = WebSocket(url)
+        self._line = _websocket(url)
         self.forces: dict[str, Force] = {}
         self.samples: dict[str, Sample] = {}  # the newest of each device
         self._inventory: Mapping[str, Mapping[str, Any]] = {}
@@ -171,6 +176,15 @@ class Service:
             last = self.samples.get(name)
             if keep and position is not None and (last is None or when > last[1]):
                 self.samples[name] = position, when
+
+
+def _websocket(url: str) -> WebSocket:
+    try:
+        from graspfx.devices.haply_inverse.websocket import WebSocket
+    except ImportError as error:
+        how = "pip install 'graspfx[inverse]', or '.[inverse]' in a checkout"
+        raise MissingPackageError("websockets", "a device of the Inverse service", how) from error
+    return WebSocket(url)
 
 
 _services: dict[str, Service] = {}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
+from graspfx.installed import version
 from graspfx.plugins import names, source_of
 
 HINTS = "hints.toml"  # beside a driver's __init__.py
@@ -97,7 +98,10 @@ def _name(path: Path, root: Path) -> str:
 
 def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sighting]:
     """Say what there is for a driver that has no port, or what is not."""
-    if hints.get("simulated") is True:
+    package, extra = hints.get("package"), hints.get("extra")
+    if isinstance(package, str) and isinstance(extra, str) and version(package) is None:
+        yield Sighting(driver, f"the package {package} is not installed: pip install 'graspfx[{extra}]'")
+    elif hints.get("simulated") is True:
         yield Sighting(driver, "a simulation", f'{{ name = "{driver}" }}')
     elif libraries := _patterns(hints, "libraries"):
         place = library_at(libraries, root)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import socket
 import subprocess
 import sys
 import threading
 import time
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,7 @@ from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import QuenchableDriver
 from graspfx.testing import check_device, driver
 from graspfx.testing.wire import InverseWire
+from graspfx.testing.wire.server_line import ServerLine
 
 PERIOD = 0.002
 PATIENT = 0.05  # for an answer: this machine may be busy
@@ -308,6 +312,64 @@ def test_settings_are_refused_by_their_names(setting: dict[str, Any], text: str)
         driver("haply-inverse").connect(**setting)
 
 
+WITHOUT = "import sys; sys.modules['websockets'] = None; import graspfx as gx; from graspfx.testing import driver; "
+SCENE = """
+dimensions = 3
+period = 0.005
+duration = 0.1
+[object]
+mass = 0.1
+viscosity = 0.8
+rotational_viscosity = 1e-3
+shape = { kind = "box", size = [0.05, 0.05, 0.05] }
+[coupling]
+external = { stiffness = 30.0 }
+internal = { stiffness = 70.0 }
+[[finger]]
+device = { name = "haply-inverse", device = "A" }
+start = [-0.026, 0.0, 0.0]
+[[finger]]
+device = { name = "haply-inverse", device = "B" }
+start = [0.026, 0.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "driver('haply-inverse').connect()",
+        "driver('haply-inverse').quench()",
+        "from graspfx.testing.wire import InverseWire; InverseWire()",
+    ],
+)
+def test_without_the_package_it_is_refused_with_what_to_install(call: str) -> None:
+    other = subprocess.run([sys.executable, "-c", WITHOUT + call], capture_output=True, text=True)
+    assert re.search(
+        r"MissingPackageError: .*needs the package 'websockets', which is not installed; "
+        r"pip install 'graspfx\[inverse\]'",
+        other.stderr,
+    )
+
+
+@pytest.mark.parametrize("command", ["check SCENE", "run SCENE --real-time", "doctor haply-inverse"])
+def test_commands_without_the_package_say_what_to_install(command: str, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE, encoding="utf-8")
+    words = command.replace("SCENE", str(scene)).split()
+    text = f"{WITHOUT}from graspfx.__main__ import main; sys.exit(main({words}))"
+    other = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, cwd=tmp_path)
+    assert other.returncode not in (0, None) and "Traceback" not in other.stderr
+    assert "websockets" in other.stderr and "pip install 'graspfx[inverse]'" in other.stderr
+
+
+def test_the_extra_that_the_driver_names_brings_the_package_and_so_does_work_on_it() -> None:
+    root = Path(__file__).parents[2]
+    extras = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    hints = tomllib.loads((root / "devices/haply_inverse/hints.toml").read_text(encoding="utf-8"))
+    for extra in (hints["extra"], "dev"):
+        assert any(re.match(rf"{hints['package']}\b", each) for each in extras[extra])
+
+
 # The WebSocket --------------------------------------------------------------------------------------------------------
 
 
@@ -322,12 +384,10 @@ class Peer:
         self._thread.start()
 
     def _serve(self, parts: tuple[bytes, ...], greeting: bytes | None) -> None:
-        from graspfx.testing.wire.inverse_wire import _greet
-
         line, _ = self._server.accept()
         with line:
             if greeting is None:
-                _greet(line, bytearray())
+                ServerLine(line).greet()
             else:
                 line.sendall(greeting)
             for part in parts:
@@ -374,7 +434,9 @@ def test_texts_come_whole_however_they_are_cut() -> None:
         (b"\x88\x00", "has closed"),
         (b"\x81\x82abcdef", "no WebSocket's"),
         (b"\xf1\x00", "no WebSocket's"),
-        (b"\x81\x7f\xff\xff\xff\xff\xff\xff\xff\xff", "no WebSocket's"),
+        (b"\x83\x00", "no WebSocket's"),
+        (b"\x80\x00", "no WebSocket's"),
+        (b"\x81\x7f\xff\xff\xff\xff\xff\xff\xff\xff", "a message of more"),
         ((b"\x01\x7f" + (1 << 20).to_bytes(8, "big") + bytes(1 << 20)) * 2, "a message of more"),
     ],
 )
@@ -387,11 +449,29 @@ def test_what_is_no_message_is_a_fault(data: bytes, text: str) -> None:
         line.close()
 
 
+@pytest.mark.parametrize("data", [b"\x88\x00", b"\xf1\x00", b"\x81\x82abcdef"])
+def test_a_text_goes_out_also_after_the_protocol_was_broken(data: bytes) -> None:
+    """A force of zero has to reach a service that has said nonsense, or that has said goodbye and reads on."""
+    with Peer(b"\x81\x02hi" + data) as peer:
+        line = WebSocket(peer.url)
+        line.open()
+        assert line.receive(soon()) == "hi"  # that came before, in one piece with it
+        for _ in range(2):
+            with pytest.raises(DeviceError, match=r"no WebSocket's|has closed"):
+                line.receive(soon())
+        line.send("zero")
+        line.close()
+    assert [bytes([peer.seen[0], peer.seen[1]]), peer.seen[10:12]] == [b"\x81\x84", b"\x88\x80"]
+    key, text = peer.seen[2:6], peer.seen[6:10]
+    assert bytes(a ^ b for a, b in zip(key, text, strict=True)) == b"zero"
+
+
 @pytest.mark.parametrize(
     "greeting",
     [
         b"HTTP/1.1 404 Not Found\r\n\r\n",
         b"HTTP/1.1 101 Switching\r\nSec-WebSocket-Accept: x\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nhi",
         b"\r\n\r\n",
         b"\0" * 70_000,
     ],

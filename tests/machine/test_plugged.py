@@ -10,6 +10,7 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.commands import devices
+from graspfx.machine import plugged
 from graspfx.machine.plugged import hints_of, library_at, sightings
 from graspfx.plugins import names
 from tests.support.optional import require
@@ -52,6 +53,16 @@ def test_a_machine_without_anything_says_so(tmp_path: Path) -> None:
     assert lines["rig"].sight == "nothing plugged in"
     assert lines["force-dimension"].sight.startswith("no libdrd.so")
     assert not any(each.device for name, each in lines.items() if name in ("rig", "mouse", "force-dimension"))
+
+
+def test_a_driver_whose_package_is_not_installed_says_what_to_install(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugged, "version", lambda package: None)
+    lines = {each.driver: each for each in sightings(root)}
+    text = "the package websockets is not installed: pip install 'graspfx[inverse]'"
+    assert (lines["haply-inverse"].sight, lines["haply-inverse"].device) == (text, "")
+    assert lines["simulated"].sight == "a simulation"  # it needs none
 
 
 def test_every_driver_of_the_shelf_has_hints() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import select
 import socket
@@ -17,16 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.testing.wire.damage import Damage
+from graspfx.testing.wire.server_line import ServerLine, server_protocol
 from graspfx.testing.wire.wire import Failure, Wire
 
 FloatArray = NDArray[np.float64]
 
-MAGIC = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 HOME = 0.03, -0.1, 0.15  # of the first device [m]
 APART = 0.1  # from one device to the next, along x [m]
 STEP = 0.003  # of `move`, along every axis [m]
 IDLE = 0.001  # between two looks of a connection at what is due [s]
-TEXT, CLOSE, PING, PONG = 1, 8, 9, 10
 
 
 class InverseWire(Wire):
@@ -43,6 +40,9 @@ class InverseWire(Wire):
 
     Attributes:
         messages: texts that have come, all connections together; the last thousands.
+
+    Raises:
+        MissingPackageError: websockets is not installed.
     """
 
     kinds: frozenset[Failure] = frozenset({"late", "drop", "cut", "garbage", "wrong-id", "unplugged", "blocked"})
@@ -64,11 +64,13 @@ class InverseWire(Wire):
         }
         self._forces: dict[str, FloatArray] = {name: np.zeros(3) for name in devices}
         self._damage, self._lock = Damage(seed), threading.Lock()
+        self._turn = threading.Lock()  # whoever answers has it: a failure begins between two answers
         self._answers = 0
         self._lines: set[socket.socket] = set()
         self._threads: list[threading.Thread] = []
         self._server: socket.socket | None = None
         self._port = 0
+        server_protocol()  # refused here, and not in a thread, without the package
         self._listen()
 
     @property
@@ -112,7 +114,7 @@ class InverseWire(Wire):
         self._places.pop(name, None)
 
     def _change(self) -> None:
-        with self._lock:
+        with self._turn, self._lock:
             self._damage.number, self._damage.kind = self.number, self.failure
         if self.failure == "unplugged":
             self._shut()
@@ -160,29 +162,27 @@ class InverseWire(Wire):
             self._start(self._serve, line)
 
     def _serve(self, line: socket.socket) -> None:
-        data, due = bytearray(), list[tuple[float, bytes]]()
+        due = list[tuple[float, bytes]]()
         try:
-            _greet(line, data)
-            line.sendall(_frame(TEXT, self._state(first=True)))
+            peer = ServerLine(line)
+            first = peer.greet()
+            peer.send(self._state(first=True))
+            for message in first:
+                due += self._answer(message)
             while self._server is not None:
-                if self._damage.kind == "blocked":
-                    time.sleep(IDLE)
-                    continue
                 wait = min([IDLE, *(max(0.0, when - time.monotonic()) for when, _ in due[:1])])
-                if select.select([line], [], [], wait)[0]:
-                    part = line.recv(1 << 16)
-                    if not part:
+                ready = select.select([line], [], [], wait)[0]
+                with self._turn:
+                    blocked = self._damage.kind == "blocked"
+                    messages = peer.receive() if ready and not blocked else []
+                    if messages is None:
                         return
-                    data += part
-                    for kind, text in _frames(data):
-                        if kind == CLOSE:
-                            return
-                        if kind == PING:
-                            line.sendall(_frame(PONG, text))
-                        elif kind == TEXT:
-                            due += self._answer(text)
-                while due and due[0][0] <= time.monotonic():
-                    line.sendall(_frame(TEXT, due.pop(0)[1]))
+                    for message in messages:
+                        due += self._answer(message)
+                    while not blocked and due and due[0][0] <= time.monotonic():
+                        peer.send(due.pop(0)[1])
+                if blocked:
+                    time.sleep(IDLE)
         except OSError:
             return
         finally:
@@ -225,47 +225,3 @@ class InverseWire(Wire):
             }
             devices.append(device | ({"config": self.config} if first else {}))
         return json.dumps({"session_id": 7, "inverse3": devices}).encode()
-
-
-def _greet(line: socket.socket, data: bytearray) -> None:
-    """Answer a client's request for a WebSocket; what it sends after that stays in `data`."""
-    while b"\r\n\r\n" not in data:
-        part = line.recv(1 << 16)
-        if not part:
-            raise ConnectionError
-        data += part
-    head, _, rest = bytes(data).partition(b"\r\n\r\n")
-    data[:] = rest
-    fields = dict(field.split(": ", 1) for field in head.decode("latin-1").split("\r\n")[1:] if ": " in field)
-    key = next((value for name, value in fields.items() if name.lower() == "sec-websocket-key"), "")
-    accept = base64.b64encode(hashlib.sha1(key.encode() + MAGIC).digest()).decode()
-    lines = (
-        "HTTP/1.1 101 Switching Protocols", "Upgrade: websocket", "Connection: Upgrade",
-        f"Sec-WebSocket-Accept: {accept}", "", "",
-    )  # fmt: skip
-    line.sendall("\r\n".join(lines).encode())
-
-
-def _frame(kind: int, data: bytes) -> bytes:
-    """Write a frame of a server's, whole and without a mask."""
-    size = len(data)
-    if size < 126:
-        return bytes([0x80 | kind, size]) + data
-    width, mark = (2, 126) if size < 1 << 16 else (8, 127)
-    return bytes([0x80 | kind, mark]) + size.to_bytes(width, "big") + data
-
-
-def _frames(data: bytearray) -> Iterator[tuple[int, bytes]]:
-    """Take the whole frames of a client's from the beginning of what has come."""
-    while len(data) >= 2:
-        size, start = data[1] & 0x7F, 2
-        if size > 125:
-            start += 2 if size == 126 else 8
-            size = int.from_bytes(data[2:start], "big")
-        if len(data) < start + 4 + size:
-            return
-        mask = data[start : start + 4]
-        text = bytes(byte ^ mask[i % 4] for i, byte in enumerate(data[start + 4 : start + 4 + size]))
-        kind = data[0] & 0xF
-        del data[: start + 4 + size]
-        yield kind, text
