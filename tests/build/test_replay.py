@@ -14,10 +14,9 @@ import graspfx as gx
 from graspfx import environment, plugins
 from graspfx.build.replay import Replay, replayed_with
 from graspfx.errors import InputError, RecordingError, SceneError
-from graspfx.testing.wire import DiyWire
 from tests.support.disturbed import DEEDS, TURNS, ball, cart, disturb, steered
 from tests.support.hardware import wait_until
-from tests.support.servo_wires import PRESSED, boards_scene
+from tests.support.servo_wires import PRESSED, board, boards_scene, settled
 
 SHELF = sorted(p.stem.replace("_", "-") for p in plugins.shelf("scenes").iterdir() if p.suffix in (".toml", ".py"))
 OF_THE_LOOP = {"wall", "late", "io", "skipped", "fresh", "largest_force", "switches"}
@@ -97,7 +96,7 @@ def test_a_disturbed_run(deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_session_with_hardware_in_a_process_of_its_own() -> None:
     """A 2DIY on its emulated line is pressed into a ball while the stiffness grows and falls."""
     key = "coupling.internal.stiffness"
-    with DiyWire() as wire, gx.open(boards_scene([wire]), real_time=True, live=[key]) as session:
+    with board() as wire, settled(lambda: gx.open(boards_scene([wire]), real_time=True, live=[key])) as session:
         wire.place(np.array(PRESSED))
         wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
         session.set(key, 100.0)
