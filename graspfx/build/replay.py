@@ -158,9 +158,9 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
     except GraspFXError as error:
         if overrides and isinstance(error, SceneError) and _is_sound(table, source):
             raise
-        made = header.versions.get("graspfx", "an earlier version")
+        version = header.versions.get("graspfx", "an earlier version")
         raise RecordingError(
-            f"the scene of this recording, made with GraspFX {made}, cannot be made again; its paths start in "
+            f"the scene of this recording, made with GraspFX {version}, cannot be made again; its paths start in "
             f"{folder}; {message(error)}"
         ) from error
     layout = original.layout
