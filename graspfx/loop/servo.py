@@ -125,12 +125,6 @@ class Servo:
         self._ready()
         return self._tick
 
-    def play(self, playback: Playback) -> None:
-        """Read a recording instead of devices: those that it has put in their places."""
-        self._ready()
-        playback.attach(self._tick.ports, self.stations)
-        self._io = playback
-
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
         engine = self._ready()

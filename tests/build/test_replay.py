@@ -45,7 +45,7 @@ def test_scenes_of_the_shelf(name: str) -> None:
 
 
 def test_engines_of_run_and_replay() -> None:
-    """What was compiled is replayed interpreted, and the other way round; steered, and from a file."""
+    """A compiled run is replayed interpreted, and the other way round; steered, and from a file."""
     for one, other in (("compiled", "interpreted"), ("interpreted", "compiled")):
         rec = gx.run("reference-1dof", {"engine": one}, duration=0.2)
         assert rec.outcome.engine == one
@@ -173,7 +173,7 @@ def test_recordings_that_lack_something_are_refused(record: dict[str, Any], word
 
 
 def test_columns_that_suffice() -> None:
-    """What is not recorded is not compared."""
+    """Columns that are not recorded are not compared."""
     same_columns = ["finger_position", "finger_velocity", "finger_force"]
     rec = gx.run("reference-1dof", {"record.columns": same_columns}, duration=0.1)
     replay = replayed_with(rec, {})
