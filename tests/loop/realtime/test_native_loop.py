@@ -94,7 +94,7 @@ def test_forces_keep_within_the_limit_of_the_device(tmp_path: Path) -> None:
 
 
 def test_runs_in_pieces_are_one_run(tmp_path: Path) -> None:
-    """What is carried from a call to the next is all that there is: deadlines, samples, counts."""
+    """All that there is goes on from one call to the next: deadlines, samples, counts."""
     whole, pieces = (Session(scene(driver(tmp_path), TICKS, native=True)) for _ in range(2))
     whole.run(TICKS)
     for count in (1, 2, 57, 100, 100):
