@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from graspfx.batch.batch import run_batch as run_batch
     from graspfx.build.open_session import open as open
     from graspfx.build.real_time_session import RealTimeSession as RealTimeSession
+    from graspfx.build.replay import replay as replay
     from graspfx.build.run import run as run
     from graspfx.build.session import Session as Session
     from graspfx.certificate.certify import Certificates as Certificates
@@ -57,6 +58,7 @@ _HOMES = {
     "open": "graspfx.build.open_session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
+    "replay": "graspfx.build.replay",
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
@@ -77,6 +79,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "replay",
     "open",
     "RealTimeSession",
     "Session",

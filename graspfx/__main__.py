@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot, picture and export."""
+"""The graspfx command: run, check, stability, warmup, bench, devices, doctor, list, schema, plot, picture, replay..."""
 
 from __future__ import annotations
 
@@ -24,10 +24,13 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
+    "replay": "move a recording's fingers again, and compare forces and objects to the bit",
     "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
     "completion": "print a script with which a shell completes commands, options, scenes and recordings",
+    "devices": "list the drivers, and what is plugged in or installed for them; nothing is opened",
+    "doctor": "say whether this machine, and the hardware of a scene, can do a loop in real time",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or several side by side",

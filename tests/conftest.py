@@ -19,8 +19,8 @@ for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECL
 
 os.environ.setdefault("MPLBACKEND", "agg")
 if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
-    os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
-    atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
+    os.environ["GRASPFX_CACHE"] = os.environ.get("MYC") or mkdtemp(prefix="graspfx-tests-")
+    os.environ.get("MYC") or atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")

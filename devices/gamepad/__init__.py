@@ -23,7 +23,7 @@ RANGE = Range(0, -32768, 32767)  # where the device tells none
 MODES = "position", "rate"
 
 
-class Gamepad(Pointer):
+class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see the shelf from inside the package
     """A gamepad: a stick for each axis of the finger.
 
     Args:

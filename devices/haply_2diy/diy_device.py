@@ -49,6 +49,7 @@ class Haply2Diy:
         self.torque_limit, self.timeout = torque_limit, timeout
         self._window = velocity_window
         self._position, self._velocity, self._largest = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1)
+        self._raw: FloatArray = np.zeros(2)
         self._estimator: VelocityEstimator | None = None  # while the device is open
         self._torque = (0.0, 0.0)
         self._answering = False  # whether a frame is not answered yet
@@ -75,6 +76,11 @@ class Haply2Diy:
         """Largest force that the motors reach in every direction where the handle was read last, (1,) [N]."""
         return self._largest
 
+    @property
+    def raw(self) -> FloatArray:
+        """Angles of encoders 1 and 2 that the board answered last, (2,) [rad]."""
+        return self._raw
+
     def open(self, period: float) -> None:
         """Set the board up and take a first reading; the handle stands at home."""
         self.close()
@@ -89,7 +95,7 @@ class Haply2Diy:
         self._estimator = VelocityEstimator(period, (2,), math.pi / self.counts, self._window)
         self._began = self._asked_at = time.perf_counter()
         self._waiting, self._silent, self._answers, self._time = False, 0, 0, 0.0
-        self._follow(*self._angles, 1)
+        self._follow(*self._angles)
 
     def ask(self) -> None:
         self._opened()
@@ -113,10 +119,9 @@ class Haply2Diy:
                 self._abandon()
                 raise DeviceError(f"the board at {self.port.path} gave no answer to {self._silent} readings in a row")
             return self._position, self._velocity, self._time
-        missing, self._silent = self._silent, 0
-        self._time = now
+        self._silent, self._time = 0, now
         try:
-            self._follow(*angles, missing + 1)
+            self._follow(*angles)
         except DeviceError:  # out of reach
             self._abandon()
             raise
@@ -193,13 +198,12 @@ class Haply2Diy:
         most = FASTEST * min(max(since, self._period), LONGEST * self._period) + 4.0 * math.tau / self.counts
         return all(abs(new - old) <= most for new, old in zip(angles, self._angles, strict=True))
 
-    def _follow(self, first: float, second: float, samples: int) -> None:
-        """Take the next angles; samples that were missed lie on a line between the last ones and these."""
+    def _follow(self, first: float, second: float) -> None:
+        """Take the next angles, at the time of their reading."""
         assert self._estimator is not None
-        old, new = np.array(self._angles), np.array((first, second))
-        for k in range(1, samples + 1):
-            rate = self._estimator.update(old + (new - old) * (k / samples))
+        rate = self._estimator.update((first, second), self._time)
         self._angles = first, second
+        self._raw[:] = first, second
         self._turn(first, second)
         self._velocity[0] = self._J @ rate
 

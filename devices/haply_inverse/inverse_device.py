@@ -72,7 +72,7 @@ class Inverse:
             lock = lock_of(self.service, name)
             lock.take()
             self._lock = lock
-            self._began = self._time = self._asked = time.perf_counter()
+            self._began = self._time = self._question = time.perf_counter()
             self._waiting = False
             sample = None
             while sample is None and time.perf_counter() < self._began + FIRST:
@@ -89,7 +89,7 @@ class Inverse:
 
     def ask(self) -> None:
         self._opened()
-        self._asked, self._waiting = time.perf_counter(), True
+        self._question, self._waiting = time.perf_counter(), True
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
@@ -98,7 +98,7 @@ class Inverse:
         if not self._waiting:
             self.ask()
         self._waiting = False
-        sample = self.service.sample(self._name, self._asked + self.timeout)
+        sample = self.service.sample(self._name, self._question + self.timeout)
         if sample is not None and sample[1] > self._time and self._can_be(*sample):
             self._position[0], self._time = sample
             self._velocity[0] = self._estimator.update(self._position[0], self._time - self._began)

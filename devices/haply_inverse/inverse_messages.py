@@ -104,5 +104,5 @@ def _scale_is_one(value: Any) -> bool:
 
 
 def _other(name: str, key: str, own: Any, expected: str, do: str) -> DeviceError:
-    shown = json.dumps(own)[:80]
-    return DeviceError(f"the service's {key} of {name} is {shown}, and the scene counts with {expected}: {do}")
+    own_text = json.dumps(own)[:80]
+    return DeviceError(f"the service's {key} of {name} is {own_text}, and the scene counts with {expected}: {do}")

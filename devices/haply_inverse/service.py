@@ -14,7 +14,7 @@ from graspfx.protocols import DeviceError
 
 INVENTORY = 1.0  # for the first message of the service [s]
 LOST = 0.02  # an answer that has not come by then is not waited for any more [s]
-GONE = 2  # answers in a row without a device that was there
+ABSENT = 2  # answers in a row without a device that was there
 ZERO: Force = (0.0, 0.0, 0.0)
 
 Sample = tuple[tuple[float, float, float], float]  # where [m], and when it was asked for [s]
@@ -42,7 +42,7 @@ class Service:
 
     @property
     def url(self) -> str:
-        return self._line.url
+        return str(self._line.url)
 
     def join(self, name: str | None, basis: str | None = None, damping: float = 0.0) -> str:
         """Take a device, at zero force; give its id.
@@ -100,7 +100,7 @@ class Service:
         """
         if self._sent:
             self._drain(deadline)
-        if self._missing[name] >= GONE:
+        if self._missing[name] >= ABSENT:
             raise DeviceError(f"{name} is gone: the service at {self.url} has it no more")
         return self.samples.get(name)
 
@@ -120,7 +120,7 @@ class Service:
         self._line.open()
         self._sent.clear()
         self._round, self._written = set(), set()
-        self.samples, self._missing, self._asked = {}, {}, 0.0
+        self.samples, self._missing, self._question = {}, {}, 0.0
         deadline = time.perf_counter() + INVENTORY
         while (text := self._line.receive(deadline)) is not None:
             devices = devices_in(text)
@@ -147,7 +147,7 @@ class Service:
         now = time.perf_counter()
         self._line.send(forces_text(self.forces))
         self._sent.append(now)
-        self._asked = now
+        self._question = now
 
     def _drain(self, deadline: float, *, keep: bool = True, all_of_them: bool = False) -> None:
         """Take the answers that have come; wait for one, or for all, until a time."""
@@ -160,7 +160,7 @@ class Service:
 
     def _take(self, text: str, keep: bool) -> None:
         """Take an answer: of the oldest question, unless that one is lost, so that a sample is never called younger."""
-        when = self._sent.popleft() if self._sent else self._asked
+        when = self._sent.popleft() if self._sent else self._question
         devices = devices_in(text)
         if devices is None:
             return

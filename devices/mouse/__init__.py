@@ -23,7 +23,7 @@ BUTTONS = 0x110, 0x111, 0x112  # left, right, middle
 MOST_COUNTS = 10_000  # of one event
 
 
-class Mouse(Pointer):
+class Mouse(Pointer):  # type: ignore[misc] # mypy does not see the shelf from inside the package
     """A mouse: x to the right, y away from the user, z up with the wheel."""
 
     def __init__(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices.rig.controller import STILL, Controller
+from graspfx.devices.rig.rig_frames import State
 from graspfx.devices.two_link import TwoLink
 from graspfx.protocols import DeviceError, Features, InputError
 
@@ -27,7 +28,7 @@ class Half:
     """One arm's encoders and motors, as a `Board` of the two-link arm: what the controller said and will be told."""
 
     def __init__(self) -> None:
-        self.reading = (0, 0)
+        self.reading, self.time = (0, 0), 0.0
         self.goal = (0.0, 0.0)
 
     def open(self, period: float) -> None:
@@ -46,8 +47,8 @@ class Half:
 class Rig:
     """Two arms behind one controller: POLL, STATE, then RUN in each sample.
 
-    Positions, velocities and torques are those of `two-link`. A sample without an answer is the last one again, with
-    its time; samples that were missed lie on a line between their neighbours.
+    Positions, velocities and torques are those of `two-link`, by the controller's clock. A sample without an answer is
+    the last one again, with its time.
 
     Args:
         controller: not yet open.
@@ -60,6 +61,7 @@ class Rig:
         shape = len(self.arms), 2
         self._position: FloatArray = np.zeros(shape)
         self._velocity: FloatArray = np.zeros(shape)
+        self._raw: NDArray[np.int64] = np.zeros(1 + 2 * len(STILL), dtype=np.int64)
         self._period: float | None = None  # while the device is open
 
     @property
@@ -84,6 +86,11 @@ class Rig:
         """Largest force that the motors of each arm reach in every direction where it was read last, (k,) [N]."""
         return np.concatenate([arm.largest_force for arm in self.arms])
 
+    @property
+    def raw(self) -> NDArray[np.int64]:
+        """The controller's clock [us] modulo 2^32, then counts and rates [1/s] of its four encoders, (9,)."""
+        return self._raw
+
     def open(self, period: float) -> None:
         if not 0.0 < period <= LONGEST:
             raise InputError(
@@ -95,8 +102,8 @@ class Rig:
             for arm in self.arms:
                 arm.open(period)
             self._period, self._silent, self._time, self._clock = period, 0, 0.0, state.microseconds
-            self._counts, self._heard = state.counts, time.perf_counter()
-            self._take(state.counts, 1)
+            self._heard = time.perf_counter()
+            self._take(state)
         except DeviceError:
             self.close()
             raise
@@ -120,7 +127,7 @@ class Rig:
         self._clock, self._silent, self._heard = state.microseconds, 0, time.perf_counter()
         self._time += since
         try:
-            self._take(state.counts, max(1, min(SILENCE, round(since / period))))
+            self._take(state)
         except DeviceError:  # an arm out of its reach
             self._abandon()
             raise
@@ -157,15 +164,13 @@ class Rig:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _take(self, counts: tuple[int, ...], samples: int) -> None:
-        """Move the arms to these counts in so many samples, along a line, and read them."""
-        before, self._counts = self._counts, counts
-        for k in range(1, samples + 1):
-            now = [old + round((new - old) * k / samples) for old, new in zip(before, counts, strict=True)]
-            for i, (arm, half) in enumerate(zip(self.arms, self.halves, strict=True)):
-                half.reading = now[2 * i], now[2 * i + 1]
-                position, velocity, _ = arm.read()
-                self._position[i], self._velocity[i] = position[0], velocity[0]
+    def _take(self, state: State) -> None:
+        """Move the arms to the counts of an answer, and read them."""
+        self._raw[:] = (state.microseconds, *state.counts, *state.rates)
+        for i, (arm, half) in enumerate(zip(self.arms, self.halves, strict=True)):
+            half.reading, half.time = (state.counts[2 * i], state.counts[2 * i + 1]), self._time
+            position, velocity, _ = arm.read()
+            self._position[i], self._velocity[i] = position[0], velocity[0]
 
     def _abandon(self) -> None:
         with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it

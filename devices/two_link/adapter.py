@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspfx.devices.two_link import arm_sample as sample
 from graspfx.devices.two_link.arm import Arm, Both, Mechanics, Point
 from graspfx.devices.two_link.arm_sample import ArmState
-from graspfx.devices.two_link.board import Board, Wiring
+from graspfx.devices.two_link.board import Board, TimedBoard, Wiring
 from graspfx.protocols import (
     WINDOW,
     DeviceError,
@@ -168,6 +168,7 @@ class TwoLink(TwoLinkArm):
     ) -> None:
         super().__init__(arm, wiring, mechanics, velocity_window, None)
         self.board = board
+        self._raw: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
 
     def open(self, period: float) -> None:
         super().open(period)
@@ -176,20 +177,36 @@ class TwoLink(TwoLinkArm):
         except OSError as error:
             self._estimator = None
             raise DeviceError(f"the arm's board does not open: {error}") from error
-        self._began = time.perf_counter()
+        self._began, self._time = time.perf_counter(), -math.inf
+
+    @property
+    def raw(self) -> NDArray[np.int64]:
+        """Counts of the two encoders, (2,)."""
+        return self._raw
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        self._opened()
+        """Read the board; counts with the time of the last ones are the last sample again."""
+        estimator = self._opened()
         try:
             counts = self.board.counts()
         except OSError as error:
             raise DeviceError(f"the arm's board gives no counts: {error}") from error
-        time_of_reading = time.perf_counter() - self._began
-        self._block.counts = Both(*counts)
-        code = sample.follow(self._block)
+        own = self.board.time if isinstance(self.board, TimedBoard) else None
+        now = time.perf_counter() - self._began if own is None else own
+        if now != self._time:
+            self._take_counts(estimator, counts, now)
+        return self._position, self._velocity, now
+
+    def _take_counts(self, estimator: VelocityEstimator, counts: tuple[int, int], now: float) -> None:
+        if not (math.isfinite(counts[0]) and math.isfinite(counts[1])):
+            self._block.counts = Both(*counts)
+            raise DeviceError(self.fault_text(sample.NO_COUNTS))
+        rates = estimator.update(counts, now)
+        self._time, self._block.counts = now, Both(*counts)
+        self._raw[...] = counts
+        code = sample.turn(self._block, float(rates[0]), float(rates[1]))
         if code:
             raise DeviceError(self.fault_text(code))
-        return self._position, self._velocity, time_of_reading
 
     def write(self, forces: FloatArray) -> None:
         self._take(forces)

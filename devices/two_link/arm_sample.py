@@ -76,13 +76,19 @@ def limit_force(arm: ArmState) -> None:
 
 @kernel
 def follow(arm: ArmState) -> int:
-    """Work out the finger's position and velocity from the counts."""
+    """Work out the finger's position and velocity from the counts, a period after the last ones."""
     counts = arm.counts
     if not (math.isfinite(counts.first) and math.isfinite(counts.second)):
         return NO_COUNTS
-    step, elbow = arm.step, arm.elbow
     rate1 = estimate(arm.estimates[0], counts.first)
     rate2 = estimate(arm.estimates[1], counts.second)
+    return turn(arm, rate1, rate2)
+
+
+@kernel
+def turn(arm: ArmState, rate1: float, rate2: float) -> int:
+    """Work out the finger's position and velocity from the counts and their rates [1/s]."""
+    counts, step, elbow = arm.counts, arm.step, arm.elbow
     q1, q2 = arm.zero.first + counts.first * step.first, arm.zero.second + counts.second * step.second
     a1, a2 = link_directions(elbow, q1, q2)
     w1, w2 = link_directions(elbow, rate1 * step.first, rate2 * step.second)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from graspfx.devices.two_link.arm import Pair
 from graspfx.protocols import InputError
@@ -28,6 +28,16 @@ class Board(Protocol):
 
     def close(self) -> None:
         """Disable the motors and let go of the hardware."""
+
+
+@runtime_checkable
+class TimedBoard(Protocol):
+    """A board that knows when its counts were taken; those of any other are as old as the call."""
+
+    @property
+    def time(self) -> float:
+        """Time of the last counts, on any clock that goes forward [s]; that of those before says that none are new."""
+        ...
 
 
 @dataclass(frozen=True)

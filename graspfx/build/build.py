@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from graspfx.build.wiring import outside_faults, placing_faults
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
+from graspfx.loop.played import Playback
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.selection import chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
@@ -40,6 +42,8 @@ def build(
     selected: bool = False,
     live: Collection[str] = (),
     real_time: bool = False,
+    varying: bool = False,
+    playback: Playback | None = None,
 ) -> Iterator[Servo]:
     """Build a servo ready to tick; simulated devices and bodies are closed at the end, whatever happens.
 
@@ -53,6 +57,8 @@ def build(
         selected: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
         live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
         real_time: whether its ticks are on the wall's clock, and record what they say of it.
+        varying: whether largest forces that devices tell are recorded in any case.
+        playback: of a recording in the place of devices, hands and plants; none is opened then.
 
     Raises:
         InputError: a live key that cannot change in mid-run.
@@ -61,8 +67,8 @@ def build(
     """
     fields = live_fields(live)
     parts = resolve(scene)
-    start, wired = parts.start, parts.own_wires()
-    if any(fault for wire in wired for fault in outside_faults(wire, start)):
+    start, wired = parts.start, parts.own_wires() if playback is None else parts.wires
+    if playback is None and any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
     with ExitStack() as stack:
         objects = [
@@ -70,14 +76,19 @@ def build(
         ]
         movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
         inward = meet(parts, objects, movers)
-        plants = list(make_plants(parts, wired, inward, live=live))
-        for wire in wired:
-            if isinstance(wire.device, SimulatedDevice):
-                stack.enter_context(wire.device)
-                wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in wired]
+        if playback is not None:
+            stations, plants = playback.wirings(stations)
+        else:
+            plants = list(make_plants(parts, wired, inward, live=live))
+            for wire in wired:
+                if isinstance(wire.device, SimulatedDevice):
+                    stack.enter_context(wire.device)
+                    wire.device.open(scene.period)
         observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
         layout, every = make_layout(parts, real_time=real_time), 1
+        if varying:
+            layout = replace(layout, varying=True)
         if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from graspfx.errors import InputError
 from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.loop.device_frame import frame
 from graspfx.loop.fitting import PLAIN, Fitting
-from graspfx.loop.frame import frame
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Device as DeviceTable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -88,9 +88,12 @@ class Hardware:
         periods = 1 + int((self._clock.now() - self._time) / self._servo.period)
         look_again(self._devices, self._rest, periods)
         for each in self._devices.ports:
+            if each.port.misses is not None:
+                each.port.misses[0] = 0.0  # counted from the first tick on
             offset = np.array([self._offset[f] if f >= 0 else 0.0 * self._offset[0] for f in each.channels])
             if offset.any():
-                each.entry = Entry(offset, self._servo.period, self._servo.guards.soft_start)
+                period = self._servo.period * each.fitting.every
+                each.entry = Entry(offset, period, self._servo.guards.soft_start)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
         """Let the fingers meet their objects where they are; give by how much each is deeper, (n, d) [m].
@@ -98,22 +101,13 @@ class Hardware:
         Raises:
             InputError: a finger that is inside its object, unless `coupling.enter` lets it in.
         """
-        servo, scene = self._servo, self._parts.scene
-        start = self._parts.start.copy()
-        for f, position in positions.items():
-            start[f] = position
-        meet(self._parts, servo.objects, servo.movers, start)
-        offset = np.zeros_like(start)
-        for part in servo.objects:
-            depth = part.grasped.depths(start[part.fingers])
-            for f, each in zip(part.fingers.tolist(), depth, strict=True):
-                if f in positions:
-                    offset[f] = each
-                    if scene.coupling.enter == "refuse" and np.linalg.norm(each) > TOUCH:
-                        raise _refusal(self._devices, servo.layout.fingers[f], f, part.name, each, servo)
-        if offset.any():
-            meet(self._parts, servo.objects, servo.movers, start - offset)
-        servo.watch.note()
+        servo = self._servo
+        offset = meet_hardware(servo, self._parts, positions)
+        if self._parts.scene.coupling.enter == "refuse":
+            for part in servo.objects:
+                for f in part.fingers.tolist():
+                    if np.linalg.norm(offset[f]) > TOUCH:
+                        raise _refusal(self._devices, servo.layout.fingers[f], f, part.name, offset[f], servo)
         return offset
 
 
@@ -135,6 +129,28 @@ class Stops:
 
     def __call__(self) -> bool:
         return bool(self._numbers) or (self._stop is not None and self._stop())
+
+
+def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
+    """Let fingers that hardware has at these positions meet their objects there, or a depth above, (n, d) [m].
+
+    Returns:
+        By how much each of them is deeper than where it meets its object, (n, d) [m].
+    """
+    start = parts.start.copy()
+    for f, position in positions.items():
+        start[f] = position
+    meet(parts, servo.objects, servo.movers, start)
+    offset = np.zeros_like(start)
+    for part in servo.objects:
+        depth = part.grasped.depths(start[part.fingers])
+        for f, each in zip(part.fingers.tolist(), depth, strict=True):
+            if f in positions:
+                offset[f] = each
+    if offset.any():
+        meet(parts, servo.objects, servo.movers, start - offset)
+    servo.watch.note()
+    return offset
 
 
 @contextmanager

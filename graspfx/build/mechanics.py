@@ -13,7 +13,7 @@ from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import StillHand
 from graspfx.errors import InputError
 from graspfx.loop.device import Features
-from graspfx.loop.frame import Frame
+from graspfx.loop.device_frame import Frame
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

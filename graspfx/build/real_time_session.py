@@ -56,6 +56,11 @@ class RealTimeSession(Session):
         self._began = time.perf_counter()
         self._relay = self._remote.begin(self._recorder, self._look)
         self._mail = Mail(self._remote.ring, self._relay)
+        while not self.tick and not self._remote.await_rest(0.005):
+            if self._remote.exits.numbers:
+                raise Interruption(self._remote.exits.cause)
+        if self._remote.error is not None:  # as of a finger that has gone elsewhere meanwhile
+            raise self._remote.error
         self._remote.exits.inside = True  # a signal breaks off what the user does
 
     def _look(self, first: int, count: int) -> None:
@@ -81,6 +86,7 @@ class RealTimeSession(Session):
 
         Raises:
             RecordingError: the recording cannot be written; every force is zero then.
+        Exception: whatever ended the run in its process, such as a driver's own.
         """
         end = time.monotonic() + seconds
         with self._undisturbed():
@@ -88,8 +94,9 @@ class RealTimeSession(Session):
                 left = end - time.monotonic()
                 if self._remote.await_rest(max(0.0, min(left, LOOK))) or left <= LOOK:
                     break
-            if self._remote.guard.failure is not None:
-                raise self._remote.guard.failure
+            for error in (self._remote.guard.failure, self._remote.error):
+                if error is not None:
+                    raise error
         return not self._remote.has_rested
 
     def mark(self, text: str) -> int:
@@ -163,5 +170,5 @@ class RealTimeSession(Session):
         remote.rest()
         self._spent = time.perf_counter() - self._began
         super()._close(complete=complete and not (remote.outcome["cause"] or remote.error))
-        if remote.error is not None:
+        if remote.error is not None and complete:  # else the block ends in an error anyway
             raise remote.error

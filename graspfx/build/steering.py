@@ -19,6 +19,7 @@ from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entri
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
+from graspfx.loop.played import Playback
 from graspfx.loop.safety.chain import changing_entry, goal_entries, steered_entries
 from graspfx.loop.update import Steerable, Update
 from graspfx.objects.body import NativeBody
@@ -52,13 +53,16 @@ class Steering:
         servo: built with these keys live.
         scene: that it was built from.
         keys: with numbers for names of tables.
+        playback: that the servo plays, whose devices, hands and plants have no numbers.
 
     Raises:
         InputError: a key that this scene's parts cannot change in mid-run, with the reason.
     """
 
-    def __init__(self, servo: Servo, scene: Scene, keys: Iterable[str]) -> None:
-        self.servo, self.scene, self.keys = servo, scene, tuple(keys)
+    def __init__(
+        self, servo: Servo, scene: Scene, keys: Iterable[str], playback: Playback | None = None
+    ) -> None:  # fmt: skip
+        self.servo, self.scene, self.keys, self._playback = servo, scene, tuple(keys), playback
         for key in self.keys:
             reason = self._obstacle(general(require(key)))
             if reason:
@@ -67,6 +71,8 @@ class Steering:
     def _obstacle(self, plain: str) -> str:
         """Say why the parts of this scene cannot change by a key; nothing where they can."""
         servo, coupling = self.servo, self.scene.coupling
+        if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
+            return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
             return "the ledger of coupling.passivity books each sample with the numbers that it began with"
         if plain in GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
@@ -99,7 +105,7 @@ class Steering:
             if not reach(key):  # it would be recorded, and change nothing
                 raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
-        with build(scene, engine="interpreted", live=self.keys) as other:
+        with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
             entries: list[Numbers] = []
             parts: list[tuple[Steerable, Any]] = []
             for i, (own, new) in enumerate(zip(self.servo.objects, other.objects, strict=True)):
@@ -126,6 +132,8 @@ class Steering:
         All of them where no tick has run: a hand closes along the normals where its fingers start, and under the
         implicit integrator these are met where mass, viscosity and gravity take the object within the first sample.
         """
+        if self._playback is not None:
+            return
         moves = any(key in DEVICE or is_of_a_hand(key) for key in map(general, values))
         for j, (wiring, anew) in enumerate(zip(self.servo.plants, other.plants, strict=True)):
             if moves or (self.servo.ticks == 0 and _is_steerable(wiring.hand)):

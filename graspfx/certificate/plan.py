@@ -68,7 +68,6 @@ def _kernel(scene: Scene, step: str) -> str:
 def _rows(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     yield from _starts(parts)
-    yield from loop_rows(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
@@ -87,6 +86,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
     yield from safety_rows(parts)
+    yield from loop_rows(parts)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
         yield _of_object(scene, thing, "move"), True, _body(scene, thing)

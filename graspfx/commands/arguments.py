@@ -23,6 +23,11 @@ def add_overrides(parser: ArgumentParser) -> None:
     """Add --preset, --set and --trust."""
     text = "take the set of values that the scene states by this name, before those of --set; `check` lists them"
     parser.add_argument("--preset", metavar="NAME", help=text)
+    add_values(parser)
+
+
+def add_values(parser: ArgumentParser) -> None:
+    """Add --set and --trust."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
     whole = "let the scene name files outside of its folder: what is Python among them runs"

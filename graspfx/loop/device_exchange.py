@@ -16,7 +16,7 @@ from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
-from graspfx.loop.safety.trust import CAUSES, DEADMAN
+from graspfx.loop.safety.trust import DEADMAN
 from graspfx.loop.tick.script import Port
 
 FloatArray = NDArray[np.float64]
@@ -112,11 +112,13 @@ class DevicePort:
         if self.is_gone:
             return ""
         self._since += periods
-        if self._since < self.fitting.every:
-            port.memory[0] = 1.0
-            return ""
-        since, self._since = self._since, 0
+        is_due = self._since >= self.fitting.every
         try:
+            if not is_due:
+                text = "" if self.log is None else self.log.take(self.device, is_fresh=False)
+                port.memory[0] = float(not text)
+                return text and self._fault(text)
+            since, self._since = self._since, 0
             reading = self.device.read()
             text = readings.take(reading, since)
             if port.limit is not None and not text:
@@ -129,8 +131,7 @@ class DevicePort:
         except Exception as error:  # noqa: BLE001 - as in `open`
             return self._failure("cannot be read", error)
         if text:
-            self.is_gone = True
-            return f"{self.name} {text}; {ZERO}"
+            return self._fault(text)
         frame = self.fitting.frame
         if frame is None:
             port.position[...], port.velocity[...] = readings.position, readings.velocity
@@ -183,12 +184,12 @@ class DevicePort:
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
             return ""
-        cause = self.port.cause
-        if cause is None:
-            return f"has its deadman, switch {deadman}, up"
-        if cause[0] == 0.0:
-            cause[0] = DEADMAN + CAUSES * self.port.station
-        return ""
+        return "" if self.port.let_go(DEADMAN) else f"has its deadman, switch {deadman}, up"
+
+    def _fault(self, text: str) -> str:
+        """Say what is wrong with a reading: the last one."""
+        self.is_gone = True
+        return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: Exception) -> str:
         """Say that a call has failed; a simulation's own words for it stand alone."""

@@ -1,11 +1,11 @@
-"""What a scene's table says of a device besides settings: its frame, its deadman, how often it is called."""
+"""The fitting of a device to its scene: its frame, its deadman, and how often it is called."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from graspfx.loop.device import Features
-from graspfx.loop.frame import Frame
+from graspfx.loop.device_frame import Frame
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,9 +44,9 @@ class Follower:
 
     def follow(self, target: ArrayLike, duration: float) -> None:
         """Follow a target that has stood for a time [s], which was the same all along."""
-        w = 1.0 / self.lag
+        w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
         share = math.exp(-w * duration)
-        error = self.position - target
+        error = self.position - goal
         c = self.velocity + w * error
-        self.position[...] = target + (error + duration * c) * share
+        self.position[...] = goal + (error + duration * c) * share
         self.velocity[...] = (self.velocity - w * duration * c) * share

@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
@@ -83,6 +83,10 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
             one.close()
 
 
+# of samples: a period each, whole periods by their times, or their times as they are
+INTERVALS = ("periods", "whole periods", "times")
+
+
 def displays(features: Features) -> bool:
     """Tell whether a device displays a force, as far as it tells."""
     return features.continuous_force != 0.0
@@ -106,7 +110,7 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
     with promises("a moving finger is seen") as promise:
         bench.open()
         least = 10.0 * (bench.features.resolution or 1e-5)
-        start = bench.tick()[0]
+        start, _, began = bench.tick()
         readings: list[tuple[FloatArray, FloatArray, float]] = []
         wire.move()
 
@@ -126,18 +130,8 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
                 bench.place_error(seen) <= NEAR,
                 f"{seen.tolist()} m is read and the fingers are at {np.asarray(wire.position).tolist()} m",
             )
-            ways = []
-            for reckoning in (_each_sample, _whole_periods, _true_time):
-                path, before = np.zeros(bench.shape), None
-                for _, velocity, now in readings:
-                    if now != before:
-                        since = 1.0 if before is None else reckoning((now - before) / bench.period)
-                        path = path + velocity * bench.period * since
-                    before = now
-                ways.append(float(np.linalg.norm(path - (seen - start)) / np.linalg.norm(seen - start)))
-            promise.holds(
-                min(ways) <= RECKONING, f"velocities that do not add up to the way: {100 * min(ways):.0f} % off"
-            )
+            off = min(_reckoning(readings, began, bench.period, each, seen - start) for each in INTERVALS)
+            promise.holds(off <= RECKONING, f"velocities that do not add up to the way: {100 * off:.0f} % off")
     with promises(SECONDS) as promise:
         first, began = bench.tick()[2], time.perf_counter()
         elapsed = 0.0
@@ -150,19 +144,20 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
     device.close()
 
 
-def _each_sample(periods: float) -> float:
-    """Count a new sample as one period: a board that answers as often as it is asked."""
-    return 1.0
-
-
-def _whole_periods(periods: float) -> float:
-    """Count the periods between two samples, one at least."""
-    return max(1.0, round(periods))
-
-
-def _true_time(periods: float) -> float:
-    """Count the time between two samples: a driver whose velocities are of the time that it tells."""
-    return periods
+def _reckoning(
+    readings: Sequence[tuple[FloatArray, FloatArray, float]], began: float, period: float, intervals: str,
+    way: FloatArray,
+) -> float:  # fmt: skip
+    """Add velocities up over intervals; give by how much they miss the way, as a part of it."""
+    path, before = np.zeros_like(way), began
+    for _, velocity, now in readings:
+        if now != before:
+            since = period
+            if intervals != "periods":
+                since = now - before if intervals == "times" else period * max(1, round((now - before) / period))
+            path = path + velocity * since
+        before = now
+    return float(np.linalg.norm(path - way) / np.linalg.norm(way))
 
 
 def _check_forces(bench: WireBench, promises: Promises) -> None:

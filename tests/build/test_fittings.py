@@ -11,11 +11,13 @@ import pytest
 import graspfx as gx
 from graspfx.build import pace
 from graspfx.build.mechanics import mechanics
+from graspfx.build.replay import replayed_with
 from graspfx.build.resolve import resolve
 from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features
-from graspfx.loop.frame import frame
+from graspfx.loop.device_frame import frame
 from tests.support.hardware import SETTLING, Fake, VirtualClock, driver, fakes
+from tests.support.optional import require
 
 AXES = "x -z y"
 ORIGIN = [0.01, -0.02, 0.03]
@@ -30,7 +32,7 @@ SPACE: dict[str, Any] = {
     },
 }  # fmt: skip
 FIXED = {"object.free": [False] * 6}
-PARTNER = {
+PARTNER: dict[str, Any] = {
     "start": [0.025, 0.0, 0.0], "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
     "hand": {"stiffness": 60.0, "damping": 0.5},
 }  # fmt: skip
@@ -64,7 +66,7 @@ def test_power_is_kept_and_motion_goes_back() -> None:
     for s in (0.3, 1.0, 7.0):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
-        own = frame(3, rng.normal(size=3), turn, s)
+        own = frame(3, rng.normal(size=3).tolist(), turn.tolist(), s)
         p, v, f = rng.normal(size=(3, 4, 3))
         assert np.sum(own.pull(f) * v) == pytest.approx(np.sum(f * own.turn(v)), rel=1e-13)
         assert own.back(own.place(p)[0]) == pytest.approx(p[0], abs=1e-14)
@@ -87,7 +89,8 @@ def test_features_are_those_of_the_scene() -> None:
     assert there.workspace is not None
     assert np.allclose(there.workspace, [[-0.19, -0.82, -0.37], [0.21, -0.02, 0.43]])
     slanted = frame(2, None, [[0.6, 0.8], [-0.8, 0.6]], 1.0)
-    lower, upper = slanted.features(Features(1, 2, workspace=(-np.array([0.1, 0.3]), np.array([0.1, 0.3])))).workspace
+    corner = np.array([0.1, 0.3])
+    lower, upper = require(slanted.features(Features(1, 2, workspace=(-corner, corner))).workspace)
     corners = np.array([[x, y] for x in (lower[0], upper[0]) for y in (lower[1], upper[1])]) @ slanted.axes
     assert np.abs(corners[:, 0]).max() <= 0.1 + 1e-12
     assert np.abs(corners[:, 1]).max() <= 0.3 + 1e-12
@@ -135,7 +138,7 @@ def test_a_run_in_a_frame_is_the_run_without_it(tmp_path: Path) -> None:
 
 
 def test_limits_are_those_at_the_device(tmp_path: Path) -> None:
-    """What a scene calls 0.1 N and 1 m/s is felt as 0.1 N, and is 1 m/s of the hand."""
+    """A limit of 0.1 N in a scene is felt as 0.1 N, and 1 m/s is that of the hand."""
     file, large = driver(tmp_path), {"origin": ORIGIN, "scale": 4.0}
     far = frame(3, ORIGIN, None, 4.0).back(np.array([-0.06, 0.0, 0.0]))
     limited = scene(file, far, frame=large, safety={"force": 0.1, "rate": 8.0, "speed": 1.0, "soft_start": 0.005})
@@ -199,6 +202,27 @@ def test_a_deadman_that_is_up_takes_the_force(tmp_path: Path, monkeypatch: pytes
     assert not size[25:].any()
     last = [force for tick, force in fakes(file)[-1].forces if tick >= 25]
     assert not np.any(last)
+
+
+def test_a_run_in_a_frame_at_a_rate_with_a_deadman_let_go_is_replayed_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, place, read = driver(tmp_path), frame(3, ORIGIN, AXES, 2.0), Fake.read
+
+    def unsteady(fake: Fake) -> Any:
+        fake.switches = 0 if fake.reads == 50 else 1
+        p, v, _ = read(fake)
+        return p, v, fake.period * {30: 29, 36: 35, 37: 35}.get(fake.reads, fake.reads)  # some bring no new sample
+
+    monkeypatch.setattr(Fake, "read", unsteady)
+    own = place.back(np.array([-0.031, 0.002, 0.001]))
+    keys: dict[str, Any] = {"frame": {"origin": ORIGIN, "axes": AXES, "scale": 2.0}, "rate": 100.0, "deadman": 0}
+    rec = gx.run(scene(file, own, switches=1, **keys), real_time=True)
+    assert "the deadman switch of" in rec.faults[0].message
+    monkeypatch.setenv("GRASPFX_TRUST", "1")  # the fakes' driver is elsewhere
+    again = replayed_with(rec, {})
+    assert [str(each) for each in again.differences] == []
+    assert np.array_equal(again.recording.displayed_force, rec.displayed_force)
 
 
 def test_a_deadman_that_is_up_at_first_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,9 @@ import graspfx as gx
 from graspfx.__main__ import COMMANDS, main, parse
 from graspfx.commands.completion import SCRIPTS, answers
 
-POSITIONALS = {name: ["x"] for name in ("run", "check", "stability", "plot", "picture", "export")}  # that they need
+POSITIONALS = {
+    name: ["x"] for name in ("run", "check", "stability", "plot", "picture", "replay", "export")
+}  # that they need
 ROOT = Path(__file__).parents[2]
 PROBE = """
 eval "$(graspfx completion bash)"

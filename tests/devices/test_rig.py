@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from shutil import which
 
 import numpy as np
 import pytest
@@ -69,6 +70,55 @@ def test_the_firmware_builds_without_a_warning_and_without_a_library(tmp_path: P
         assert (answer.returncode, answer.stderr) == (0, "")
 
 
+BOARD = """
+#pragma once
+#include <stddef.h>
+#include <stdint.h>
+enum { LOW, HIGH, OUTPUT, INPUT_PULLUP };
+uint32_t micros();
+void pinMode(int pin, int mode);
+void digitalWrite(int pin, int level);
+int digitalRead(int pin);
+void digitalToggle(int pin);
+void analogWrite(int pin, int value);
+void analogWriteResolution(int bits);
+void analogWriteFrequency(int pin, float hertz);
+template <class T> T constrain(T x, T low, T high) { return x < low ? low : x > high ? high : x; }
+struct Port {
+    void begin(long baud);
+    int available();
+    int availableForWrite();
+    int read();
+    size_t write(const uint8_t *bytes, size_t count);
+    void send_now();
+};
+extern Port Serial;
+"""
+ENCODER = """
+#pragma once
+#include <stdint.h>
+struct QuadEncoder {
+    QuadEncoder(int channel, int a, int b);
+    void setInitConfig();
+    void init();
+    int32_t read();
+};
+"""
+
+
+@pytest.mark.skipif(which("g++") is None, reason="no compiler of C++")
+def test_the_port_to_the_teensy_is_whole_but_for_its_libraries(tmp_path: Path) -> None:
+    """Its board's own functions are stood in for by their declarations: it says what rig.h asks for, and no more."""
+    (tmp_path / "board.h").write_text(BOARD)
+    (tmp_path / "QuadEncoder.h").write_text(ENCODER)
+    call = [
+        "g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I", str(tmp_path), "-I", str(FIRMWARE),
+        "-include", "board.h", "-x", "c++", "teensy/teensy.ino",
+    ]  # fmt: skip
+    answer = subprocess.run(call, cwd=FIRMWARE, capture_output=True, text=True, check=False)
+    assert (answer.returncode, answer.stderr) == (0, "")
+
+
 @needs_compiler
 def test_arms_of_the_emulator_move_as_the_simulated_ones_do(tmp_path: Path) -> None:
     """Two arms under constant torques for 0.1 s: host.c steps by 10 us, so 1e-4 rad of difference at most."""
@@ -116,6 +166,7 @@ def test_positions_and_forces_are_those_of_the_arms() -> None:
         time.sleep(0.3)  # until the hands hold still
         device.write(forces)
         for _ in range(20):  # the window of the velocity passes the way that the hands gave
+            time.sleep(PERIOD)
             device.ask()
             position, velocity, _ = device.read()
         assert np.abs(position - wire.position).max() < 2.0 * device.features.resolution

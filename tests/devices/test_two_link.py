@@ -6,6 +6,7 @@ import math
 import re
 import struct
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -54,10 +55,47 @@ class FakeBoard:
             raise OSError("cable pulled")
 
 
+class ClockedBoard(FakeBoard):
+    """One that tells the times of its counts, set by a test."""
+
+    time = 0.0
+
+
 def opened(**settings: Any) -> Any:
     device = two_link.connect(**settings)
     device.open(T)
     return device
+
+
+def test_velocity_is_by_the_true_interval() -> None:
+    """30 counts more in 5 ms are 0.2 pi rad/s, in 10 ms half of it; without a new time the last sample stands."""
+    board = ClockedBoard(15000, 0)
+    device = opened(board=board)
+    device.read()
+    speeds = []
+    for counts, time_of_counts in ((15030, T), (15060, 3.0 * T), (15990, 3.0 * T)):
+        board.now, board.time = (counts, 0), time_of_counts
+        position, velocity, told = device.read()
+        speeds.append(float(np.linalg.norm(velocity)))
+        assert told == time_of_counts
+    assert speeds[0] == pytest.approx(0.0256 * math.pi, rel=1e-12)
+    assert speeds[1] == pytest.approx(0.5 * speeds[0], rel=1e-12)
+    assert speeds[2] == speeds[1]
+    assert device.raw.tolist() == [15060, 0]
+    angle = 60 * math.tau / 60000
+    np.testing.assert_allclose(position, [[L - L * math.sin(angle), L * math.cos(angle)]], rtol=0, atol=1e-16)
+
+
+def test_velocity_without_a_clock_of_the_board() -> None:
+    """A board that tells no times is read at the host's: 300 counts, 0.0314 rad, over the time between two calls."""
+    board = FakeBoard(15000, 0)
+    device = opened(board=board)
+    _, _, first = device.read()
+    time.sleep(0.02)
+    board.now = 15300, 0
+    _, velocity, second = device.read()
+    assert second - first >= 0.02
+    assert float(np.linalg.norm(velocity)) == pytest.approx(L * 300 * math.tau / 60000 / (second - first), rel=1e-9)
 
 
 def test_read_out_of_reach() -> None:
@@ -84,7 +122,7 @@ def test_golden_values() -> None:
     f = (1, 2) N: J'f = (-0.128, 0.256) N m at the joints, a fifteenth at the motors. 30 counts more on encoder 1 in
     5 ms are 2 pi 30/60000/0.005 = 0.2 pi rad/s and turn link 1 by 0.001 pi: v = -0.0256 pi (cos, sin)(0.001 pi).
     """
-    board = FakeBoard(15000, 0)
+    board = ClockedBoard(15000, 0)
     device = opened(board=board)
     assert board.calls == ["open 0.005"]
     position, velocity, _ = device.read()
@@ -92,7 +130,7 @@ def test_golden_values() -> None:
     np.testing.assert_array_equal(velocity, [[0.0, 0.0]])
     device.write(np.array([[1.0, 2.0]]))
     np.testing.assert_allclose(board.torques, [(-0.128 / 15, 0.256 / 15)], rtol=1e-14)
-    board.now = 15030, 0
+    board.now, board.time = (15030, 0), T
     position, velocity, _ = device.read()
     turn = 0.001 * math.pi
     np.testing.assert_allclose(position, [[L - L * math.sin(turn), L * math.cos(turn)]], rtol=0, atol=1e-16)

@@ -18,7 +18,7 @@ SLOW = 1.5  # that the disk takes for a block [s]
 
 DEVICE = '''
 """A finger 4 mm inside a cart, whose device logs the time and the size of each force."""
-import os, time
+import ctypes, os, time
 import numpy as np
 from graspfx.loop.device import Features
 
@@ -45,6 +45,16 @@ class Logged:
                 time.sleep(20.0)
             except BaseException:
                 pass
+        if self.reads == 60 and self.how == "deaf":
+            self.note("hang")
+            while True:
+                try:
+                    time.sleep(20.0)
+                except BaseException:
+                    pass
+        if self.reads == 60 and self.how == "crashes":
+            self.note("crash")
+            ctypes.string_at(0)
         if self.reads == 60 and self.how == "exits":
             raise SystemExit(7)
         if self.reads == 60 and self.how == "raises":
@@ -64,6 +74,9 @@ class Logged:
 
 def connect(*, file, how=""):
     return Logged(file, how)
+
+def quench(*, file, how=""):
+    Logged(file, how).note("quench")
 '''
 
 PROGRAM = """

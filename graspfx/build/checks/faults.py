@@ -105,13 +105,14 @@ def _likely_keys(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Tell whether a key that is there already could be meant: only where it is very near, as by an override."""
+    """Find the key that could be meant: one that is there already only where it is very near, as by an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
         return None
     keys = type(table).model_fields
-    return closest(key, keys.keys() - table.model_fields_set) or closest(key, keys, VERY_NEAR)
+    near = closest(key, keys.keys() - table.model_fields_set), closest(key, keys, VERY_NEAR)
+    return closest(key, filter(None, near))
 
 
 def _hint(at: Key, likely: Mapping[Key, Key], draft: SceneTable) -> str:

@@ -12,6 +12,7 @@ from socket import socketpair
 import graspfx
 from graspfx.errors import InputError
 
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # of numerical libraries: none beside
 TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.build.process.child import main; main({line}, {ring})"
 
 
@@ -39,7 +40,8 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
     text = TEXT.format(path=path, line=theirs.fileno(), ring=ring)
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), ring), process_group=0
+            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), ring), process_group=0,
+            env=os.environ | dict.fromkeys(THREADS, "1"),
         )  # fmt: skip
     except BaseException:
         ours.close()

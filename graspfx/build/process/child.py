@@ -73,6 +73,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             line.send(("ready", servo.engine.name))
             _require(line.recv(), "open")
             die_with_parent(signal.SIGTERM)
+            ring.rows.fill(0.0)  # touches every page before the first row
             scheduling.update(take_priority())
             ring.words[Word.PHASE] = Phase.OPEN
 

@@ -24,6 +24,7 @@ PAUSE = 20  # between two looks [ms]
 PATIENCE = 0.5  # for a servo to rest that was asked to [s]
 MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
 LONGER = 0.25  # then, until the next step [s]
+CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
 STEPS = (signal.SIGTERM, signal.SIGKILL)
 DEATH = "death"  # message of the guard's own: the process has ended
 
@@ -81,6 +82,12 @@ class Guard(Thread):
         set_fifo(GUARD)
         try:
             self._watch()
+        except BaseException as error:  # noqa: BLE001 - without a guard there is no run
+            self.failure = error
+            self.kill()
+            code = self.process.wait()
+            self._quench()
+            self.messages.put((DEATH, _ending(code)))
         finally:
             self._line.close()
             if self._watched >= 0:
@@ -149,6 +156,8 @@ class Guard(Thread):
             self.messages.put(self._line.recv())
         except (EOFError, OSError):
             return False
+        except Exception as error:  # noqa: BLE001 - such as a class that only the process knows
+            self.messages.put(("warning", f"a message of the servo's process cannot be read: {error}", UserWarning))
         return True
 
     def _quench(self) -> None:
@@ -173,12 +182,13 @@ class Guard(Thread):
         """End a servo that does not rest, or does nothing: first by a signal that a driver's call gives way to."""
         words, now = self._ring.words, time.monotonic()
         head, phase = int(words[Word.HEAD]), int(words[Word.PHASE])
-        if phase != Phase.RUNNING:
+        is_running, is_told = phase == Phase.RUNNING, bool(words[Word.STOP])
+        if phase >= Phase.RESTED or not (is_running or is_told):
             self._since, self._step = now, 0
             return
         if head != self._head:
             self._head, self._since, self._step = head, now, 0
-        wait = PATIENCE if words[Word.STOP] else self._still
+        wait = CLOSING if not is_running else PATIENCE if is_told else self._still
         if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:
             self._signal(STEPS[self._step])
             self._step += 1

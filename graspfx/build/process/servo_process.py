@@ -186,6 +186,7 @@ class ServoProcess:
     def settle(self) -> None:
         """Wait until the hardware is at rest."""
         (self._header,) = self.expect("settled")
+        log.info("the servo runs in process %d: %s", self.guard.pid, dict(self.header.scheduling))
         if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
             warnings.warn(REMEDY, RealTimeWarning, stacklevel=6)
 

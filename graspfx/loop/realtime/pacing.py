@@ -103,7 +103,7 @@ class Pacer:
         clock, is_early = self.clock, False
         while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
             is_early = True
-            clock.sleep(min(left, SLICE))
+            clock.sleep(min(max(self.deadline - clock.now(), 0.0), SLICE))  # as `stop` took its time
         return is_early, -left  # a sleep may have been as long as the machine was away
 
 

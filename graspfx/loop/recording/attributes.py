@@ -24,7 +24,7 @@ NAMES = (
     "omitted",
     "devices",
 )  # of a layout's fields that are tuples
-OF_HARDWARE = ("settled", "round_trip", "scheduling")  # fields of a header that stand in recordings of hardware only
+RARE = ("settled", "round_trip", "scheduling", "replays")  # fields of a header that stand where they are not empty
 
 # of a layout's fields: written where they are not empty, so that other recordings are as they were
 WHERE_THEY_ARE = ("guarded", "timed", "varying", "switched", "devices", "raw")
@@ -34,7 +34,7 @@ def description(layout: Layout, header: Header) -> dict[str, str | float]:
     """Describe a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
-        if key in OF_HARDWARE and not value:
+        if key in RARE and not value:
             continue
         attributes[key] = value if isinstance(value, str | float) else _json(value)
     fields = {key: value for key, value in asdict(layout).items() if value or key not in WHERE_THEY_ARE}

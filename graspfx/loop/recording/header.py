@@ -34,6 +34,7 @@ class Header:
         settled: of a run with hardware, where each of its fingers met its object, by name: `position` (d,) [m], and
             `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
         round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
+        replays: of a replay, what was recorded and when; empty for any other recording.
         scheduling: of a run with hardware, what its loop had: `loop` ("process" or "inline"), `policy` ("fifo 80" or
             "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's `governor`.
     """
@@ -54,6 +55,7 @@ class Header:
     every: int = 1
     settled: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     round_trip: float = 0.0
+    replays: str = ""
     scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:

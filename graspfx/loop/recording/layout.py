@@ -176,6 +176,8 @@ class Layout:
         yield "device_energy", (n,), "J", "work done so far on the fingertip by the displayed force"
         if self.timed:
             yield from self._times(n)
+        if self.varying:
+            yield "largest_force", (n,), "N", "that the device told it could display where it was read"
         for k, name in enumerate(self.objects):
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"
@@ -205,8 +207,6 @@ class Layout:
         yield "io", (("call", 2),), "s", "to ask and read all devices, and to write them"
         yield "skipped", (), "1", "periods left out before the tick"
         yield "fresh", (n,), "1", "whether the reading brought a new sample"
-        if self.varying:
-            yield "largest_force", (n,), "N", "that the device told it could display where it was read"
         if self.switched:
             yield "switches", (("device", len(self.devices)),), "1", "bits, the first switch of a device is bit 0"
         for name, count, _ in self.raw:

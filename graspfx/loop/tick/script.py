@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.loop.safety.trust import CAUSES
 
 FloatArray = NDArray[np.float64]
 
@@ -121,6 +122,12 @@ class Port:
     misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
     time: float | None = None  # of the last reading [s]
     cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
+
+    def let_go(self, cause: int) -> bool:
+        """Let forces decay for a cause of this device's, unless they do already; False without a safety chain."""
+        if self.cause is not None and self.cause[0] == 0.0:
+            self.cause[0] = cause + CAUSES * self.station
+        return self.cause is not None
 
     def note(self, time: float) -> None:
         """Note the time of a reading: one that is not new is a sample without a new reading."""

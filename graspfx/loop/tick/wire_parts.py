@@ -63,7 +63,7 @@ class Wirer:
             setattr(servo, name, number)
         servo.period = parts.period
         self.script.memory("servo", tick.own, entries_of(ServoState, *whole), entries_of(ServoState, "period"))
-        if parts.layout.timed:
+        if parts.layout.timed or parts.layout.varying:
             tick.loop = loop_memory(parts.layout)
             self.script.memory("loop", tick.loop, entries_of(LoopState, "fingers", "devices", "raws"))
         self.largest: dict[int, tuple[FloatArray, int]] = {}  # where a device tells a finger's largest force

@@ -59,7 +59,9 @@ class InverseWire(Wire):
         super().__init__()
         self.devices, self.config, self.stall = tuple(devices), dict(config or {}), stall
         self.messages: list[str] = []
-        self._places = {name: np.array(HOME) + APART * k * np.eye(3)[0] for k, name in enumerate(devices)}
+        self._places: dict[str, FloatArray] = {
+            name: np.array(HOME) + APART * k * np.eye(3)[0] for k, name in enumerate(devices)
+        }
         self._forces: dict[str, FloatArray] = {name: np.zeros(3) for name in devices}
         self._damage, self._lock = Damage(seed), threading.Lock()
         self._answers = 0
@@ -124,7 +126,7 @@ class InverseWire(Wire):
 
     def _listen(self) -> None:
         server = socket.create_server(("127.0.0.1", self._port))
-        self._port = server.getsockname()[1]
+        self._port = int(server.getsockname()[1])
         self._server = server
         self._start(self._welcome, server)
 

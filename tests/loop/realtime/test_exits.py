@@ -164,7 +164,10 @@ def test_a_servo_that_was_killed_leaves_a_whole_recording(tmp_path: Path) -> Non
         code, messages = run.end()
     rec = Recording.load(run.out)
     assert code == 3
-    assert "the servo's process was ended by SIGKILL; the watchdog of the device of finger0" in messages
+    assert (
+        "the servo's process was ended by SIGKILL; the force of the device of finger0 (Logged) was taken away"
+        in messages
+    )
     assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
     assert [fault.tick for fault in rec.faults] == [len(rec)]
     forces = sum(each.what == "force" for each in run.log) - SETTLING

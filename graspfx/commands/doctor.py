@@ -1,0 +1,144 @@
+"""graspfx doctor: whether this machine, and a device or the hardware of a scene, can do a loop in real time."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from graspfx.commands.arguments import add_overrides
+from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.loudness import is_quiet
+from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_json, require_place
+from graspfx.errors import InputError
+from graspfx.loop.recording.places import placing
+from graspfx.machine.finding import Finding
+from graspfx.machine.system_checks import machine_kind, system_findings
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.loop.device import Features
+    from graspfx.loop.parts import DeviceWiring
+
+EXAMPLE = """  graspfx doctor haply-2diy --set port=/dev/ttyACM0 --period 0.001"""
+PERIOD = 0.001  # [s]
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "subject", metavar="DEVICE_OR_SCENE", nargs="?", help="a driver's name, or a scene whose hardware is opened"
+    )
+    parser.add_argument("--period", metavar="S", type=float, help="of the loop (the scene's, or 0.001 s)")
+    parser.add_argument("--json", action="store_true", help="print what was found as JSON, and nothing else")
+    add_destination(parser, "FILE", "write a report that can be sent, without names of ports or of this machine")
+    add_overrides(parser)
+
+
+def execute(options: Namespace) -> int:
+    if options.period is not None and not 1e-5 <= options.period <= 1.0:
+        raise InputError("--period", options.period, "from 1e-5 to 1 s")
+    if options.out is not None:
+        require_place(options.out)
+        require_room(options, [options.out])
+    subject = _Subject(options)
+    findings = list(system_findings())
+    with waiting("waking up for three seconds"):
+        from graspfx.machine import wake_jitter
+
+        findings += wake_jitter.Jitter(subject.period, wake_jitter.DURATION).findings()
+    if subject.stations:
+        if not options.json:
+            note([f"{', '.join(name for name, _ in subject.features)} is opened at zero force: keep it still"])
+        findings += subject.round_trips()
+    if options.out is not None:
+        from graspfx.machine.lab_report import lab_report
+
+        with placing(options.out) as file:
+            file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))
+    if options.json:
+        print_json([{"subject": f.subject, "text": f.text, "ok": f.ok, "remedy": f.remedy} for f in findings])
+    else:
+        print(*_lines(findings), sep="\n")
+        name_files([options.out] if options.out is not None else [])
+    return SUCCESS if all(each.ok for each in findings) else REFUSED
+
+
+class _Subject:
+    """The subject besides the machine: nothing, a device, or the hardware of a scene; connected, not opened."""
+
+    def __init__(self, options: Namespace) -> None:
+        self.period = options.period or PERIOD
+        self.stations: list[DeviceWiring] = []
+        self.features: list[tuple[str, Features]] = []
+        self.settings: list[object] = []
+        self.names: list[str] = []
+        if options.subject is not None:
+            from graspfx.plugins import names
+
+            settings = dict(options.overrides)
+            if options.subject in names("devices"):
+                self._add_device(options.subject, settings)
+            else:
+                self._add_scene(options, settings)
+
+    def _add_device(self, name: str, settings: dict[str, Any]) -> None:
+        from inspect import Parameter, signature
+
+        import numpy as np
+
+        from graspfx import plugins
+        from graspfx.build.checks.settings import signature_faults
+        from graspfx.build.wiring import AUTOMATIC
+        from graspfx.loop.device import SimulatedDevice
+        from graspfx.loop.parts import DeviceWiring
+
+        driver = plugins.load("devices", name)
+        parameters = signature(driver.connect).parameters
+        if AUTOMATIC in parameters and parameters[AUTOMATIC].default is Parameter.empty:
+            settings.setdefault(AUTOMATIC, 2)
+        for place, text in signature_faults((), name, settings, parameters, {AUTOMATIC}):
+            raise InputError(".".join(map(str, place)), settings.get(str(place[0])), f"a setting of {name!r}", text)
+        device = driver.connect(**settings)
+        if isinstance(device, SimulatedDevice):
+            raise InputError("device", name, "hardware: a simulation is always on time")
+        self.names = [f"channel{i}" for i in range(device.features.fingers)]
+        self.stations = [DeviceWiring(device, np.arange(device.features.fingers))]
+        self._note(name, device.features, settings)
+
+    def _add_scene(self, options: Namespace, settings: dict[str, Any]) -> None:
+        from graspfx.build.resolve import resolve
+        from graspfx.build.wiring import table_at
+        from graspfx.loop.device import SimulatedDevice
+        from graspfx.loop.parts import DeviceWiring
+        from graspfx.scene.load import load
+
+        scene = load(options.subject, settings, preset=options.preset)
+        self.period, self.names = options.period or scene.period, list(scene.finger_names)
+        for wire in resolve(scene).own_wires():
+            if not isinstance(wire.device, SimulatedDevice):
+                table = table_at(scene, int(wire.used[0]))[1]
+                self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
+                self._note(table.name, wire.features, table.settings)
+        if not self.stations:
+            raise InputError("scene", options.subject, "one with hardware: simulations are always on time")
+
+    def _note(self, name: str, features: Features, settings: dict[str, Any]) -> None:
+        label = Path(name).stem if name.endswith(".py") else name
+        self.features.append((label, features))
+        self.settings += [each for each in (name, *settings.values()) if isinstance(each, str) and each != label]
+        self.settings += [str(value) for key, value in settings.items() if key in ("serial", "device", "port", "url")]
+
+    def round_trips(self) -> Iterator[Finding]:
+        from graspfx.machine.round_trip import round_trip_findings
+
+        return round_trip_findings(self.stations, self.names, self.period)
+
+
+def _lines(findings: list[Finding]) -> Iterator[str]:
+    width = max(len(each.subject) for each in findings)
+    for each in findings:
+        if not (each.ok and is_quiet()):
+            yield f"{'ok' if each.ok else 'NO':<3} {each.subject:<{width}}  {each.text}"
+        if not each.ok:
+            yield f"{'':<3} {'':<{width}}  -> {each.remedy}"

@@ -1,0 +1,196 @@
+"""Devices that are played from a recording: its readings come again, and what they are told is not displayed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.loop.device import Device, Features, LimitedDevice
+from graspfx.loop.fitting import Fitting
+from graspfx.loop.parts import DeviceWiring, PlantWiring
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.safety.trust import DEADMAN
+from graspfx.loop.tick.script import Port
+
+FloatArray = NDArray[np.float64]
+
+ROWS = 4096  # of a recording that are read at once
+Phase = Literal["read", "write", "after"]  # of a tick, in which a fault came
+PHASES: tuple[Phase, ...] = ("write", "read", "after")
+
+
+class PlayedDevice:
+    """A device in the place of a recorded one, with its features; `Playback` reads for it.
+
+    Args:
+        features: of the device that was recorded.
+        d: dimensions.
+    """
+
+    def __init__(self, features: Features, d: int) -> None:
+        self.features = features
+        self.effort: FloatArray = np.zeros((features.fingers, d))
+
+    @staticmethod
+    def plant(devices: Sequence[Device]) -> Any:
+        """Make no plant: what moves it was recorded."""
+        raise NotImplementedError
+
+    def open(self, period: float) -> None:
+        """Make ready, of which nothing is to be done."""
+
+    def read(self) -> Any:
+        """Read nothing by itself."""
+        raise NotImplementedError
+
+    def write(self, forces: FloatArray) -> None:
+        """Display nothing."""
+
+    def stop(self) -> None:
+        """Display nothing."""
+
+    def close(self) -> None:
+        """Close nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+class LimitedPlayedDevice(PlayedDevice):
+    """One whose largest force depends on where it stands."""
+
+    def __init__(self, features: Features, d: int) -> None:
+        super().__init__(features, d)
+        self.largest_force: FloatArray = np.full(features.fingers, np.inf)
+
+
+class PlayedPlant:
+    """Fingertips that are where the recording has them, whatever holds or drives them."""
+
+    def __init__(self, n: int, d: int) -> None:
+        self.position: FloatArray = np.zeros((n, d))
+        self.velocity: FloatArray = np.zeros((n, d))
+
+    def place(self, position: FloatArray, hand: Any) -> None:
+        """Put the fingertips nowhere else."""
+
+    def advance(self, effort: FloatArray, hand: Any, period: float) -> None:
+        """Move nothing: the next reading does."""
+
+
+class Playback:
+    """Reads rows of a recording in the place of devices, tick by tick, and has their fault when they had it.
+
+    Args:
+        recording: of every tick.
+        largest: where a device tells its largest force and the recording does not, another one that does.
+        phase: of the tick of the first fault in which it is enacted, if the replay has none by then.
+    """
+
+    def __init__(self, recording: Recording, largest: Recording | None, phase: Phase) -> None:
+        self._recording, self._phase = recording, phase
+        columns = recording.layout.columns
+        names = [name for name in ("fresh", "skipped", "switches", "true_position") if name in columns]
+        self._sources = dict.fromkeys(("finger_position", "finger_velocity", *names), recording)
+        if "largest_force" in columns or largest is not None:
+            self._sources["largest_force"] = largest or recording
+        self._fault = recording.faults[0] if recording.faults else None
+        self._first, self._rows = 0, dict[str, FloatArray]()
+        self._k = -1
+        self._ports: list[tuple[Port, NDArray[np.intp], NDArray[np.intp]]] = []
+        self._misses, self._deadmen = list[_Misses](), list[int | None]()
+        self._tips: FloatArray | None = None
+
+    def wirings(self, wired: Sequence[DeviceWiring]) -> tuple[list[DeviceWiring], list[PlantWiring]]:
+        """Put played devices in the places of others, and one plant under them where their fingertips are recorded."""
+        layout = self._recording.layout
+        n, d = len(layout.fingers), layout.dimensions
+        stations = [DeviceWiring(_played(each.device, d), each.fingers, _calls(each.fitting)) for each in wired]
+        if "true_position" not in self._sources:
+            return stations, []
+        plant = PlayedPlant(n, d)
+        if self._tips is None:  # a servo that is built for its numbers plays nothing
+            self._tips = plant.position
+        devices: list[Any] = [stations[0].device]
+        return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]
+
+    def attach(self, ports: Sequence[Port], stations: Sequence[DeviceWiring]) -> None:
+        """Read into these ports from now on."""
+        for port in ports:
+            fingers = stations[port.station].fingers
+            channels = np.flatnonzero(fingers >= 0)
+            fitting = stations[port.station].fitting
+            self._ports.append((port, channels, fingers[channels]))
+            self._misses.append(_Misses(fitting.every))
+            self._deadmen.append(fitting.deadman)
+
+    def read(self, periods: int = 1) -> list[str]:
+        """Take the next tick's readings; list the fault that a device had before it was read."""
+        self._k += 1
+        row = self._row(self._k)
+        position, velocity = row["finger_position"], row["finger_velocity"]
+        fresh, largest, switches = row.get("fresh"), row.get("largest_force"), row.get("switches")
+        periods = 1 + int(row.get("skipped", 0))
+        for (port, channels, fingers), misses, deadman in zip(self._ports, self._misses, self._deadmen, strict=True):
+            port.position[channels], port.velocity[channels] = position[fingers], velocity[fingers]
+            port.memory[0] = 1.0
+            if port.limit is not None and largest is not None:
+                port.limit[channels] = largest[fingers]
+            if port.misses is not None:
+                is_fresh = fresh is None or bool(fresh[fingers].any())
+                port.misses[0] = misses.count(port.misses[0], periods, is_fresh=is_fresh)
+            if deadman is not None and switches is not None and not int(switches[port.station]) >> deadman & 1:
+                port.let_go(DEADMAN)
+        if self._tips is not None:
+            self._tips[...] = row["true_position"]
+        return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
+
+    def write(self) -> str:
+        """Display nothing; return the fault that a device had when it was written."""
+        return next(self._faults(0), "") if self._phase == "write" else ""
+
+    def _faults(self, later: int) -> Iterator[str]:
+        if self._fault is not None and self._fault.tick + later == self._k:
+            yield self._fault.message
+
+    def _row(self, k: int) -> Mapping[str, FloatArray]:
+        if not self._rows or k >= self._first + ROWS:
+            self._first = k
+            stop = min(k + ROWS, len(self._recording))
+            self._rows = {name: source.read(name, k, stop) for name, source in self._sources.items()}
+        return MappingProxyType({name: rows[k - self._first] for name, rows in self._rows.items()})
+
+
+class _Misses:
+    """The count of samples in a row without a new reading, of a device that is called every so many ticks."""
+
+    def __init__(self, every: int) -> None:
+        self._every, self._since = every, 0
+
+    def count(self, misses: float, periods: int, *, is_fresh: bool) -> float:
+        """Count on, so many periods after the last tick."""
+        self._since = 0 if is_fresh else self._since + periods
+        if is_fresh:
+            return 0.0
+        if self._since < self._every:
+            return misses  # nobody called it
+        self._since = 0
+        return misses + 1.0
+
+
+def _calls(fitting: Fitting) -> Fitting:
+    """Keep of a fitting when a device is called, and not its frame: rows are in the scene's axes."""
+    return Fitting(None, fitting.deadman, fitting.every)
+
+
+def _played(device: Device, d: int) -> PlayedDevice:
+    """Put a played device in the place of another one, whose class it has in messages."""
+    kind = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
+    named: type[PlayedDevice] = type(type(device).__qualname__, (kind,), {})
+    return named(device.features, d)

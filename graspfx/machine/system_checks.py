@@ -1,0 +1,154 @@
+"""Settings of a system for loops in real time: priority, memory, clock rate, preemption, and sharing."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+from graspfx.loop.realtime.priority import SERVO, set_fifo
+from graspfx.machine.finding import Finding
+
+LIMITS = "/etc/security/limits.d/graspfx.conf"
+SHARE = 0.5  # of the processor that real-time threads must be let have
+GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page")
+VENDORS = {
+    "QEMU": "QEMU", "VMware": "VMware", "innotek": "VirtualBox", "Xen": "Xen", "Amazon EC2": "Amazon EC2",
+    "Google": "Google Compute Engine", "Microsoft Corporation": "Hyper-V", "Parallels": "Parallels",
+}  # fmt: skip
+CONTAINERS = (".dockerenv", "run/.containerenv")
+
+
+def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
+    """Look at the system's settings, one after another.
+
+    Args:
+        root: of the files that tell them.
+    """
+    if not sys.platform.startswith("linux"):
+        text = f"{platform.system() or sys.platform}: priority, memory and preemption are looked at on Linux only"
+        yield Finding("system", text)
+        return
+    yield priority_finding()
+    yield memory_finding()
+    yield throttling_finding(root)
+    yield governor_finding(root)
+    yield preemption_finding(root)
+    yield clock_finding(root)
+    yield sharing_finding(root)
+
+
+def priority_finding() -> Finding:
+    """Try the priority of a servo, in a thread that ends at once."""
+    policies: list[str] = []
+    thread = Thread(target=lambda: policies.append(set_fifo(SERVO)))
+    thread.start()
+    thread.join()
+    if policies[0].startswith("fifo"):
+        return Finding("priority", f"SCHED_FIFO {SERVO} is allowed")
+    remedy = f"add '@realtime - rtprio 99' to {LIMITS}, yourself to the group realtime, and log in again"
+    return Finding("priority", "SCHED_FIFO is not allowed: other programs make the loop late", remedy)
+
+
+def memory_finding() -> Finding:
+    """See whether memory may be locked, so that none of it is fetched from disk in a tick."""
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if soft == resource.RLIM_INFINITY or os.geteuid() == 0:
+        return Finding("memory", "may be locked")
+    remedy = f"add '@realtime - memlock unlimited' to {LIMITS}, and log in again"
+    return Finding("memory", f"{soft // 1024} kB of it may be locked", remedy)
+
+
+def throttling_finding(root: Path) -> Finding:
+    """Read how much of the processor real-time threads may have."""
+    runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
+    period = _number(root / "proc/sys/kernel/sched_rt_period_us")
+    if runtime is None or not period:
+        return Finding("throttling", "not told")
+    share = 1.0 if runtime < 0 else runtime / period
+    text = "none" if share >= 1.0 else f"real-time threads have at most {share:.0%} of each {1e-6 * period:g} s"
+    remedy = "sysctl -w kernel.sched_rt_runtime_us=950000" if share < SHARE else ""
+    return Finding("throttling", f"{text}; the loop sleeps most of the time", remedy)
+
+
+def governor_finding(root: Path) -> Finding:
+    """Read by what rule the clocks of the processors go."""
+    files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    kinds = sorted({text for file in files if (text := _text(file))})
+    if not kinds:
+        return Finding("clock rate", "no governor is told")
+    slow = kinds != ["performance"]
+    return Finding(
+        "clock rate", f"governor {', '.join(kinds)}", "cpupower frequency-set -g performance" if slow else ""
+    )
+
+
+def preemption_finding(root: Path) -> Finding:
+    """Read whether the kernel lets itself be interrupted."""
+    version = _text(root / "proc/version")
+    if _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
+        return Finding("preemption", "PREEMPT_RT, as it should be")
+    match = re.search(r"PREEMPT(_DYNAMIC)?", version)
+    if match is None:
+        return Finding("preemption", "none in the kernel", "boot a kernel with PREEMPT_RT, or one called lowlatency")
+    line = re.search(r"preempt=(\w+)", _text(root / "proc/cmdline"))
+    if match[1] and line is not None and line[1] in ("none", "voluntary"):
+        return Finding("preemption", f"{match[0]}, switched to {line[1]}", "boot with preempt=full")
+    return Finding("preemption", f"{match[0]}; PREEMPT_RT would be better")
+
+
+def clock_finding(root: Path) -> Finding:
+    """Read which clock the kernel goes by: to read some takes long."""
+    name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
+    if not name or name in GOOD_CLOCKS:
+        return Finding("clock", name or "not told")
+    return Finding("clock", f"{name}, which is slow to read", "see why the kernel gave tsc up: dmesg | grep -i tsc")
+
+
+def sharing_finding(root: Path) -> Finding:
+    """See whether other machines share this one's processors."""
+    vendor = _text(root / "sys/class/dmi/id/sys_vendor") + " " + _text(root / "sys/class/dmi/id/product_name")
+    name = next((kind for words, kind in VENDORS.items() if words in vendor and not _is_bare(vendor)), "")
+    guest = re.search(r"^flags\s*:.*\bhypervisor\b", _text(root / "proc/cpuinfo"), re.MULTILINE) is not None
+    inside = any((root / each).exists() for each in CONTAINERS)
+    if guest or name:
+        text = f"a virtual machine{f' ({name})' if name else ''}{', in a container' if inside else ''}"
+        return Finding("sharing", f"{text}: others take its processors away for milliseconds", NO_PLACE)
+    return Finding("sharing", "a container on a machine of its own" if inside else "a machine of its own")
+
+
+NO_PLACE = "a shared VM is no place for hardware: run on a machine of its own"
+
+
+def machine_kind(root: Path = Path("/")) -> str:
+    """Name the processor, the kernel and Python: all that a report says of a machine."""
+    cpu = _text(root / "proc/cpuinfo")
+    match = re.search(r"^model name\s*:\s*(.+)$", cpu, re.MULTILINE)
+    model = " ".join(match[1].split()) if match else platform.machine()
+    kernel = f"{platform.system()} {platform.release()}"
+    return f"{model}, {os.cpu_count()} processors, {kernel}, Python {platform.python_version()}"
+
+
+def _is_bare(vendor: str) -> bool:
+    """Tell whether a maker of hypervisors has made this machine as hardware, such as a Surface."""
+    return "Microsoft Corporation" in vendor and "Virtual Machine" not in vendor
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def _number(file: Path) -> int | None:
+    try:
+        return int(_text(file))
+    except ValueError:
+        return None

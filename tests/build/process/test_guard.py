@@ -1,0 +1,162 @@
+"""Death of a servo's process: whoever records takes the force away, says so, and has every row."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.build.process import quenching
+from graspfx.build.process.quenching import Quencher, quench_all
+from graspfx.certificate.plan import plan
+from graspfx.errors import DeviceError, InputError
+from graspfx.loop.recording import sink
+from graspfx.testing.wire import DiyWire
+from tests.support.hardware import driver, wait_until
+from tests.support.logged import LoggedRun
+from tests.support.servo_wires import Assault, boards_scene
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+
+SOON = 0.1  # [s]: a generous bound, as others use the processors too
+
+
+def kill(servo: int) -> None:
+    os.kill(servo, signal.SIGKILL)
+
+
+def require_quenched(folder: Path) -> float:
+    """Kill the servo of two boards while their handles are pressed; give the time until both are silent [s]."""
+    with DiyWire() as left, DiyWire() as right:
+        assault = Assault([left, right], kill)
+        rec = gx.run(boards_scene([left, right]), real_time=True, stop=assault, out=folder)
+        wait_until(lambda: not left.torque.any() and not right.torque.any(), 1.0)
+        times = [assault.silence(wire) for wire in (left, right)]
+    assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
+    assert not rec.outcome.complete
+    [fault] = rec.faults
+    assert fault.tick == len(rec) > 0
+    assert fault.message.count("(Haply2Diy) was taken away in") == 2
+    assert rec.outcome.lost == 0
+    assert np.isfinite(rec.finger_position).all()
+    assert np.abs(rec.displayed_force).max() > 0.01
+    return max(times)
+
+
+def test_a_servo_that_is_killed_leaves_no_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has two boards without watchdogs, alike but for their ports, and the disk takes a second for each block."""
+    whole = sink.FileSink.write
+
+    def write(self: sink.FileSink, *arguments: Any) -> None:
+        time.sleep(1.0)
+        whole(self, *arguments)
+
+    times = [require_quenched(tmp_path / str(i)) for i in range(2)]
+    monkeypatch.setattr(sink.FileSink, "write", write)
+    times.append(require_quenched(tmp_path / "slow"))
+    assert min(times) < SOON, times
+
+
+def test_a_crash_in_a_library_leaves_no_force(tmp_path: Path) -> None:
+    """The driver's own code reads at address zero: the driver's `quench` is called here, after the crash."""
+    with LoggedRun(tmp_path, "crashes", slow=0.0) as run:
+        code, messages = run.end()
+    order = [each.what for each in run.log if each.what in ("crash", "quench", "files", "whole")]
+    assert order == ["crash", "quench", "files", "whole"]
+    assert code == 3
+    assert "the servo's process was ended by SIGSEGV; the force of the device of finger0 (Logged) was taken" in messages
+
+
+def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> None:
+    """It swallows every signal and exception: after a second without a tick its process is killed."""
+    with LoggedRun(tmp_path, "deaf", slow=0.0) as run:
+        code, messages = run.end()
+    hang, quench = ([each.time for each in run.log if each.what == what] for what in ("hang", "quench"))
+    assert 1.0 < quench[0] - hang[0] < 3.0
+    assert code == 3
+    assert "the servo's process was ended by SIGKILL" in messages
+
+
+def test_what_the_process_raises_is_raised_here(tmp_path: Path) -> None:
+    """A board that is not there, and one whose `open` is an error of its own: the words of a run in this process."""
+    with DiyWire() as wire:
+        scene = boards_scene([wire], **{"finger.0.device.port": str(tmp_path / "none")})
+        with pytest.raises(DeviceError, match=r"the device of finger0 \(Haply2Diy\): .*none does not open: No such"):
+            gx.run(scene, real_time=True, out=tmp_path / "out")
+        wire.place(np.array([160.0, 20.0]))
+        with pytest.raises((InputError, DeviceError), match=r"finger0"):
+            gx.run(boards_scene([wire], **{"object.0.position": [0.0, 0.04]}), real_time=True)
+    assert not list((tmp_path).glob("out/*"))
+
+
+def test_hardware_without_watchdog_or_quench_is_refused(tmp_path: Path) -> None:
+    scene = gx.Scene(
+        dimensions=1,
+        period=0.005,
+        duration=1.0,
+        object={"mass": 0.1, "viscosity": 0.8, "shape": {"kind": "box", "size": [0.05]}},
+        coupling={"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
+        finger=[{"start": [-0.03], "device": {"name": str(driver(tmp_path)), "position": [[-0.03]]}}],
+    )
+    rows = {row.step: row for row in plan(scene)}
+    assert rows["process"].runs
+    assert not rows["guard"].runs
+    assert "refused with --real-time: features.watchdog" in rows["guard"].why
+    with pytest.raises(InputError, match=r"features\.watchdog: .*quench\(\*\*settings\) in the driver of .*finger0"):
+        gx.run(scene, real_time=True)
+
+
+def test_the_plan_says_who_takes_the_force_away() -> None:
+    with DiyWire() as wire:
+        [row] = [row for row in plan(boards_scene([wire])) if row.step == "guard"]
+    assert row.runs
+    assert row.why == (
+        "the device of finger0 (Haply2Diy): if the process dies its driver's quench takes the force away"
+    )
+
+
+def test_every_device_is_quenched_whatever_another_one_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+
+    def fail() -> None:
+        calls.append("fail")
+        raise OSError("no such port")
+
+    monkeypatch.setattr(quenching, "PATIENCE", 0.2)
+    texts = quench_all([
+        Quencher("one", fail, None),
+        Quencher("two", lambda: calls.append("two"), None),
+        Quencher("three", None, 0.02),
+        Quencher("four", fail, 0.5),
+        Quencher("five", lambda: time.sleep(1.0), None),
+    ])  # fmt: skip
+    silent = "could not be taken away, and may still be there: switch it off: OSError: no such port"
+    assert texts[0] == f"the force of one {silent}"
+    assert texts[1].startswith("the force of two was taken away in ")
+    assert texts[2] == "the watchdog of three drops its force within 0.02 s"
+    assert texts[3] == "the force of four could not be taken away (OSError: no such port); its watchdog drops it"
+    assert texts[4] == "the force of five is still being taken away, and may be there: switch it off"
+    assert sorted(calls) == ["fail", "fail", "two"]
+
+
+@pytest.mark.stress
+def test_a_hundred_servos_that_are_killed_leave_no_force(tmp_path: Path) -> None:
+    times = [require_quenched(tmp_path / str(i)) for i in range(100)]
+    assert float(np.median(times)) < SOON, times
+
+
+@pytest.mark.stress
+def test_nothing_is_compiled_while_hardware_is_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an empty cache all kernels are compiled first: between two forces no more than some periods go by."""
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+    with DiyWire() as wire:
+        rec = gx.run(boards_scene([wire], engine="compiled"), real_time=True, duration=1.0)
+        times = np.array([at for at, _ in wire.frames])
+    assert rec.outcome.engine == "compiled"
+    assert np.diff(times).max() < 0.5

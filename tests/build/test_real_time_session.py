@@ -1,0 +1,110 @@
+"""A session in real time: it goes on by itself, takes new gains between two ticks, and is the run that it would be."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import InputError
+from graspfx.testing.wire import DiyWire
+from tests.support.hardware import wait_until
+from tests.support.servo_wires import PRESSED, boards_scene, servo_of
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+
+LINE = "reference-1dof"
+STIFFNESS, FRICTION = "coupling.internal.stiffness", "coupling.external.damping"
+
+
+def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path: Path) -> None:
+    """By the wall's clock, in another process, and step by step in this one: the same bits."""
+    with gx.open(LINE, real_time=True, live=[STIFFNESS, FRICTION], out=tmp_path) as session:
+        assert session.wait(0.1)
+        session.set(STIFFNESS, 90.0)
+        session.wait(0.05)
+        session.set({STIFFNESS: 40.0, FRICTION: 0.1})
+        assert session.mark("trial 1") > 0
+        assert session.wait(0.1)
+        assert session.values == {STIFFNESS: 40.0, FRICTION: 0.1}
+        assert 0 < len(session.recording) <= session.tick + 100
+        assert session.force.any()
+        with pytest.raises(InputError, match="ticks come by themselves"):
+            session.step()
+    rec = session.recording
+    assert rec.outcome.complete
+    assert rec.header.scheduling["loop"] == "process"
+    ticks = [change.tick for change in rec.changes]
+    assert [change.key for change in rec.changes] == [STIFFNESS, STIFFNESS, FRICTION]
+    assert ticks[1] == ticks[2] > ticks[0] > 0
+    assert [event.text for event in rec.events if event.kind == "mark"] == ["trial 1"]
+    with gx.open(LINE, live=[STIFFNESS, FRICTION]) as own:
+        own.step(ticks[0])
+        own.set(STIFFNESS, 90.0)
+        own.step(ticks[1] - ticks[0])
+        own.set({STIFFNESS: 40.0, FRICTION: 0.1})
+        own.step(len(rec) - ticks[1])
+    for name in ("finger_position", "finger_force", "internal_force", "external_force", "touching"):
+        assert np.array_equal(getattr(rec, name), getattr(own.recording, name)), name
+
+
+def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
+    """Handles are pressed; `rest` and Ctrl-C take the force away, and a servo that is killed is told."""
+    with DiyWire() as wire:
+        scene = boards_scene([wire])
+
+        def press() -> None:
+            wire.place(np.array(PRESSED))
+            wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
+
+        with gx.open(scene, real_time=True, live=[STIFFNESS]) as session:
+            press()
+            session.set(STIFFNESS, 100.0)
+            session.rest()
+            wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+            assert not session.wait(0.01)
+            with pytest.raises(InputError, match="a session that goes on; it has ended"):
+                session.set(STIFFNESS, 50.0)
+        assert session.recording.displayed_force.any()
+        assert not session.recording.faults
+        wire.home()
+        sessions: list[gx.RealTimeSession] = []
+
+        def sleep_in_a_session() -> None:
+            with gx.open(scene, real_time=True) as session:
+                sessions.append(session)
+                press()
+                threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+                time.sleep(20.0)
+
+        began = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            sleep_in_a_session()
+        assert time.monotonic() - began < 20.0
+        wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+        assert sessions[0].recording.outcome.cause == "SIGINT"
+        wire.home()
+        with gx.open(scene, real_time=True) as session:
+            press()
+            os.kill(servo_of(os.getpid()), signal.SIGKILL)
+            assert not session.wait(10.0)
+            wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+        assert session.fault is not None
+        assert not session.recording.outcome.complete
+        assert session.recording.outcome.cause == "the servo's process was ended by SIGKILL"
+        wire.home()
+        with pytest.raises(InputError, match=r"finger0 is .* mm inside ball0"):
+            gx.open(boards_scene([wire], **{"object.0.position": [0.0, 0.05]}), real_time=True)
+
+
+def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:
+    with pytest.raises(InputError, match="in real time hands and devices have their numbers in another process"):
+        gx.open(LINE, real_time=True, live=["finger.0.hand.stiffness"])
+    with pytest.raises(InputError, match="True for the wall's clock"):
+        gx.open(LINE, real_time=1)  # type: ignore[call-overload]

@@ -1,0 +1,84 @@
+"""Scenes with boards on emulated wires, whose servo runs in a process of its own, and that process seen from here."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import graspfx as gx
+from graspfx.testing.wire import DiyWire
+
+PRESSED = (165.0, 15.0)  # links of a 2DIY whose handle is in its object [deg]
+HOME, TIMEOUT = [0.0, 0.036], 0.0098  # of the handle [m]; until an answer is given up [s]
+SMALL = 2e-3  # a torque that is there [N m]
+BALL: dict[str, Any] = {
+    "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 0.001, "shape": {"kind": "sphere", "radius": 0.02},
+    "position": [0.0, 0.057], "free": [False] * 3,
+}  # fmt: skip
+
+
+def boards_scene(wires: Sequence[DiyWire], **changes: Any) -> gx.Scene:
+    """Put a ball before the handle of each board."""
+    names = [f"ball{i}" for i in range(len(wires))]
+    scene = gx.Scene(
+        dimensions=2,
+        period=0.01,
+        duration=60.0,
+        object=[{**BALL, "name": name} for name in names],
+        coupling={"external": {"stiffness": 100.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
+        finger=[
+            {"device": {"name": "haply-2diy", "port": wire.port, "timeout": TIMEOUT}, "start": HOME, "object": name}
+            for wire, name in zip(wires, names, strict=True)
+        ],
+    )  # fmt: skip
+    return scene.replace(changes)
+
+
+def servo_of(parent: int) -> int:
+    """Find the servo's process that a process has begun; 0 if there is none."""
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError, IndexError):
+            if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) != parent:
+                continue
+            if b"graspfx.build.process.child" in (entry / "cmdline").read_bytes():
+                return int(entry.name)
+    return 0
+
+
+class Assault:
+    """A `stop` for a run with boards: presses all handles into their balls, waits for forces, then strikes once.
+
+    Args:
+        wires: of the boards.
+        strike: told the number of the servo's process.
+        patience: from the strike on, until the run is stopped [s].
+    """
+
+    def __init__(self, wires: Sequence[DiyWire], strike: Callable[[int], object], patience: float = 1e9) -> None:
+        self._wires, self._strike, self._patience = wires, strike, patience
+        self._servo = 0
+        self.time = 0.0  # of the strike [s]
+
+    def __call__(self) -> bool:
+        if self.time:
+            return time.monotonic() > self.time + self._patience
+        if not self._servo:
+            self._servo = servo_of(os.getpid())
+            for wire in self._wires:
+                wire.place(np.array(PRESSED))
+        elif all(np.abs(wire.torque).max() > SMALL for wire in self._wires):
+            self.time = time.monotonic()
+            self._strike(self._servo)
+        return False
+
+    def silence(self, wire: DiyWire) -> float:
+        """Give the time from the strike to the first of the zeros that a board has kept to since [s]."""
+        frames = list(wire.frames)
+        last = max(i for i, (_, torques) in enumerate(frames) if any(torques))
+        return frames[last + 1][0] - self.time
