@@ -111,6 +111,26 @@ class Hardware:
         return offset
 
 
+class Stops:
+    """Tells whether a run is to stop: a signal has come, or who runs it says so.
+
+    Args:
+        exits: the signals.
+        stop: of who runs it.
+    """
+
+    def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
+        self._numbers, self._stop = exits.numbers, stop
+
+    @property
+    def has_news(self) -> bool:
+        """Whether who runs it has something to write into the memories of the run."""
+        return bool(getattr(self._stop, "has_news", False))
+
+    def __call__(self) -> bool:
+        return bool(self._numbers) or (self._stop is not None and self._stop())
+
+
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
     """Let fingers that hardware has at these positions meet their objects there, or a depth above, (n, d) [m].
 
@@ -131,26 +151,6 @@ def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray
         meet(parts, servo.objects, servo.movers, start - offset)
     servo.watch.note()
     return offset
-
-
-class Stops:
-    """Tells whether a run is to stop: a signal has come, or who runs it says so.
-
-    Args:
-        exits: the signals.
-        stop: of who runs it.
-    """
-
-    def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
-        self._numbers, self._stop = exits.numbers, stop
-
-    @property
-    def has_news(self) -> bool:
-        """Whether who runs it has something to write into the memories of the run."""
-        return bool(getattr(self._stop, "has_news", False))
-
-    def __call__(self) -> bool:
-        return bool(self._numbers) or (self._stop is not None and self._stop())
 
 
 @contextmanager

@@ -158,9 +158,9 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
     except GraspFXError as error:
         if overrides and isinstance(error, SceneError) and _is_sound(table, source):
             raise
-        made = header.versions.get("graspfx", "an earlier version")
+        version = header.versions.get("graspfx", "an earlier version")
         raise RecordingError(
-            f"the scene of this recording, made with GraspFX {made}, cannot be made again; its paths start in "
+            f"the scene of this recording, made with GraspFX {version}, cannot be made again; its paths start in "
             f"{folder}; {message(error)}"
         ) from error
     layout = original.layout
@@ -223,7 +223,8 @@ def _play(original: Recording, scene: Scene, parts: Parts, playback: Playback) -
             names = {name: f for f, name in enumerate(servo.layout.fingers)}
             positions = {names[name]: np.array(each["position"], dtype=float) for name, each in header.settled.items()}
             meet_hardware(servo, parts, positions)
-        servo.play(playback)
+        playback.attach(servo.script.ports, servo.stations)
+        servo._io = playback
         new = replace(
             header_of(parts, servo.objects), settled=header.settled, round_trip=header.round_trip,
             replays=f"{header.scene}, recorded {header.created}",

@@ -1,4 +1,4 @@
-"""The loop of a scene with hardware in its plan: where it runs, and who takes the force away when it dies."""
+"""The loop of a scene with hardware in its plan: of what, where it runs, and who takes the force away when it dies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Row = tuple[str, bool, str]
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """List the loop, where the servo runs, and of each device what becomes of its force if the servo's process dies."""
+    """List what runs between ticks, where the servo runs, and what becomes of each force if its process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
@@ -36,7 +36,7 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
 
 
 def _loop(parts: Parts) -> str:
-    """Say whether Python runs between two ticks, and why."""
+    """Say which loop it is, and why."""
     scene = parts.scene
     stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
     why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)

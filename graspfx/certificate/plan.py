@@ -69,7 +69,6 @@ def _kernel(scene: Scene, step: str) -> str:
 def _rows(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     yield from _starts(parts)
-    yield from loop_rows(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:

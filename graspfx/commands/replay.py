@@ -58,17 +58,17 @@ def execute(options: Namespace) -> int:
 def _lines(replay: Replay) -> Iterator[str]:
     """Say what was compared, and the largest differences first."""
     original, count = replay.original, len(replay.columns)
-    what = f"{original.header.scene or 'a recording'}: {len(original)} ticks, {count} columns replayed"
+    text = f"{original.header.scene or 'a recording'}: {len(original)} ticks, {count} columns replayed"
     if replay.is_open_loop:
-        yield f"{what}; {OPEN_LOOP}"
+        yield f"{text}; {OPEN_LOOP}"
         yield from (f"  {each}" for each in replay.differences)
         if not replay.differences:
             yield "  no difference"
     elif replay.differences:
-        yield f"{what}; {len(replay.differences)} of them are not those of the recording"
+        yield f"{text}; {len(replay.differences)} of them are not those of the recording"
         yield from (f"  {each}" for each in replay.differences)
     else:
-        yield f"{what}; each is that of the recording to the bit: largest difference 0"
+        yield f"{text}; each is that of the recording to the bit: largest difference 0"
 
 
 def _reasons(replay: Replay) -> Iterator[str]:

@@ -53,7 +53,7 @@ class DrivingDevice(Protocol):
 
     @property
     def thread(self) -> object:
-        """What the thread belongs to, known before `open`: equal for devices that share it."""
+        """Owner of the thread, known before `open`: equal for devices that share it."""
         ...
 
     def drive(self, function: int, context: int) -> None:

@@ -155,8 +155,8 @@ class Playback:
         """Display nothing; return the fault that a device had when it was written."""
         return next(self._faults(0), "") if self._phase == "write" else ""
 
-    def _faults(self, later: int) -> Iterator[str]:
-        if self._fault is not None and self._fault.tick + later == self._k:
+    def _faults(self, delay: int) -> Iterator[str]:
+        if self._fault is not None and self._fault.tick + delay == self._k:
             yield self._fault.message
 
     def _row(self, k: int) -> Mapping[str, FloatArray]:
@@ -191,6 +191,6 @@ def _calls(fitting: Fitting) -> Fitting:
 
 def _played(device: Device, d: int) -> PlayedDevice:
     """Put a played device in the place of another one, whose class it has in messages."""
-    kind = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
-    named: type[PlayedDevice] = type(type(device).__qualname__, (kind,), {})
-    return named(device.features, d)
+    base = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
+    kind: type[PlayedDevice] = type(type(device).__qualname__, (base,), {})
+    return kind(device.features, d)

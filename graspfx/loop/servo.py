@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from graspfx.loop.realtime.native_loop import NativeLoop
 
 FloatArray = NDArray[np.float64]
+Stop = Callable[[], bool]
 
 
 class Servo:
@@ -125,12 +126,6 @@ class Servo:
         self._ready()
         return self._tick
 
-    def play(self, playback: Playback) -> None:
-        """Read a recording instead of devices: those that it has put in their places."""
-        self._ready()
-        playback.attach(self._tick.ports, self.stations)
-        self._io = playback
-
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
         engine = self._ready()
@@ -144,14 +139,13 @@ class Servo:
     @property
     def why_python(self) -> str:
         """Why Python runs between two ticks on the wall's clock; empty if it does not."""
-        self._ready()
-        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self._tick)
+        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.script)
 
     def run(
         self,
         ticks: int,
         recorder: RowTaker | None,
-        stop: Callable[[], bool] | None = None,
+        stop: Stop | None = None,
         pacer: Pacer | None = None,
     ) -> None:
         """Run that many ticks, each recorded; fewer if `stop` says so.
@@ -234,7 +228,7 @@ class Servo:
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
-    def _run(self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: RowTaker | None, stop: Stop | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
@@ -254,13 +248,8 @@ class Servo:
                 self.row = recorder.row
                 recorder.drain()
 
-    def _run_paced(
-        self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
-    ) -> None:  # fmt: skip
-        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault.
-
-        With hardware forces decay in the last ticks, or in some more once `stop` says so.
-        """
+    def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
+        """Run ticks, each at its deadline; hardware that waits too long has a fault; forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         if self._tick.loop is not None:
             self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
@@ -278,9 +267,7 @@ class Servo:
             end.begin(self.ticks, recorder)
             self._run(1, recorder, None)
 
-    def _run_native(
-        self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None, pacer: Pacer
-    ) -> None:  # fmt: skip
+    def _run_native(self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Stop | None, pacer: Pacer) -> None:
         """Run ticks on the wall's clock by machine code alone, which Python looks at from time to time."""
 
         def look(done: int) -> None:

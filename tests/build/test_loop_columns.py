@@ -110,7 +110,7 @@ def test_what_a_device_should_not_tell_is_a_fault(says: str, tmp_path: Path, mon
 
 
 def test_columns_of_a_simulation(tmp_path: Path) -> None:
-    """As fast as it can it has none of them; paced it has, and all others are the same."""
+    """Unpaced it has none of them; paced it has, and all others are the same."""
     free = gx.run("paper-spring-arms", {"engine": "interpreted"}, duration=0.1)
     paced = gx.run("paper-spring-arms", {"engine": "interpreted"}, duration=0.1, real_time=True)
     assert paced.layout.columns.keys() - free.layout.columns.keys() == NEW | {"largest_force"}

@@ -13,9 +13,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
-from graspfx.testing.wire import DiyWire
 from tests.support.hardware import wait_until
-from tests.support.servo_wires import PRESSED, boards_scene, servo_of
+from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, servo_of, settled
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
 
@@ -24,7 +23,7 @@ STIFFNESS, FRICTION = "coupling.internal.stiffness", "coupling.external.damping"
 
 
 def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path: Path) -> None:
-    """By the wall's clock, in another process, and step by step in this one: the same bits."""
+    """Bits are the same by the wall's clock in another process, and step by step in this one."""
     with gx.open(LINE, real_time=True, live=[STIFFNESS, FRICTION], out=tmp_path) as session:
         assert session.wait(0.1)
         session.set(STIFFNESS, 90.0)
@@ -56,14 +55,14 @@ def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path
 
 def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
     """Handles are pressed; `rest` and Ctrl-C take the force away, and a servo that is killed is told."""
-    with DiyWire() as wire:
-        scene = boards_scene([wire])
+    with board() as wire:
+        scene = boards_scene([wire], PATIENT)
 
         def press() -> None:
             wire.place(np.array(PRESSED))
             wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
 
-        with gx.open(scene, real_time=True, live=[STIFFNESS]) as session:
+        with settled(lambda: gx.open(scene, real_time=True, live=[STIFFNESS])) as session:
             press()
             session.set(STIFFNESS, 100.0)
             session.rest()
@@ -77,7 +76,7 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
         sessions: list[gx.RealTimeSession] = []
 
         def sleep_in_a_session() -> None:
-            with gx.open(scene, real_time=True) as session:
+            with settled(lambda: gx.open(scene, real_time=True)) as session:
                 sessions.append(session)
                 press()
                 threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
@@ -90,7 +89,7 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
         wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
         assert sessions[0].recording.outcome.cause == "SIGINT"
         wire.home()
-        with gx.open(scene, real_time=True) as session:
+        with settled(lambda: gx.open(scene, real_time=True)) as session:
             press()
             os.kill(servo_of(os.getpid()), signal.SIGKILL)
             assert not session.wait(10.0)
@@ -99,8 +98,9 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
         assert not session.recording.outcome.complete
         assert session.recording.outcome.cause == "the servo's process was ended by SIGKILL"
         wire.home()
+        inside = boards_scene([wire], PATIENT, **{"object.0.position": [0.0, 0.05]})
         with pytest.raises(InputError, match=r"finger0 is .* mm inside ball0"):
-            gx.open(boards_scene([wire], **{"object.0.position": [0.0, 0.05]}), real_time=True)
+            settled(lambda: gx.open(inside, real_time=True))
 
 
 def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:

@@ -70,7 +70,7 @@ def test_a_run_with_options_before_its_scene(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("rnu knob", "unknown command 'rnu'; did you mean 'run'? (known: bench, check, "),
+        ("rnu knob", "unknown command 'rnu'; did you mean 'run'? (known: bench, calibrate, check, "),
         ("stabilty knob", "unknown command 'stabilty'; did you mean 'stability'?"),
         ("plto a", "unknown command 'plto'; did you mean 'plot'?"),
         ("run knob --ovewrite", "unknown option '--ovewrite'; did you mean '--overwrite'?"),

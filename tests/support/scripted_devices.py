@@ -193,5 +193,5 @@ class Scripted(Plain):
 
     @property
     def calls(self) -> Calls:
-        names = [address(machine(), name) for name in ("read", "write", "stop")]
-        return Calls(0, *names, self.context.ctypes.data, ctypes.c_int64.from_buffer(self.context.data))
+        read, write, stop = (address(machine(), name) for name in ("read", "write", "stop"))
+        return Calls(0, read, write, stop, self.context.ctypes.data, ctypes.c_int64.from_buffer(self.context.data))

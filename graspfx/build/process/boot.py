@@ -13,7 +13,7 @@ import graspfx
 from graspfx.errors import InputError
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # of numerical libraries: none beside
-TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.build.process.child import main; main({line}, {ring})"
+TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.build.process.servo_child import main; main({line}, {ring})"
 
 
 def is_possible() -> bool:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Errand:
-    """What a servo's process is to do.
+    """The errand of a servo's process.
 
     The process is a fresh interpreter with this one's `sys.path` and folder; it imports the modules of drivers and
     hands by their names, and never the program that has begun it.

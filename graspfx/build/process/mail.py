@@ -69,7 +69,7 @@ class Mail:
         self._relay.letters[number] = values
         fence()
         ring.words[Word.MAIL] = self._number = number
-        while int(ring.words[Word.TAKEN]) != number:
+        while int(ring.words[Word.DONE]) != number:
             require()
             time.sleep(LOOK)
         return int(ring.words[Word.TICK])

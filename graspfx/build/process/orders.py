@@ -66,7 +66,7 @@ class Orders:
         self._number = number
         self._words[Word.TICK] = servo.ticks
         fence()
-        self._words[Word.TAKEN] = number
+        self._words[Word.DONE] = number
 
 
 def memories(servo: Servo) -> list[letters.FloatArray]:

@@ -83,8 +83,8 @@ class Relay:
         self._recorder.drain()
 
     def _fetch_notes(self) -> None:
-        for kind, tick, what in self._ring.notes.news():
+        for kind, tick, content in self._ring.notes.news():
             if kind == "fault":
-                self.note_fault(tick, what)
+                self.note_fault(tick, content)
             else:
-                self._recorder.change(tick, self.letters.pop(what[LETTER]) if LETTER in what else what)
+                self._recorder.change(tick, self.letters.pop(content[LETTER]) if LETTER in content else content)

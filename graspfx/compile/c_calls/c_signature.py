@@ -74,7 +74,7 @@ class Comparison:
 
     @property
     def subject(self) -> str:
-        """What is compared, as it is written."""
+        """The left side of the comparison, as it is written."""
         return f"{self.buffer}[{self.entry}]" if self.buffer else ""
 
 
@@ -241,7 +241,7 @@ def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
 
 def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
     """Read comparisons with `or` between, such as `< 0 or status[5] == 0`; none of an empty text."""
-    reader, comparisons = Reader(subject, text), []
+    reader, comparisons = Reader(subject, text), list[Comparison]()
     while reader.next:
         if comparisons:
             reader.take("or")

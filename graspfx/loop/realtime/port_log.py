@@ -1,4 +1,4 @@
-"""What a tick records of one device besides its motion: whether its sample is new, its switches, its raw numbers."""
+"""The log of one device besides its motion: whether its sample is new, its switches, its raw numbers."""
 
 from __future__ import annotations
 

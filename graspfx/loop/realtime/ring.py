@@ -41,7 +41,7 @@ class Word(IntEnum):
     NOTES = 40  # bytes of notes that are there; the servo's
     MAIL = 48  # number of the last letter; the recorder's side
     SKIPPED = 56  # periods left out; the servo's
-    TAKEN = 64  # number of the last letter that the servo has taken
+    DONE = 64  # number of the last letter that the servo has taken
     TICK = 72  # the tick from which on it holds; the servo's
 
 

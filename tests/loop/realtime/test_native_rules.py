@@ -31,7 +31,7 @@ class Script:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_deadlines_are_those_of_the_pacer(seed: int) -> None:
-    """The same lateness, periods left out, wall and counts, to the bit, for ticks that come when they will."""
+    """Lateness, periods left out, wall and counts are the same to the bit, for ticks that come when they will."""
     random.seed(seed)
     late = [random.choice((0.0, 1e-5, 3e-4, 1.5e-3, 7.2e-3)) * random.random() for _ in range(2000)]
     own, other = Script([*late]), Pacer(PERIOD)

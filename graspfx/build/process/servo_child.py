@@ -78,10 +78,8 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             ring.words[Word.PHASE] = Phase.OPEN
 
         with _at_devices(servo, parts, ready) as hardware:
-            header = replace(
-                hardware.header(header),
-                scheduling={"loop": servo.native.name if servo.native else "process", **scheduling},
-            )
+            loop = "process" if servo.native is None else servo.native.name
+            header = replace(hardware.header(header), scheduling={"loop": loop, **scheduling})
             line.send(("settled", header))
             _require(line.recv(), "run")
             _run(errand, line, ring, servo, hardware)
