@@ -66,7 +66,8 @@ def test_a_function_that_returns_after_the_stop_brings_no_force_back(
     stops = [each.stops for each in (first, second)]
     assert np.abs(second.written[: HANG - 1]).max() > 0.0
     release.set()
-    [(*_, worker)] = [each for each in native_loop._LOST if each[0] is session.native]  # type: ignore[misc,index]
+    lost: list[Any] = [*native_loop._LOST]
+    [worker] = [each[-1] for each in lost if each[0] is session.native]
     assert worker.end(5.0)
     late = [np.isfinite(each.written).all(axis=(1, 2)).sum() for each in (first, second)]
     assert late == [before[0] + (role == "write"), before[1]]  # nothing but the call that was under way
@@ -110,7 +111,7 @@ def test_a_device_askew_is_that_of_pythons_loop(tmp_path: Path, scale: float) ->
 def test_a_recording_is_replayed_in_python(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any]
 ) -> None:
-    """What machine code alone has recorded on the wall's clock comes out of the scene's tick again, to the bit."""
+    """Ticks that machine code alone has recorded come out of the scene's tick again, to the bit."""
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
     small = scene(driver(tmp_path), TICKS, native=True, rest=SETTLING, **changes)
     rec = gx.run(small, real_time=True, out=tmp_path / "rec")
