@@ -19,7 +19,7 @@ from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.device_life import opened
 from graspfx.loop.realtime.exits import Interruption, signals_end
 from graspfx.loop.realtime.frozen_memory import frozen_memory
-from graspfx.loop.realtime.pacing import Clock, Pacer
+from graspfx.loop.realtime.pacing import Clock, Pacer, late_text
 from graspfx.loop.realtime.standstill import settle
 from graspfx.loop.tick.script import Port
 from graspfx.numeric import SMALLEST
@@ -58,16 +58,17 @@ class Bench:
         period: between two calls of it [s].
         limits: largest force of each channel [N].
         clock: of the ticks.
+        late: periods in a row that may be left out while a force is on.
 
     Attributes:
         samples: of all ticks so far.
     """
 
     def __init__(
-        self, port: DevicePort, exchange: DeviceExchange, period: float, limits: FloatArray, clock: Clock
+        self, port: DevicePort, exchange: DeviceExchange, period: float, limits: FloatArray, clock: Clock, late: int
     ) -> None:  # fmt: skip
         self.port, self.period, self.limits, self.clock = port, period, limits, clock
-        self._exchange, self._pacer = exchange, Pacer(period, clock)
+        self._exchange, self._pacer, self._late = exchange, Pacer(period, clock), late
         self.samples: list[Sample] = []
         self.home = port.readings.position.copy()
 
@@ -81,13 +82,16 @@ class Bench:
         """Read, then write a force (d,) on one channel; all others, and that one without a force, are at zero.
 
         Raises:
-            DeviceError: a fault of the device, or a finger that goes too far or too fast.
+            DeviceError: a fault of the device, a finger that goes too far or too fast, or a force that stood for too
+                long because this machine was too late.
             Interruption: a signal.
         """
         exchange, pacer, command = self._exchange, self._pacer, self.port.port.command
         skipped = pacer.wait(lambda: bool(exchange.exits.numbers))
         if exchange.exits.numbers:
             raise Interruption(exchange.exits.cause)
+        if command.any() and pacer.row > self._late:  # a pause without a force is none
+            raise DeviceError(f"{self.port.name}: {late_text(pacer.row, self.period, self._late)}")
         start = self.clock.now()
         _require(exchange.read(1 + skipped))
         self._stay()
@@ -164,7 +168,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
         exchange.exits = exits
         with opened(exchange, period):
             settle(exchange, period, clock)
-            yield Bench(port, exchange, period, _limits(parts, wire), clock)
+            yield Bench(port, exchange, period, _limits(parts, wire), clock, guards_of(parts).late)
 
 
 def _limits(parts: Parts, wire: Wire) -> FloatArray:

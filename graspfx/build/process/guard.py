@@ -132,6 +132,7 @@ class Guard(Thread):
             words[Word.BEAT] = time.monotonic_ns()
             is_dead = self._watched in ready
             if is_dead:
+                self.process.wait()  # at once: whoever asks for its number is told that it is no more
                 self._quench()
             if line in ready and not self._receive():
                 poll.unregister(line)

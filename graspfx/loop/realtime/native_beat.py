@@ -78,6 +78,8 @@ class NativeBeat:
     ports: Sequence[NativePort]
     closing: Sequence[NativePort]  # the same, in the order in which they are written
     table: FloatArray  # addresses
+    own: FloatArray  # words of the loop
+    quit: int  # place of the one that ends all forces
     begin: int  # words of the program in the table
     end: int
     words: FloatArray  # of the ring
@@ -159,7 +161,10 @@ def read_all(beat: NativeBeat, k: int, periods: int) -> None:
 
 @stage
 def display(beat: NativeBeat, k: int) -> None:
-    """Write all forces, up to the first device that fails; once there is a fault stop all, sound ones first."""
+    """Write all forces, up to the first device that fails; once there is a fault stop all, sound ones first.
+
+    Where Python has stopped the devices beside a function that did not return, its late return ends in zero, too.
+    """
     if beat.faulted[0] == 0.0:
         began = now(beat.table)
         for port in beat.closing:
@@ -167,7 +172,7 @@ def display(beat: NativeBeat, k: int) -> None:
                 write(beat, port, k)
         if beat.times is not None:
             beat.times.io_write[0] = now(beat.table) - began
-    if beat.faulted[0] != 0.0:
+    if beat.faulted[0] != 0.0 or peek(beat.own, beat.quit) != 0:
         for port in beat.closing:
             if port.is_gone[0] == 0.0:
                 stop(beat, port, k)
@@ -181,7 +186,7 @@ def write(beat: NativeBeat, port: NativePort, k: int) -> None:
     """Write a device's forces, which are finite and within its limit."""
     copy(port.orders, port.command)
     why = limit_forces(port.state)
-    if why == 0:
+    if why == 0 and peek(beat.own, beat.quit) == 0:
         code = call(beat.table, port.write)
         if code < 0:
             why = fail(port.state, NO_WRITE, code)

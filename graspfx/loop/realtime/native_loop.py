@@ -24,7 +24,7 @@ from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState
 from graspfx.loop.realtime.native_machine import DRIVEN as CALLBACK
 from graspfx.loop.realtime.native_machine import engine
 from graspfx.loop.realtime.native_port import PortState
-from graspfx.loop.realtime.native_program import HALT, STOP, NativeProgram
+from graspfx.loop.realtime.native_program import HALT, QUIT, STOP, NativeProgram
 from graspfx.loop.realtime.native_texts import clock_text, port_text, stop_text
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
@@ -131,6 +131,7 @@ class NativeLoop:
         finally:
             self.program.words[HALT] = 1
             if not worker.end(PATIENCE):
+                self.program.words[QUIT] = 1  # once the function returns no force follows
                 _LOST.append((self, ring, recorder, worker))
             done = self._drain(recorder, ring) - k
             self._finish(pacer)
@@ -199,6 +200,8 @@ class NativeLoop:
 
     def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
         """Make all memories what Python's own loop would begin with."""
+        if self.program.words[QUIT]:
+            raise DeviceError(HANGS)
         self._calls = [_calls(each) for each in self._ports]
         for i, calls in enumerate(self._calls):
             self.program.connect(i, calls)

@@ -30,7 +30,8 @@ from graspfx.loop.tick.script import Script, Tick
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-HALT, STOP = range(2)  # own words: whether the loop ends before the next tick, and whether it is to stop softly
+# Own words: whether the loop ends before the next tick, is to stop softly, may bring no force any more.
+HALT, STOP, QUIT = range(3)
 TEXT = """
 def turn({arrays}, k):
     {lines}
@@ -58,7 +59,7 @@ class NativeProgram:
 
     Attributes:
         clock, end, states: memories, as records; a state for each port.
-        words: own ones, HALT and STOP.
+        words: own ones, HALT, STOP and QUIT.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class NativeProgram:
         *,
         nested: bool = False,
     ) -> None:
-        self.words: IntArray = np.zeros(2, dtype=np.int64)
+        self.words: IntArray = np.zeros(3, dtype=np.int64)
         self.clock = ClockState(np.zeros(size_for(ClockState)))
         self.end = EndState(np.zeros(size_for(EndState)))
         self.states = [PortState(_state_memory(each)) for each in ports]
@@ -87,13 +88,14 @@ class NativeProgram:
         table = self._table.view(np.float64)
         script.memory("table", table)
         self._ring_name = script.memory("ring", ring.words.view(np.float64))
-        own = script.memory("own", self.words.view(np.float64))
+        words = self.words.view(np.float64)
+        own = script.memory("own", words)
         for state, port in zip(self.states, ports, strict=True):
             script.memory("native", state.buffer)
             script.memory("port", port.port.memory)
         wires = [_port(i, s, p, tick, script) for i, (s, p) in enumerate(zip(self.states, ports, strict=True))]
         ring_words = script.arrays[self._ring_name]
-        beat = self._beat(tick, wires, table, ring_words, ring.span, safety, nested=nested)
+        beat = self._beat(tick, wires, table, words, ring_words, ring.span, safety, nested=nested)
         lines = [line.text for line in unfold(turn, script, beat=beat)]
         keep_stages()
         faulted = f"{servo}[{start_of(ServoState, 'faulted')}]"
@@ -113,6 +115,7 @@ class NativeProgram:
         tick: Tick,
         wires: list[NativePort],
         table: FloatArray,
+        own: FloatArray,
         words: FloatArray,
         span: int,
         safety: SafetyChain | None,
@@ -132,6 +135,8 @@ class NativeProgram:
             ports=wires,
             closing=wires[::-1] if nested else wires,
             table=table,
+            own=own,
+            quit=QUIT,
             begin=0,
             end=RUN,
             words=words,

@@ -124,6 +124,32 @@ def test_a_finger_that_runs_away_is_stopped(tmp_path: Path, monkeypatch: pytest.
     assert late_masses(file)[-1].log[-2:] == ["stop", "close"]
 
 
+@pytest.mark.parametrize("pause", [0.0055, 0.02, 30.0])
+@pytest.mark.usefixtures("virtual")
+def test_a_force_does_not_stand_while_the_machine_is_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pause: float
+) -> None:  # fmt: skip
+    """Five periods may be left out while a force is on, no more: then zero is the next that the device is told."""
+    file, away = late_driver(tmp_path), list[float]()
+    write = LateMass.write
+
+    def slow(self: LateMass, forces: Any) -> None:
+        write(self, forces)
+        if forces.any() and not away:
+            VirtualClock.time += pause
+            away.append(pause)
+
+    monkeypatch.setattr(LateMass, "write", slow)
+    if pause < 0.006:
+        calibrate(square(file), pulses=20)
+        return
+    with pytest.raises(DeviceError, match=r"periods of 0\.001 s in a row were left out, 5 at most"):
+        calibrate(square(file), pulses=20)
+    log = late_masses(file)[-1].log
+    assert log[-2:] == ["stop", "close"]
+    assert sum(isinstance(each, np.ndarray) and bool(each.any()) for each in log) == 1
+
+
 @pytest.mark.usefixtures("virtual")
 def test_limits_of_the_scene_hold_and_a_signal_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = late_driver(tmp_path)
