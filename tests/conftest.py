@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import signal
 from functools import partial
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -19,8 +20,11 @@ for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECL
 
 os.environ.setdefault("MPLBACKEND", "agg")
 if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
-    os.environ["GRASPFX_CACHE"] = os.environ.get("MYC") or mkdtemp(prefix="graspfx-tests-")
-    os.environ.get("MYC") or atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
+    os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
+    atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell without a terminal starts what it does not wait for
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")

@@ -195,7 +195,7 @@ class NeverNoticed(Delta):
     def read(self):
         sum(self._dhd._functions[name](*args) for name, args in (("dhdGetPosition", (*self._places, self._id)),))
         if np.isfinite(self._xyz).all():
-            self._follow(1)
+            self._follow()
         return self._position, self._velocity, time.perf_counter() - self._began
 
     def write(self, forces):
