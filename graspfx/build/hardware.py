@@ -76,6 +76,11 @@ class Hardware:
             self._servo.rest(recorder)
 
     @property
+    def has_unstopped(self) -> bool:
+        """Whether the force of a device may still be there, as it did not let itself be stopped."""
+        return self._devices.has_unstopped
+
+    @property
     def outcome(self) -> dict[str, Any]:
         """Entries of the run's `Outcome`: the signal that ended it, readings without a new sample, and lateness."""
         return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}

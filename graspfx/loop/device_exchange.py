@@ -58,6 +58,7 @@ class DevicePort:
         readings: in the device's own axes, where the port has them in the scene's.
         log: of what it tells besides, where that is recorded; None without.
         is_gone: whether a call of it has failed: it is not read again.
+        is_unstopped: whether it did not let itself be stopped when it was last told to.
         is_up: whether its deadman was up at the last reading.
         watches: whether a deadman that is up takes the force away; before a run there is none to take.
     """
@@ -156,8 +157,10 @@ class DevicePort:
 
     def stop(self) -> str:
         """Display zero force."""
+        self.is_unstopped = True
         try:
             self.device.stop()
+            self.is_unstopped = False
         except Exception as error:  # noqa: BLE001 - one that is gone cannot be stopped, and the others must be
             return self._failure("cannot be stopped, and may keep its force: switch it off", error)
         return ""
@@ -221,6 +224,11 @@ class DeviceExchange:
     def repeats(self) -> int:
         """Readings so far that brought no new sample."""
         return sum(each.readings.repeats for each in self.ports)
+
+    @property
+    def has_unstopped(self) -> bool:
+        """Whether the force of one may still be there, as it did not let itself be stopped."""
+        return any(each.is_unstopped for each in self.ports)
 
     def read(self, periods: int = 1) -> list[str]:
         """Read every device that is not gone, all of them asked before the first is read; list what is wrong."""

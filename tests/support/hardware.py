@@ -73,7 +73,7 @@ class Fake:
         box = None if workspace is None else (np.array(workspace[0]), np.array(workspace[1]))
         self.features = Features(fingers=k, dimensions=d, peak_force=LIMIT, workspace=box, switches=switches)
         if switches:
-            self.switches = (1 << switches) - 1
+            self.switches: Any = (1 << switches) - 1
         self.velocity = np.zeros((k, d))
         self.reads, self.log = 0, list[tuple[int, Any]]()
         self.period, self.at, self.evil = 0.0, at, EVIL[evil] if evil else Evil()

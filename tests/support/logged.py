@@ -65,6 +65,8 @@ class Logged:
         self.note("force", abs(forces[0, 0]))
     def stop(self):
         self.note("stop")
+        if self.how == "unstoppable":
+            raise OSError("no answer")
     def close(self):
         self.note("close")
     def __enter__(self):

@@ -83,8 +83,10 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             line.send(("settled", header))
             _require(line.recv(), "run")
             _run(errand, line, ring, servo, hardware)
-            _await_close(line)
-        ring.words[Word.PHASE] = Phase.CLOSED
+            if not hardware.has_unstopped:
+                _await_close(line)
+        if not hardware.has_unstopped:  # else it ends as if in the run: the guard takes the force away
+            ring.words[Word.PHASE] = Phase.CLOSED
     line.send(("closed",))
 
 
@@ -110,6 +112,8 @@ class Simulations:
     Attributes:
         pacer: of the ticks.
     """
+
+    has_unstopped = False  # device, as there is none
 
     def __init__(self, servo: Servo, exits: Exits) -> None:
         self._servo, self._exits, self.pacer = servo, exits, Pacer(servo.period)
@@ -137,7 +141,8 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
         hardware.run(errand.ticks, recorder, orders)
     except BaseException as raised:  # noqa: BLE001 - as in `main`
         error = carried_errors.pack(raised)
-    ring.words[Word.PHASE] = Phase.RESTED
+    if not hardware.has_unstopped:
+        ring.words[Word.PHASE] = Phase.RESTED
     outcome = {"engine": servo.engine.name, **servo.coupling, **hardware.outcome}
     if orders.cause:
         outcome["cause"] = orders.cause

@@ -202,6 +202,8 @@ class ServoProcess:
             self._take(0.05)
         self.guard.join()
         self._waits.close()
+        if self.guard.report and not self.cause:  # of devices that did not let themselves be stopped
+            log.info("%s", "; ".join(self.guard.report))
 
 
 @contextmanager

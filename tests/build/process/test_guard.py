@@ -19,6 +19,7 @@ from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
+from graspfx.loop.recording.record import Recording
 from graspfx.testing.wire import DiyWire
 from tests.support.hardware import driver, wait_until
 from tests.support.logged import LoggedRun
@@ -78,6 +79,15 @@ def test_a_crash_in_a_library_leaves_no_force(tmp_path: Path) -> None:
     assert order == ["crash", "quench", "files", "whole"]
     assert code == 3
     assert "the servo's process was ended by SIGSEGV; the force of the device of finger0 (Logged) was taken" in messages
+
+
+def test_a_device_that_cannot_be_stopped_is_quenched(tmp_path: Path) -> None:
+    """Its process lets go of it and ends at the end of the run, before the disk is done; then it is reached afresh."""
+    with LoggedRun(tmp_path, "unstoppable", slow=1.0, options=["--duration", "1"]) as run:
+        run.end()
+    order = [each.what for each in run.log]
+    assert order.index("close") < order.index("quench") < order.index("whole")
+    assert "cannot be stopped, and may keep its force" in str(Recording.load(run.out).faults)
 
 
 def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> None:
