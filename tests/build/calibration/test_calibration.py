@@ -238,7 +238,7 @@ def test_an_arm_of_the_rig_s_emulator_comes_back() -> None:
     places = []
 
     def attempt() -> Calibration:
-        with RigWire(stiffness=0.0, damping=0.0, slowness=400.0) as wire:
+        with RigWire(stiffness=0.0, damping=0.0, slowness=8.0) as wire:
             places.append(wire.position[0].tolist())
             return calibrate(on_wire("rig", wire, arms=[{"base": base, "elbow": "left"}]), pulses=20)
 

@@ -148,7 +148,7 @@ def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     thread = threading.Thread(target=hog)
     thread.start()
     file = driver(tmp_path)
-    small = scene(file, ticks, native=True, rest=SETTLING)
+    small = scene(file, ticks, native=True, rest=SETTLING).replace({"safety.watchdog": 0.3})  # late is no matter here
     looks: list[tuple[float, int]] = []
 
     def stop() -> bool:
@@ -166,7 +166,7 @@ def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     device = newest(file)
     assert rec.ticks == ticks
     assert rec.outcome.lost == 0
-    assert not rec.outcome.faults or "left out" in rec.outcome.faults[0].message  # a machine that was too late
+    assert not rec.outcome.faults
     assert device.reads == SETTLING
     assert device.python_writes == SETTLING - 1
     assert int(device.context[0]) >= SETTLING + ticks - 1
@@ -218,7 +218,8 @@ def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert rec.header.scheduling["loop"] == "inline"
     wall, late, skipped, io = (np.asarray(getattr(rec, name)) for name in ("wall", "late", "skipped", "io"))
     grid = PERIOD * (np.arange(150) + np.cumsum(skipped.ravel()))
-    assert wall.ravel() - late.ravel() == pytest.approx(grid, abs=1e-9)
+    rounding = 150 * np.spacing(time.monotonic())  # of deadlines, which are counted on from one to the next
+    assert wall.ravel() - late.ravel() == pytest.approx(grid, abs=1e-9 + rounding)
     assert (late >= 0.0).all()
     assert rec.outcome.skipped == skipped.sum()
     assert (io[:, 0] > 0.0).all()
