@@ -6,9 +6,10 @@ maker's interface. The library, libdrd, comes with the maker's SDK: nothing of i
 
 from __future__ import annotations
 
+from graspfx.devices._libraries import check_library
 from graspfx.devices._settings import number, whole
 from graspfx.devices.force_dimension.delta import Delta, PlainDelta
-from graspfx.devices.force_dimension.dhd import check_library, is_of_c
+from graspfx.devices.force_dimension.dhd import is_of_c
 from graspfx.protocols import SMALLEST, WINDOW
 
 __all__ = ["Delta", "connect", "quench"]
@@ -36,7 +37,7 @@ def connect(
         resolution: of a position [m].
         velocity_window: the longest window of the velocity estimate [samples].
     """
-    check_library(library)
+    check_library(library, "Force Dimension's library")
     return (Delta if is_of_c(library) else PlainDelta)(
         serial=None if serial is None else whole("serial", serial, 0, 2**31 - 1),
         library=library,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 from typing import Any
 
-from graspfx.protocols import DeviceError, InputError
+from graspfx.devices._libraries import load_library
+from graspfx.protocols import DeviceError
 
 NAMES = {"win32": ("drd64.dll", "dhd64.dll"), "darwin": ("libdrd.dylib", "libdhd.dylib")}
 ELSEWHERE = "libdrd.so", "libdrd.so.3", "libdhd.so"
@@ -58,7 +58,7 @@ class Dhd:
     """
 
     def __init__(self, library: object) -> None:
-        self.library = loaded = _loaded(library)
+        self.library = loaded = load_library(library, "Force Dimension's library", NAMES, ELSEWHERE)
         self._last = self._function(loaded, "dhdErrorGetLastStr", (), ctypes.c_char_p)
         self._functions = {name: self._function(loaded, name, kinds) for name, kinds in ARGUMENTS.items()}
         self.expert = all(hasattr(loaded, name) for name in EXPERT)
@@ -88,27 +88,7 @@ class Dhd:
         return function
 
 
-def _loaded(library: object) -> Any:
-    if library is not None and not isinstance(library, str):
-        return library
-    names = NAMES.get(sys.platform, ELSEWHERE) if library is None else (library,)
-    for name in names:
-        try:
-            return ctypes.CDLL(name)
-        except OSError as error:
-            reason = error
-    raise DeviceError(
-        f"Force Dimension's library does not load ({reason}): install the maker's SDK, or give its path as `library`"
-    ) from reason
-
-
 def is_of_c(library: object) -> bool:
     """Tell whether a library's functions are C's, as they are in one that is loaded by its path."""
     function = getattr(library, "dhdSetForce", None)
     return library is None or isinstance(library, str) or (hasattr(function, "argtypes") and function is not None)
-
-
-def check_library(library: object) -> None:
-    """Refuse what can be no library, before anything is loaded."""
-    if isinstance(library, str) and not library:
-        raise InputError("library", library, "the path of Force Dimension's library, or None for its usual names")

@@ -6,8 +6,9 @@ library's interface. The library, libHD, comes with the maker's SDK: nothing of 
 
 from __future__ import annotations
 
+from graspfx.devices._libraries import check_library
 from graspfx.devices._settings import number, whole
-from graspfx.devices.open_haptics.hd import check_library, check_unit
+from graspfx.devices.open_haptics.hd import check_unit
 from graspfx.devices.open_haptics.stylus import Stylus
 from graspfx.protocols import SMALLEST, WINDOW
 
@@ -35,7 +36,7 @@ def connect(
         resolution: of a position [m].
         velocity_window: the longest window of the velocity estimate [samples].
     """
-    check_library(library)
+    check_library(library, "libHD")
     check_unit(unit)
     return Stylus(
         unit=unit,

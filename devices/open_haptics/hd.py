@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 from typing import Any
 
+from graspfx.devices._libraries import load_library
 from graspfx.protocols import DeviceError, InputError
 
 LIBRARIES = {"win32": ("hd.dll",), "darwin": ("HD.framework/HD",)}
@@ -63,7 +63,7 @@ class Hd:
     """
 
     def __init__(self, library: object) -> None:
-        self.library = loaded = _loaded(library)
+        self.library = loaded = load_library(library, "the OpenHaptics library", LIBRARIES, ELSEWHERE)
         self._functions = {}
         for name, kinds in {**SIGNATURES, "hdGetError": (_Error,)}.items():
             function = getattr(loaded, name, None)
@@ -91,26 +91,6 @@ class Hd:
 def error_text(code: int) -> str:
     """Say what an error of the library means."""
     return f"{ERRORS.get(code, 'an error')} (0x{code:X})"
-
-
-def _loaded(library: object) -> Any:
-    if library is not None and not isinstance(library, str):
-        return library
-    names = LIBRARIES.get(sys.platform, ELSEWHERE) if library is None else (library,)
-    for name in names:
-        try:
-            return ctypes.CDLL(name)
-        except OSError as error:
-            reason = error
-    raise DeviceError(
-        f"the OpenHaptics library does not load ({reason}): install the maker's SDK, or give its path as `library`"
-    ) from reason
-
-
-def check_library(library: object) -> None:
-    """Refuse what can be no library, before anything is loaded."""
-    if isinstance(library, str) and not library:
-        raise InputError("library", library, "the path of libHD, or None for its usual names")
 
 
 def check_unit(unit: object) -> None:

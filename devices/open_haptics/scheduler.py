@@ -55,7 +55,7 @@ class Scheduler:
                 hd.call("hdMakeCurrentDevice", handle)
                 hd.call("hdEnable", FORCE_OUTPUT)
                 calls = _calls(hd, handle, velocity)
-            except Exception:
+            except BaseException:  # a signal may break it off too
                 with suppress(DeviceError):
                     hd.call("hdDisableDevice", handle)
                 raise

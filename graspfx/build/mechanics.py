@@ -13,7 +13,7 @@ from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import StillHand
 from graspfx.build.wiring import Wire
 from graspfx.errors import InputError
-from graspfx.loop.device import Features, SimulatedDevice
+from graspfx.loop.device import Features, SimulatedDevice, is_hardware
 from graspfx.loop.device_frame import Frame
 from graspfx.scene.model import Scene
 
@@ -78,7 +78,7 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
         assumed.update(_assumed(wire, [parts.scene.finger_names[i] for i in used]))
         lateness[used], age[used] = wire.features.lateness or 0.0, wire.features.latency or 0.0
         jitter[:, used] = np.array(wire.fitting.jitter or (wire.features.lateness or 0.0,) * 2)[:, None]
-        round_trip[used], hardware[used] = wire.fitting.round_trip, not isinstance(wire.device, SimulatedDevice)
+        round_trip[used], hardware[used] = wire.fitting.round_trip, is_hardware(wire.device)
         for i in used:
             delay[i] = mechanics_of.delay or 0
             if isinstance(wire.device, Postured) and not MECHANICAL & wire.fitting.measures.keys():

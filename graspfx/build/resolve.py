@@ -21,7 +21,7 @@ from graspfx.build.placement import start_of
 from graspfx.build.safety_limits import safety_limits
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
-from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.safety.chain import SafetyLimits
@@ -108,7 +108,7 @@ class Parts:
         return [
             device_name(DeviceWiring(wire.device, wire.fingers), names)
             for wire in self.wires
-            if not isinstance(wire.device, SimulatedDevice)
+            if is_hardware(wire.device)
         ]
 
     @property

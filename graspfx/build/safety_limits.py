@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.wiring import Wire
-from graspfx.loop.device_exchange import is_hardware
+from graspfx.loop.device import is_hardware
 from graspfx.loop.safety.chain import SafetyLimits
 
 if TYPE_CHECKING:

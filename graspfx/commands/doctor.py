@@ -90,7 +90,7 @@ class _Subject:
         from graspfx import plugins
         from graspfx.build.checks.settings import signature_faults
         from graspfx.build.wiring import AUTOMATIC
-        from graspfx.loop.device import SimulatedDevice
+        from graspfx.loop.device import is_hardware
         from graspfx.loop.parts import DeviceWiring
 
         driver = plugins.load("devices", name)
@@ -100,7 +100,7 @@ class _Subject:
         for place, text in signature_faults((), name, settings, parameters, {AUTOMATIC}):
             raise InputError(".".join(map(str, place)), settings.get(str(place[0])), f"a setting of {name!r}", text)
         device = driver.connect(**settings)
-        if isinstance(device, SimulatedDevice):
+        if not is_hardware(device):
             raise InputError("device", name, "hardware: a simulation is always on time")
         self.names = [f"channel{i}" for i in range(device.features.fingers)]
         self.stations = [DeviceWiring(device, np.arange(device.features.fingers))]
@@ -109,14 +109,14 @@ class _Subject:
     def _add_scene(self, options: Namespace, settings: dict[str, Any]) -> None:
         from graspfx.build.resolve import resolve
         from graspfx.build.wiring import table_at
-        from graspfx.loop.device import SimulatedDevice
+        from graspfx.loop.device import is_hardware
         from graspfx.loop.parts import DeviceWiring
         from graspfx.scene.load import load
 
         scene = load(options.subject, settings, preset=options.preset)
         self.period, self.names = options.period or scene.period, list(scene.finger_names)
         for wire in resolve(scene).own_wires():
-            if not isinstance(wire.device, SimulatedDevice):
+            if is_hardware(wire.device):
                 table = table_at(scene, int(wire.used[0]))[1]
                 self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
                 self._note(table.name, wire.features, table.settings)

@@ -202,6 +202,11 @@ class SimulatedDevice(Protocol):
         ...
 
 
+def is_hardware(device: object) -> bool:
+    """Tell whether a device is no simulation: its clock is the wall's, and a person may hold it."""
+    return not isinstance(device, SimulatedDevice)
+
+
 class DevicePorts(NamedTuple):
     """Where a device's block takes its inputs and shows what comes of them: the first of their entries."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError, abbreviate, message
-from graspfx.loop.device import LimitedDevice, SimulatedDevice
+from graspfx.loop.device import LimitedDevice, is_hardware
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.gradual_entry import Entry
@@ -32,11 +32,6 @@ def part_name(kind: str, part: object, names: Iterable[str]) -> str:
 def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
     """Name a device by the scene's fingers that are its channels, and its class."""
     return part_name("device", station.device, (fingers[f] for f in station.fingers.tolist() if f >= 0))
-
-
-def is_hardware(device: object) -> bool:
-    """Tell whether a device is no simulation: its clock is the wall's, and a person may hold it."""
-    return not isinstance(device, SimulatedDevice)
 
 
 class DevicePort:

@@ -12,7 +12,8 @@ from graspfx import log
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.coupling_report import coupling_report
-from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name, is_hardware
+from graspfx.loop.device import is_hardware
+from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.guest_rounds import GuestRounds, settle_guests
 from graspfx.loop.hand_tables import fill_table

@@ -16,7 +16,7 @@ from graspfx.build.calibration.pushes import FingerFigures, finger_figures
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.wiring import Wire
 from graspfx.errors import InputError
-from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.device import is_hardware
 from graspfx.loop.realtime.pacing import WallClock
 from graspfx.numeric import number
 
@@ -171,7 +171,7 @@ def calibrate(
     if not number("pulses", pulses, "a whole number, 1 or more") >= 1:
         raise InputError("pulses", pulses, "a whole number, 1 or more")
     parts = resolve(scene_)
-    hardware = [wire for wire in parts.own_wires() if not isinstance(wire.device, SimulatedDevice)]
+    hardware = [wire for wire in parts.own_wires() if is_hardware(wire.device)]
     if not hardware:
         raise InputError(
             "scene", scene_.source.name, "one with hardware",

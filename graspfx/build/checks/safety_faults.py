@@ -7,8 +7,7 @@ from typing import Any
 
 from graspfx.build.checks.lengths import numbers
 from graspfx.errors import abbreviate
-from graspfx.loop.device import Device
-from graspfx.loop.device_exchange import is_hardware
+from graspfx.loop.device import Device, is_hardware
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]

@@ -13,8 +13,8 @@ from graspfx import plugins
 from graspfx.build.force_limits import is_forceless
 from graspfx.build.wiring import AUTOMATIC, table_at
 from graspfx.errors import InputError, message
-from graspfx.loop.device import QuenchableDriver
-from graspfx.loop.device_exchange import device_name, is_hardware
+from graspfx.loop.device import QuenchableDriver, is_hardware
+from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 
 from graspfx.compile.kernel_checks import foreign_kernels
-from graspfx.loop.device import LimitedDevice, RawDevice
+from graspfx.loop.device import LimitedDevice, RawDevice, is_hardware
 from graspfx.loop.device_calls import CallsDevice, DrivingDevice
-from graspfx.loop.device_exchange import device_name, is_hardware
+from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.tick.script import Tick
 

@@ -71,14 +71,6 @@ def _words(table: Any) -> NDArray[np.int64]:
 FUNCTIONS = now, sleep_until, call, run, peek, publish
 RESULTS = {"now": "double"}  # of the others whole numbers
 PREFIX = "graspfx_loop_"
-PARAMETERS = {
-    "now": "ptr",
-    "sleep_until": "ptr, double",
-    "call": "ptr, i64",
-    "run": "ptr, i64, i64, i64",
-    "peek": "ptr, i64",
-    "publish": "ptr, i64, i64",
-}
 TEXT = """
 declare i32 @clock_gettime(i32, ptr)
 declare i32 @clock_nanosleep(i32, i32, ptr, ptr)
