@@ -8,7 +8,7 @@ from textwrap import dedent
 
 import pytest
 
-from graspfx.compile.own_sources import source_folders
+from graspfx.compile.own_sources import NO_KERNELS, source_folders
 from graspfx.compile.unbound import unbound_names
 
 FLAWED = {
@@ -61,12 +61,24 @@ def test_ways_on_which_each_name_has_a_value(body: str) -> None:
 
 def test_no_kernel_of_ours_has_such_a_name() -> None:
     files = [file for folder in source_folders() for file in Path(folder).rglob("*.py")]
-    kernels = [
+    ours = [kernel for file in files for kernel in kernels(file)]
+    assert len(ours) > 300
+    assert [name for kernel in ours for name in unbound_names(kernel)] == []
+
+
+def test_rooms_that_caches_leave_out_have_no_kernel() -> None:
+    """Edits of these rooms leave compiled programs valid, so no program may be made from what stands there."""
+    package = Path(source_folders()[0])
+    for room in NO_KERNELS:
+        assert (package / room / "__init__.py").is_file()
+        assert [node.name for file in (package / room).rglob("*.py") for node in kernels(file)] == [], room
+
+
+def kernels(file: Path) -> list[ast.FunctionDef]:
+    """List the kernels that a file defines."""
+    return [
         node
-        for file in files
         for node in ast.walk(ast.parse(file.read_text("utf-8")))
         if isinstance(node, ast.FunctionDef)
         and {d.id for d in node.decorator_list if isinstance(d, ast.Name)} & {"kernel", "inline"}
     ]
-    assert len(kernels) > 300
-    assert [name for kernel in kernels for name in unbound_names(kernel)] == []
