@@ -42,9 +42,9 @@ class Change:
     rotational_viscosity: float | None = None
 
     @property
-    def is_of_stiffness(self) -> bool:
-        """Whether the stiffness alone changes, if anything does."""
-        return self == Change(external=self.external, internal=self.internal)
+    def is_external(self) -> bool:
+        """Whether the external stiffness alone changes, if anything does."""
+        return self == Change(external=self.external)
 
 
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
@@ -96,7 +96,7 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
         inertia[:shifts, :shifts] *= ratio
         if table.inertia is None:  # the moment of a solid shape grows with its mass
             inertia[shifts:, shifts:] *= ratio
-    arrays = {"inertia": inertia}
+    arrays: dict[str, np.ndarray] = {"inertia": inertia}
     for value, old, first, last in (
         (change.viscosity, table.viscosity, 0, shifts),
         (change.rotational_viscosity, table.rotational_viscosity, shifts, len(viscosity)),
@@ -105,4 +105,19 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
             places = np.arange(first, last)
             viscosity[places, places] += value - (old or 0.0)
     arrays["viscosity"] = viscosity
+    if linear.preload is not None:
+        arrays["preload"] = linear.preload * _squeeze_ratio(scene, linear, change)
     return linear.with_arrays(**arrays, damping=loop.damping(change.external_damping, change.internal_damping))
+
+
+def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
+    """Give what the squeeze becomes: that of a hand and the internal stiffness in series, closed as far as before."""
+    gain = scene.coupling.internal.stiffness
+    if change.internal == 1.0 or not _is_number(gain):
+        return 1.0
+    _, sizes, V = np.linalg.svd(linear.G)
+    internal = V[int((sizes > 1e-6 * sizes.max(initial=0.0)).sum()) :]
+    if not len(internal):
+        return 1.0
+    hand = float(np.trace(internal @ linear.hand_stiffness @ internal.T)) / len(internal)
+    return change.internal * (hand + gain) / (hand + change.internal * gain)

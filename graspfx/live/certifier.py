@@ -99,7 +99,7 @@ class Certifier:
 
 def _altered_radius(scene: Scene, loop: Linearised, whole: WholeLoop, change: Change) -> float:
     stiffness = loop.stiffness(change.external, change.external, change.internal)
-    if change.is_of_stiffness:
+    if change.is_external:
         return Family(whole, lambda s: stiffness).radius(1.0)
     linear = altered(scene, loop, change)
     return Family(WholeLoop(linear, loop.gains), lambda s: stiffness).radius(1.0)

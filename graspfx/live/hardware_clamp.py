@@ -105,7 +105,7 @@ class HardwareClamp:
         present = self._verdict or self._certificate(1)
         if present is None or present.is_stable is None:
             return self._refusal(asked, "there is no certificate of the values of now" + _why(present))
-        values = asked
+        values, first = asked, ""
         for _ in range(ROUNDS):
             verdict = self._certificate(self._margins.ask(self._present | values))
             if verdict is None or verdict.is_stable is None:
@@ -118,7 +118,7 @@ class HardwareClamp:
                 return Order(asked, values, "" if values == asked else _clamp_text(asked, values, first))
             if values is asked:
                 first = why
-            less = clamped(values, verdict, present, self._present)
+            less = clamped(values, verdict, present)
             if less is None:
                 return self._refusal(asked, why)
             values = less
