@@ -17,13 +17,14 @@ from graspfx.build.holdings import Holding, axis_of
 from graspfx.build.stock import Stock
 from graspfx.errors import InputError
 from graspfx.loop import plant
+from graspfx.loop.guided_hand import GuidedHand
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion import motion as motions
 from graspfx.loop.motion.turn import Turn
 from graspfx.scene.tables.reading import listed
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.hands import MadeHand, Moving, SharedHand, SharedMadeHand
+    from graspfx.scene.tables.hands import Guide, MadeHand, Moving, SharedHand, SharedMadeHand
     from graspfx.scene.tables.hands import Motion as MotionTable
     from graspfx.scene.tables.hands import Turn as TurnTable
     from graspfx.scene.tables.scene_table import SceneTable
@@ -43,6 +44,8 @@ class HandPart:
         motion: of all its fingers together.
         squeeze: how far it closes in time [m].
         turns: one after another.
+        guided: whether it has the guide that its table asks for.
+        settled: whether the followers of its guide begin at their goals.
     """
 
     holding: Holding
@@ -50,15 +53,21 @@ class HandPart:
     motion: motions.Motion | None = None
     squeeze: float | motions.Motion = 0.0
     turns: Sequence[Turn] = ()
+    guided: bool = True
+    settled: bool = False
 
     @property
     def fingers(self) -> list[int]:
         """The numbers of its fingers in the scene."""
         return self.holding.fingers
 
-    def still(self) -> HandPart:
-        """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is."""
-        return self if self.driver is not None else replace(self, motion=None, turns=())
+    def still(self, *, guided: bool = True) -> HandPart:
+        """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is.
+
+        Args:
+            guided: whether its guide has led it to the goals; else it has none.
+        """
+        return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
         """Give the hand with a squeeze that has a course in time, also one of zero, which else has none."""
@@ -89,11 +98,12 @@ class HandPart:
             if table.rest is not None:
                 rest = np.array([table.rest])
             closing = normals if table.closing == "normal" else np.array([table.closing], dtype=float)
-            return Hand(
+            hand = Hand(
                 rest, table.stiffness, table.damping, self.motion, self.squeeze, closing, table.squeeze_ramp,
                 turns=self.turns,
             )  # fmt: skip
-        return Hand.arm_and_grip(
+            return self._guided(hand, table.guide)
+        hand = Hand.arm_and_grip(
             rest,
             arm=(table.arm.stiffness, table.arm.damping),
             grip=(table.grip.stiffness, table.grip.damping),
@@ -104,6 +114,13 @@ class HandPart:
             share=table.share,
             turns=self.turns,
         )
+        return self._guided(hand, table.guide)
+
+    def _guided(self, hand: Hand, guide: Guide | None) -> plant.Hand:
+        if guide is None or not self.guided:
+            return hand
+        offset = 0.0 if guide.offset is None else np.array(guide.offset, dtype=float)
+        return GuidedHand(hand, guide.lag, offset, guide.squeeze, settled=self.settled)
 
 
 def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:

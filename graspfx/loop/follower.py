@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
+
+
+def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -> tuple[Any, Any]:
+    """Compute value and rate of a critically damped follower a time h later: numbers, or arrays of them.
+
+    Args:
+        w: 1/tau [1/s].
+        h: the time [s].
+        share: exp(-w h).
+        goal: u, the same all along.
+        value, rate: at the beginning, r and r'.
+    """
+    e = value - goal
+    c = rate + w * e
+    return goal + (e + h * c) * share, (rate - w * h * c) * share
 
 
 class Follower:
@@ -46,7 +62,4 @@ class Follower:
         """Follow a target that has stood for a time [s], which was the same all along."""
         w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
         share = math.exp(-w * duration)
-        error = self.position - goal
-        c = self.velocity + w * error
-        self.position[...] = goal + (error + duration * c) * share
-        self.velocity[...] = (self.velocity - w * duration * c) * share
+        self.position[...], self.velocity[...] = follow(w, duration, share, goal, self.position, self.velocity)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +13,11 @@ from graspfx.errors import InputError
 from graspfx.loop import plant
 from graspfx.loop.motion.motion import Levels, Motion, Rest, floats, lay_out, parts_of
 from graspfx.loop.motion.state import HandState, JoinedHandsState
-from graspfx.loop.motion.targets import joined_target, target
+from graspfx.loop.motion.targets import guided_target, joined_guided_target, joined_target, target
 from graspfx.loop.motion.turn import Turn
+
+if TYPE_CHECKING:
+    from graspfx.loop.guided_hand import GuidedHand
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +51,8 @@ class Hand:
     """
 
     declaration = HandState
+    followers: Sequence[int] = ()  # entries of the block that go on when a hand takes over another's numbers
+    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide it: offsets (n d), then the squeeze
 
     def __init__(
         self,
@@ -155,15 +161,19 @@ class Hand:
 
     def adopt(self, other: Hand) -> None:
         """Take over gains, rest and motions of another hand of the same structure."""
-        _adopt_block(self, other)
+        adopt_block(self, other)
         self._stiffness, self._damping = other.stiffness, other.damping
+
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for at, course in self._plain_parts:
             course.ask(self.state, at, time)
         target(HandState(self.state.data), time)
-        return _targets(self.state, self.ports, self._stiffness)
+        return targets_of(self.state, self.ports, self._stiffness)
 
 
 class JoinedHands:
@@ -175,6 +185,8 @@ class JoinedHands:
     """
 
     declaration = JoinedHandsState
+    followers: Sequence[int]
+    goals: Sequence[NDArray[np.intp]]
 
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
@@ -199,8 +211,8 @@ class JoinedHands:
         structure = list(range(block.position.offset)) + list(range(block.sources.offset, at))
         for hand in hands:
             fingers = hand.stiffness.shape[1]
-            if isinstance(hand, plant.FusedHand) and hand.kernel is target:
-                starts.append(at)
+            if isinstance(hand, plant.FusedHand) and hand.kernel in (target, guided_target):
+                starts.append(at if hand.kernel is target else -at)
                 structure += (at + hand.structure).tolist()
                 r, v = at + hand.ports.position, at + hand.ports.velocity
                 parts.append(hand.state)
@@ -212,12 +224,16 @@ class JoinedHands:
             places += [(r + i * d, v + i * d) for i in range(fingers)]
             at += len(parts[-1])
         block.array(JoinedHandsState.starts)[:] = starts
+        self._all = joined_guided_target if min(starts) < 0 else joined_target
+        placed = list(zip(map(abs, starts), hands, strict=True))
+        self.followers = [at + entry for at, hand in placed for entry in getattr(hand, "followers", ())]
+        self.goals = [at + entries for at, hand in placed for entries in getattr(hand, "goals", ())]
         block.sources.array(n)[:] = [places[i] for i in where]
         self.state: FloatArray = np.concatenate([front, *parts])
         self.structure = np.array(structure, dtype=np.intp)
         self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
         if not self._plain_parts and type(self).target is JoinedHands.target:
-            self.kernel: plant.HandKernel = joined_target  # makes it a FusedHand
+            self.kernel: plant.HandKernel = self._all  # makes it a FusedHand
 
     @property
     def stiffness(self) -> FloatArray:
@@ -236,8 +252,12 @@ class JoinedHands:
 
     def adopt(self, other: JoinedHands) -> None:
         """Take over gains, rests and motions of other hands of the same structure."""
-        _adopt_block(self, other)
+        adopt_block(self, other)
         self._stiffness, self._damping = other.stiffness, other.damping
+
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
@@ -245,8 +265,8 @@ class JoinedHands:
             r, v = hand.target(time)
             self.state[at : at + r.size] = r.ravel()
             self.state[rate : rate + v.size] = v.ravel()
-        joined_target(JoinedHandsState(self.state.data), time)
-        return _targets(self.state, self.ports, self._stiffness)
+        self._all(JoinedHandsState(self.state.data), time)
+        return targets_of(self.state, self.ports, self._stiffness)
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
@@ -256,7 +276,7 @@ def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> pla
     return JoinedHands(hands, order)
 
 
-def _adopt_block(hand: Hand | JoinedHands, other: Hand | JoinedHands) -> None:
+def adopt_block(hand: Hand | JoinedHands | GuidedHand, other: Hand | JoinedHands | GuidedHand) -> None:
     """Copy the block of another hand: targets are worked out from it at every time anew.
 
     Raises:
@@ -268,7 +288,10 @@ def _adopt_block(hand: Hand | JoinedHands, other: Hand | JoinedHands) -> None:
         raise InputError("other", other, "a hand with as many motions and turns, of the same kinds")
     if not isinstance(hand, plant.FusedHand):
         raise InputError("hand", hand, "a hand whose motions are all of this package")
+    places = np.array(hand.followers, dtype=np.intp)
+    following = hand.state[places]
     hand.state[:] = other.state
+    hand.state[places] = following
 
 
 def _rest(rest: ArrayLike) -> FloatArray:
@@ -347,7 +370,8 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
     return whole
 
 
-def _targets(S: FloatArray, ports: plant.HandPorts, K: FloatArray) -> tuple[FloatArray, FloatArray]:
+def targets_of(S: FloatArray, ports: plant.HandPorts, K: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Copy the targets that a hand's kernel left in its block."""
     d, n, _ = K.shape
     both = S[ports.position : ports.position + 2 * n * d].reshape(2, n, d).copy()
     both.flags.writeable = False

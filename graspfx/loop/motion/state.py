@@ -102,13 +102,30 @@ class HandState(Record):
     turning: Floats = floats("turn_entries")  # `Turning`, one after another
 
 
+class GuidedHandState(Record):
+    """A hand whose targets are led aside by goals that change in mid-run, each behind a follower."""
+
+    fingers: int  # n
+    dimensions: int  # d
+    hand_entries: int
+    lag: float  # tau of the followers [s]
+    time: float  # of the followers [s]
+    squeeze_goal: float  # [m]
+    squeeze: float  # of its follower [m]
+    squeeze_rate: float  # [m/s]
+    goal: Floats = floats("fingers * dimensions")  # of the offsets [m]
+    lead: Floats = floats("fingers * dimensions")  # offsets, of their followers [m]
+    lead_rate: Floats = floats("fingers * dimensions")  # [m/s]
+    hand: HandState = room("hand_entries")
+
+
 class JoinedHandsState(Record):
     """Several hands as one; their blocks follow."""
 
     hands: int
     fingers: int  # n, of all
     dimensions: int  # d
-    starts: Floats = floats("hands")  # where each hand's block begins; 0 for one whose targets the caller writes
+    starts: Floats = floats("hands")  # of each block, negative if guided; 0 for a hand whose targets the caller writes
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
     sources: Table = table("fingers", "2")  # where each finger's r and r' stand

@@ -6,6 +6,7 @@ import math
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats
+from graspfx.loop.follower import follow
 from graspfx.loop.motion.state import (
     LEVELS,
     PATH,
@@ -13,6 +14,7 @@ from graspfx.loop.motion.state import (
     SINE,
     Course,
     Displacement,
+    GuidedHandState,
     HandState,
     JoinedHandsState,
     LevelsPart,
@@ -222,13 +224,19 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 @kernel
 def target(hand: HandState, t: float) -> None:
     """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
-    n, d, turns = hand.fingers, hand.dimensions, hand.turns
-    if turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
+    if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
         return  # its rest stands there since the hand was made
+    displace(hand.squeeze, t, hand.closing)
+    displace(hand.motion, t, hand.shift)
+    arrange(hand, t)
+
+
+@kernel
+def arrange(hand: HandState, t: float) -> None:
+    """Compute r and r' of a hand from its squeeze and its motion at time t, which stand in its block."""
+    n, d, turns = hand.fingers, hand.dimensions, hand.turns
     closing, shift = hand.closing, hand.shift
     position, velocity, rest, along = hand.position, hand.velocity, hand.rest, hand.along
-    displace(hand.squeeze, t, closing)
-    displace(hand.motion, t, shift)
     s, ds = closing.value.x, closing.rate.x
     for a in range(d):
         dx = dv = 0.0
@@ -250,6 +258,49 @@ def target(hand: HandState, t: float) -> None:
         for j in range(a, n * d, d):
             position[j] += dx
             velocity[j] += dv
+
+
+@kernel
+def follow_goals(guide: GuidedHandState, t: float) -> None:
+    """Let the followers of a guided hand go on to time t; one that is there already stays."""
+    h = t - guide.time
+    if h <= 0.0:
+        return
+    guide.time = t
+    w = 1.0 / guide.lag
+    share = math.exp(-w * h)
+    guide.squeeze, guide.squeeze_rate = follow(w, h, share, guide.squeeze_goal, guide.squeeze, guide.squeeze_rate)
+    goal, lead, rate = guide.goal, guide.lead, guide.lead_rate
+    for j in range(guide.fingers * guide.dimensions):
+        lead[j], rate[j] = follow(w, h, share, goal[j], lead[j], rate[j])
+
+
+@kernel
+def guided_target(guide: GuidedHandState, t: float) -> None:
+    """Compute r and r' of a guided hand at time t (`graspfx.loop.guided_hand.GuidedHand`)."""
+    follow_goals(guide, t)
+    hand = guide.hand
+    displace(hand.squeeze, t, hand.closing)
+    displace(hand.motion, t, hand.shift)
+    s = hand.closing.value.x + guide.squeeze
+    ds = hand.closing.rate.x + guide.squeeze_rate
+    hand.closing.value = Vector(s, 0.0, 0.0)
+    hand.closing.rate = Vector(ds, 0.0, 0.0)
+    arrange(hand, t)
+    position, velocity, lead, rate = hand.position, hand.velocity, guide.lead, guide.lead_rate
+    for j in range(guide.fingers * guide.dimensions):
+        position[j] += lead[j]
+        velocity[j] += rate[j]
+
+
+@kernel
+def joined_guided_target(joined: JoinedHandsState, t: float) -> None:
+    """Compute r and r' of joined hands, some of them guided (`graspfx.loop.hand.JoinedHands`)."""
+    for h in range(joined.hands):
+        start = int(joined.starts[h])
+        if start < 0:
+            guided_target(GuidedHandState(joined.buffer, joined.offset - start), t)
+    joined_target(joined, t)
 
 
 @kernel

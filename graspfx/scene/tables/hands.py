@@ -129,6 +129,13 @@ Squeeze = Annotated[
 ]
 
 
+def _depth(value: Any) -> str:
+    """Tell a list of lists from one of numbers."""
+    first = value[0] if isinstance(value, list | tuple) and value else None
+    nested = isinstance(first, list | tuple) or getattr(value, "ndim", 1) > 1
+    return "<lists>" if nested else "<list>"
+
+
 def _no_negative(values: tuple[float, ...]) -> tuple[float, ...]:
     if any(value < 0 for value in values):
         raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
@@ -148,6 +155,19 @@ class Spring(Table):
     damping: PerAxis = Field(default=0.0, description="[N s/m], or one per axis")
 
 
+Offsets = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Vectors, Tag("<lists>")], Discriminator(_depth)]
+
+
+class Guide(Table):
+    """Goals that lead a hand aside while a run goes on, each behind a critically damped follower."""
+
+    lag: Positive = Field(default=0.02, description="time constant of the followers [s]")
+    offset: Offsets | None = Field(
+        default=None, description="goal by which the targets go aside, (d,) or one per finger [m]; zero if not given"
+    )
+    squeeze: Number = Field(default=0.0, description="goal that is added to the squeeze [m]")
+
+
 class Moving(Table):
     """The motion in time that hands of every kind may have."""
 
@@ -158,6 +178,7 @@ class Moving(Table):
         description="how far r lies inside, towards the object [m]: a number, taken up over squeeze_ramp, or steps",
     )
     squeeze_ramp: NotNegative = Field(default=0.5, description="time in which a number is taken up [s]")
+    guide: Guide | None = Field(default=None, description="goals that change in mid-run; none if not given")
 
 
 class OwnHand(Moving):

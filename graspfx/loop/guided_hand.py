@@ -1,0 +1,102 @@
+"""A hand that is guided: goals that change in mid-run lead its targets aside, each behind a follower."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.compile.records import entries_of, size_for
+from graspfx.errors import InputError
+from graspfx.loop import plant
+from graspfx.loop.hand import Hand, adopt_block, targets_of
+from graspfx.loop.motion.motion import floats
+from graspfx.loop.motion.state import GuidedHandState
+from graspfx.loop.motion.targets import guided_target
+
+FloatArray = NDArray[np.float64]
+
+
+class GuidedHand:
+    """A hand whose intended positions are those of another one, led aside by goals:
+
+        r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
+
+    g follows the goal of the squeeze, and o_i that of finger i's offset, each critically damped (`Follower`): a goal
+    that jumps moves no target at once, and none overshoots.
+
+    Args:
+        hand: with motions of this package alone.
+        lag: tau of the followers, above zero [s].
+        offset: goal of the offsets, (d,) for all fingers or (n, d) [m].
+        squeeze: goal of the squeeze [m].
+        settled: whether the followers begin at their goals; else at zero, at rest.
+    """
+
+    declaration = GuidedHandState
+
+    def __init__(
+        self, hand: Hand, lag: float, offset: ArrayLike = 0.0, squeeze: float = 0.0, *, settled: bool = False
+    ) -> None:
+        if not isinstance(hand, plant.FusedHand) or type(hand) is not Hand:
+            raise InputError("hand", hand, "a hand whose motions are all of this package")
+        if not (math.isfinite(lag) and lag > 0.0):
+            raise InputError("lag", lag, "a finite time above zero [s]")
+        if not math.isfinite(squeeze):
+            raise InputError("squeeze", squeeze, "a finite distance [m]")
+        d, n, _ = hand.stiffness.shape
+        goal = floats("offset", offset)
+        if goal.shape not in ((), (d,), (n, d)) or not np.isfinite(goal).all():
+            raise InputError("offset", offset, f"finite components ({d},), or one vector per finger ({n}, {d}) [m]")
+        self._hand = hand
+        whole = {"fingers": n, "dimensions": d, "hand_entries": len(hand.state)}
+        self.state: FloatArray = np.zeros(size_for(GuidedHandState, **whole))
+        block = GuidedHandState(self.state)
+        for name, number in {**whole, "lag": lag, "squeeze_goal": squeeze}.items():
+            setattr(block, name, number)
+        block.array(GuidedHandState.goal)[:] = np.broadcast_to(goal, (n, d)).ravel()
+        at = block.hand.offset
+        self.state[at:] = hand.state
+        self.structure = np.concatenate([entries_of(GuidedHandState, *whole), at + hand.structure])
+        self.ports = plant.HandPorts(position=at + hand.ports.position, velocity=at + hand.ports.velocity)
+        self.kernel: plant.HandKernel = guided_target
+        first, count = block.goal.offset, n * d
+        self.goals = [np.append(np.arange(first, first + count), entries_of(GuidedHandState, "squeeze_goal"))]
+        offsets = range(block.lead.offset, block.lead.offset + 2 * count)
+        self.followers = [*entries_of(GuidedHandState, "time", "squeeze", "squeeze_rate"), *offsets]
+        if settled:
+            block.squeeze = squeeze
+            block.array(GuidedHandState.lead)[:] = block.array(GuidedHandState.goal)
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """K, (d, n, n) [N/m], read-only."""
+        return self._hand.stiffness
+
+    @property
+    def damping(self) -> FloatArray:
+        """B, (d, n, n) [N s/m], read-only."""
+        return self._hand.damping
+
+    @property
+    def still(self) -> bool:
+        """Whether its targets never change: they follow goals that may."""
+        return False
+
+    def adopt(self, other: GuidedHand) -> None:
+        """Take over gains, rest, motions and goals of another hand of the same structure; the followers go on."""
+        adopt_block(self, other)
+        self._hand = other._hand
+
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._hand.regain(stiffness, damping)
+
+    def target(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to.
+
+        The followers go on to that time; they never go back.
+        """
+        guided_target(GuidedHandState(self.state.data), time)
+        return targets_of(self.state, self.ports, self.stiffness)
