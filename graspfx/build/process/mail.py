@@ -50,7 +50,8 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     anew = {id(part): new for part, new in update.parts}
     for j in update.plants:
         wiring = servo.plants[j]
-        hand, plant = anew.get(id(wiring.hand), wiring.hand), anew.get(id(wiring.plant), wiring.plant)
+        hand: Any = anew.get(id(wiring.hand), wiring.hand)
+        plant: Any = anew.get(id(wiring.plant), wiring.plant)
         if not is_carried(hand) or (plant is not wiring.plant and not isinstance(plant, CarriedPlant)):
             raise _refusal(update.values)
         hold = Hold(replace(wiring, hand=hand, plant=plant))
