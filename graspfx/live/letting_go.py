@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.build.process.goals import FARTHEST
 from graspfx.live.guides import Guide
 
 if TYPE_CHECKING:
@@ -97,8 +98,9 @@ class Release:
                 step = withdrawal(self._session, row, guide.all_fingers[place], self._clearance)
                 if step is not None:
                     has_touched = True
-                    goals.send(guide.hand, offsets[place] + step, finger=place)
-            self._clearance *= GROWTH  # for an object that comes after it
+                    goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
+            if has_touched:
+                self._clearance *= GROWTH  # for an object that comes after it
             return has_touched
 
     def _watch(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,13 +47,12 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     if servo.ticks == 0:  # a copy that has not run either has the same numbers: a mesh has a hundred thousand
         entries = [_news(own[which], which, where, numbers) for which, where, numbers in entries]
     anew = {id(part): new for part, new in update.parts}
-    for j in update.plants:
-        wiring = servo.plants[j]
+    for j, wiring in ((j, servo.plants[j]) for j in update.plants):
         hand: Any = anew.get(id(wiring.hand), wiring.hand)
-        plant: Any = anew.get(id(wiring.plant), wiring.plant)
-        if not is_carried(hand) or (plant is not wiring.plant and not isinstance(plant, CarriedPlant)):
+        plant = anew.get(id(wiring.plant), wiring.plant)
+        if not is_carried(hand) or (id(wiring.plant) in anew and not isinstance(plant, CarriedPlant)):
             raise _refusal(update.values)
-        hold = Hold(replace(wiring, hand=hand, plant=plant))
+        hold = Hold(hand, plant)
         entries += [(len(own) + 3 * j + which, where, numbers) for which, where, numbers in hold.numbers()]
     return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)
 
