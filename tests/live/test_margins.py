@@ -164,10 +164,12 @@ def test_it_can_be_closed_at_any_time() -> None:
 
 
 def test_a_scene_that_is_no_data_has_an_error(tmp_path: Path) -> None:
-    device = {"name": str(driver(tmp_path)), "position": [[0.0], [0.05]], "board": lambda: 0}
-    scene = gx.load("reference-1dof").replace({"finger.0.device": device, "finger.1.device": device})
-    with Margins(scene) as margins:
+    finger = {
+        "start": [-0.02], "device": {"name": str(driver(tmp_path)), "position": [[-0.02]], "board": lambda: 0},
+    }  # fmt: skip
+    line = gx.load("reference-1dof").to_dict()
+    with Margins(gx.Scene(**line | {"finger": [finger, line["finger"][1]]})) as margins:
         verdict = margins.await_verdict(1, PATIENCE)
     assert verdict is not None
     assert verdict.is_stable is None
-    assert "board" in verdict.error
+    assert "finger.0.device.board" in verdict.error
