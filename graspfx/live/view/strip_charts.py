@@ -44,7 +44,9 @@ class StripCharts:
         squeeze = _series("squeeze, mean [N]", INTERNAL, None, 2.5)
         self._force_chart = _chart(server, "Force [N]", self._time, self._forces, [squeeze, *pushes])
         own = [_series(name, FINGERS[i % len(FINGERS)], None, 1.5) for i, name in enumerate(fingers)]
-        self._depth_chart = _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
+        self._depth_chart = (
+            _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
+        )
         self._next = -np.inf
 
     def clear(self) -> None:
@@ -93,9 +95,10 @@ def _series(label: str, colour: str, dash: list[int] | None, width: float) -> di
 def _chart(
     server: viser.ViserServer, title: str, time: FloatArray, values: FloatArray, series: list[dict[str, Any]]
 ) -> Any:
-    axis = {"stroke": NOTE, "font": "11px sans-serif"}
+    axis = {"stroke": NOTE, "font": "11px sans-serif", "ticks": {"show": False}, "gap": 4}
     return server.gui.add_uplot(
         (time, *values), ({"label": "time [s]"}, *series),  # type: ignore[arg-type]
         title=title, height=HEIGHT, scales={"x": {"time": False}, "y": {"auto": True}},
-        axes=({**axis, "size": 26}, {**axis, "size": 42}), padding=(6, 12, 0, 0),  # type: ignore[arg-type]
+        axes=({**axis, "size": 28}, {**axis, "size": 40}),
+        padding=(8, 12, 0, 0), legend={"live": False},  # type: ignore[arg-type]
     )  # fmt: skip
