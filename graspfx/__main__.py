@@ -36,6 +36,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
+    "view": "show a running scene in the browser, to be steered; or a recording",
 }
 NEW = 20_000  # objects between two looks for cycles: imports make as many that stay, of which 700 are too few
 
