@@ -11,6 +11,7 @@ from graspfx.commands.arguments import add_overrides
 from graspfx.commands.destination import OUT, new_folder
 from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import SUCCESS, WRONG, note
+from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 EXAMPLE = """  graspfx view paper-waving
-  graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000"""
+  graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000
+  graspfx view out/latest --html waving.html"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -27,6 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_overrides(parser)
     add_page(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of recordings (out/SCENE, out/SCENE-2, ...)")
+    add_html(parser)
 
 
 def add_page(parser: ArgumentParser) -> None:
@@ -40,7 +43,13 @@ def execute(options: Namespace) -> int:
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
-    require_viser()
+    if options.html is None:
+        require_viser()
+    if is_recording(options.scene):
+        with interruptible() as stop:
+            return show_recording(options, stop, _tell)
+    if options.html is not None:
+        return write_run(options)
     with waiting(f"starting {options.scene}"):
         scene, notes = _scene(options)
     note(notes)
