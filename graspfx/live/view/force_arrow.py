@@ -19,6 +19,14 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
+def linear(colour: str) -> tuple[int, int, int]:
+    """Read "#rrggbb" as light: viser takes the colours of arrows, unlike all others, as linear (IEC 61966-2-1)."""
+    shares = [each / 255.0 for each in rgb(colour)]
+    light = [each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares]
+    red, green, blue = (round(255.0 * each) for each in light)
+    return red, green, blue
+
+
 class ForceArrow:
     """An arrow along its own z axis, in two pieces.
 
@@ -35,7 +43,7 @@ class ForceArrow:
     def __init__(self, api: Any, name: str, colour: str, extent: float) -> None:
         self._extent, self._length, self._pulls = extent, 0.0, False
         self._node = api.add_arrows(
-            name, np.array([[[0.0, 0.0, -extent], [0.0, 0.0, 0.0]]]), rgb(colour), shaft_radius=SHAFT * extent,
+            name, np.array([[[0.0, 0.0, -extent], [0.0, 0.0, 0.0]]]), linear(colour), shaft_radius=SHAFT * extent,
             head_radius=HEAD * extent, head_length=LONG * extent, visible=False,
         )  # fmt: skip
 

@@ -51,9 +51,9 @@ class HandGizmos:
             self._gizmos.append(gizmo)
             label = f"squeeze of {guide.name} [mm]" if len(run.guides) > 1 else "squeeze [mm]"
             if _squeezes(guide):
-                least, most = (1e3 * share * scenery.extent for share in (-WIDEST, CLOSEST))
-                step = 10.0 ** np.floor(np.log10((most - least) / 100.0))
-                least, most = (float(step * round(end / step)) for end in (least, most))
+                size = 1e3 * scenery.extent
+                step = 10.0 ** np.floor(np.log10(size / 200.0))
+                least, most = (float(50.0 * step * round(share * size / (50.0 * step))) for share in (-WIDEST, CLOSEST))
                 slider = server.gui.add_slider(
                     label, least, most, float(step), 0.0,
                     hint="further in towards the object than the scene's own squeeze, or out of it",

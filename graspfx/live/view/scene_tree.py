@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 FARTHER = 2.0  # than pictures are seen from: panels take a part of the page, and hands move
+SKY, SUN = 2.0, 1.2  # intensities of light
 OPACITY = 0.62  # of objects: what touches them from behind is seen
 CELLS = 20  # along the floor's grid
 
@@ -96,12 +97,13 @@ class SceneTree:
         )  # fmt: skip
 
     def _lights(self) -> None:
-        """Light the scene softly, so that colours are those of figures."""
+        """Light the scene so that what faces the camera has the colours of figures."""
         self._api.configure_default_lights(enabled=False, cast_shadow=False)
         self._api.configure_environment_map(None)
-        self._api.add_light_ambient("/lights/sky", intensity=1.5)
+        self._api.add_light_ambient("/lights/sky", intensity=SKY)
+        over = self._towards + self._scenery.up
         self._api.add_light_directional(
-            "/lights/sun", intensity=0.9, position=_triple(self._towards + self._scenery.up)
+            "/lights/sun", intensity=SUN, position=_triple(self._towards + self._scenery.up)
         )
 
     def _floor(self) -> None:

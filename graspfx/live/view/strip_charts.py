@@ -75,10 +75,11 @@ class StripCharts:
             _shift(self._depths, 1e3 * np.maximum(0.0, -np.nan_to_num(gap)), steps)
 
     def draw(self) -> None:
-        """Send the charts to the page."""
-        self._force_chart.data = (self._time, *self._forces.copy())
+        """Send the charts to the page, whose abscissa is the run's own time."""
+        time = self._time + (self._next - EVERY if np.isfinite(self._next) else 0.0)
+        self._force_chart.data = (time, *self._forces.copy())
         if self._depth_chart is not None:
-            self._depth_chart.data = (self._time, *self._depths.copy())
+            self._depth_chart.data = (time, *self._depths.copy())
 
 
 def _shift(values: FloatArray, point: FloatArray, steps: int) -> None:
@@ -98,7 +99,7 @@ def _chart(
     axis = {"stroke": NOTE, "font": "11px sans-serif", "ticks": {"show": False}, "gap": 4}
     return server.gui.add_uplot(
         (time, *values), ({"label": "time [s]"}, *series),  # type: ignore[arg-type]
-        title=title, height=HEIGHT, scales={"x": {"time": False}, "y": {"auto": True}},
+        title=title, height=HEIGHT, scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
         axes=({**axis, "size": 28}, {**axis, "size": 40}),
         padding=(8, 12, 0, 0), legend={"live": False},  # type: ignore[arg-type]
     )  # fmt: skip
