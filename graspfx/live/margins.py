@@ -59,12 +59,18 @@ class Margins:
         """Number of the process; None before it has begun."""
         return None if self._process is None else self._process.pid
 
-    def ask(self, values: Mapping[str, Any]) -> int:
-        """Ask about the scene with these values, and those of earlier requests for other keys; give its number."""
+    def ask(self, values: Mapping[str, Any], *, alone: bool = False) -> int:
+        """Ask about the scene with these values, and those of earlier requests for other keys; give its number.
+
+        Args:
+            values: by live key.
+            alone: other keys have the scene's own values, whatever was asked before.
+        """
         with self._changed:
-            self._values = self._values | dict(values)
+            self._values = dict(values) if alone else self._values | dict(values)
             self._number += 1
             if self._failure:
+                self._latest = self._failed()
                 return self._number
             self._asked[self._number] = time.perf_counter()
             self._changed.notify_all()
@@ -163,7 +169,10 @@ class Margins:
         """Tell that no certificate will come any more."""
         with self._changed:
             self._failure = self._failure or why
-            self._latest = verdict = Verdict(self._values, False, error=self._failure, number=self._number, stage=2)
+            self._latest = verdict = self._failed()
             self._changed.notify_all()
         if self._tell is not None:
             self._tell(verdict)
+
+    def _failed(self) -> Verdict:
+        return Verdict(self._values, False, error=self._failure, number=self._number, stage=2)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
+from graspfx.build.live import numbered, value_of
 from graspfx.live.hardware_clamp import HardwareClamp, Order
 from graspfx.live.margins import Margins
 
@@ -45,7 +46,7 @@ class CertificatePanel:
         else:
             self._margins.ask(values)
             order = Future()
-            self._run.set(values).add_done_callback(lambda done: _finish(order, values, done))
+            self._run.set(values).add_done_callback(lambda done: self._finish(order, values, done))
         order.add_done_callback(lambda _: self._wake())
         return order
 
@@ -60,20 +61,21 @@ class CertificatePanel:
 
     def close(self) -> None:
         """End its process."""
+        if self._margins is not None:
+            self._margins.close()  # first: orders to hardware wait for its verdicts
         if self._clamp is not None:
             self._clamp.close()
-        if self._margins is not None:
-            self._margins.close()
 
     def _take(self, verdict: Verdict) -> None:
         self._news = True
         self._wake()
 
-
-def _finish(order: Future[Order], values: Values, done: Future[None]) -> None:
-    """End an order as the run has taken it."""
-    error = done.exception()
-    if error is not None:
+    def _finish(self, order: Future[Order], values: Values, done: Future[None]) -> None:
+        """End an order as the run has taken it; a verdict on what it has not taken is none on the run."""
+        error = done.exception()
+        if error is None:
+            order.set_result(Order(values, values))
+            return
+        if self._margins is not None:
+            self._margins.ask({key: value_of(self._run.scene, numbered(self._run.scene, key)) for key in values})
         order.set_exception(error)
-    else:
-        order.set_result(Order(values, values))

@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from graspfx.live.sliders import Slider
+from graspfx.live.sliders import Slider, widened
 from graspfx.live.view.words_on_page import heading
 
 if TYPE_CHECKING:
     import viser
 
     from graspfx.live.hardware_clamp import Order
+    from graspfx.live.stability_verdict import Verdict
 
 SHORT = {"external stiffness": "external", "internal stiffness": "internal",
          "external damping": "external", "internal damping": "internal"}  # fmt: skip
@@ -47,6 +48,7 @@ class GainSliders:
             )  # fmt: skip
             handle.on_update(self._mover(slider.key))
             self._handles[slider.key] = handle
+        self._sliders = list(sliders)
 
     def _mover(self, key: str) -> Callable[[Any], Any]:
         async def move(event: Any) -> None:  # on the page's own thread: orders stay in their order
@@ -54,6 +56,15 @@ class GainSliders:
                 self.set(key, float(event.target.value))
 
         return move
+
+    def widen(self, verdict: Verdict) -> None:
+        """Let ranges reach beyond the limits of a verdict in full."""
+        if verdict.is_provisional:
+            return
+        for i, slider in enumerate(self._sliders):
+            wide = self._sliders[i] = widened(slider, verdict)
+            if wide is not slider:
+                self._handles[slider.key].max, self._handles[slider.key].step = wide.most, wide.step
 
     def set(self, key: str, value: float) -> None:
         """Order a value; a slider whose order was changed or refused goes where the number is."""

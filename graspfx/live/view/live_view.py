@@ -175,6 +175,8 @@ class LiveView:
         self._write(self._note, words.message(self._remark))
         verdict = self._certificate.latest()
         self._write(self._margins, words.margins(verdict))
+        if verdict is not None:
+            self.sliders.widen(verdict)
         unstable = verdict is not None and verdict.is_stable is False
         text = f"FAULT: {self._fault}" if self._fault else ""
         if unstable and not text:
