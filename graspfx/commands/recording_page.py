@@ -69,7 +69,9 @@ def write_run(options: Namespace) -> int:
 
 
 def _require_room(options: Namespace) -> None:
-    require_place(options.html)
+    from graspfx.live.page.document import require_page_name
+
+    require_place(require_page_name(options.html))
     if not options.overwrite:
         require_vacancy([options.html], "choose another --html, or write over it with --overwrite")
 

@@ -89,8 +89,8 @@ def test_a_page_shows_what_the_recording_says(browser: Browser, tmp_path: Path, 
             scale = page.evaluate("graspfx.story.arrow.scale")
             assert length == pytest.approx(scale * np.linalg.norm(force[arrow["finger"]]), rel=1e-5)
             seen = is_of(near(pixels, *place_of(page, np.add(arrow["tip"], arrow["tail"]) / 2)), arrow["colour"]).any()
-            blue += seen and arrow["colour"] == BLUE
-            vermilion += seen and arrow["colour"] == VERMILION
+            blue += int(seen and arrow["colour"] == BLUE)
+            vermilion += int(seen and arrow["colour"] == VERMILION)
     assert blue >= 2
     assert vermilion >= (name == "paper-waving")  # the others are not pushed in so short a while
     assert page.console_errors == []
@@ -242,11 +242,13 @@ HOSTILE = "</script><script>window.bad = 1</script><img src=x onerror='window.ba
 
 def test_names_of_others_stay_text(browser: Browser, tmp_path: Path) -> None:
     run = waving_cube()
-    names = {"fingers": ("<b onclick=bad>a</b>", "--><script>bad = 1</script>"), "objects": run.layout.objects}
+    names = ("<b onclick=bad>a</b>", "--><script>bad = 1</script>")
     table = {**run.header.scene_table, "coupling": {"external": {"stiffness": HOSTILE}}}
     header = replace(run.header, title=HOSTILE, scene=HOSTILE, scene_table=table)
     changes = (KeyChange(100, HOSTILE, HOSTILE),)
-    hostile = Recording(run.rows.copy(), replace(run.layout, **names), header, replace(run.outcome, changes=changes))
+    hostile = Recording(
+        run.rows.copy(), replace(run.layout, fingers=names), header, replace(run.outcome, changes=changes)
+    )
     page = opened(browser, tmp_path, hostile)
     page.evaluate(DRAWN)
     assert page.evaluate("typeof bad") == "undefined"
@@ -284,6 +286,7 @@ def test_without_graphics_in_space_the_chart_still_works(browser: Browser, tmp_p
     assert page.evaluate("document.getElementById('missing').hidden") is False
     assert page.evaluate("document.getElementById('missing').getBoundingClientRect().height") > 20
     squeeze = next(iter(Frames(played("paper-waving")).modes.values())).mean_squeeze[200]
-    assert is_of(near(pixels, *page.evaluate(f"graspfx.chartPlace(0, {squeeze}, 1.0)"), 3), BLUE).any()
+    x, y = page.evaluate(f"graspfx.chartPlace(0, {squeeze}, 1.0)")
+    assert is_of(near(pixels, x, y), BLUE).any()
     assert page.console_errors == []
     page.close()
