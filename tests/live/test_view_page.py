@@ -43,12 +43,13 @@ def page(browser: Browser, view: LiveView) -> Page:
     return opened(browser, view)
 
 
-def opened(browser: Browser, view: LiveView) -> Page:
-    page = browser.open(view.server.url, 1400, 760)
+def opened(browser: Browser, view: LiveView, width: int = 1200, height: int = 560) -> Page:
+    count = len(view.server.viser.get_clients())
+    page = browser.open(view.server.url, width, height)
     page.evaluate(PLAIN)
     page.wait_for(ARROW)
-    assert until(lambda: view.server.viser.get_clients())
-    time.sleep(0.7)
+    assert until(lambda: len(view.server.viser.get_clients()) > count)
+    time.sleep(0.4)
     return page
 
 
@@ -60,7 +61,7 @@ def press(page: Page, text: str) -> None:
 def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page, view: LiveView, folder: Path) -> None:
     time.sleep(1.0)
     pixels = page.screenshot(folder / "page.png")
-    canvas = slice(345, 1055)  # between the panels
+    canvas = slice(345, 855)  # between the panels
     middle = pixels[:, canvas]
     assert near(middle, INTERNAL, 50).sum() > 60  # arrows of squeeze on both sides
     assert near(middle, CONTACTS["touch"], 95).sum() > 40
@@ -83,7 +84,7 @@ def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page
 def test_a_gizmo_that_is_dragged_leads_the_fingers_and_they_stay_there_when_its_client_leaves(
     browser: Browser, page: Page, view: LiveView
 ) -> None:
-    other = opened(browser, view)
+    other = opened(browser, view, 900, 320)
     size = 0.34 * view._scenery.extent
     start = np.append(view.run.guides[1].position, 0.0)
     along = np.array([0.0, 1.0, 0.0])
@@ -114,7 +115,7 @@ def test_a_gizmo_that_is_dragged_leads_the_fingers_and_they_stay_there_when_its_
 def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_clients_see_it(
     browser: Browser, page: Page, view: LiveView, folder: Path
 ) -> None:
-    other = opened(browser, view)
+    other = opened(browser, view, 900, 320)
     press(page, "Record")
     assert until(lambda: view._recording, 30.0)
     before = view.run.tick
