@@ -19,6 +19,12 @@ from graspfx.live.view.live_view import LiveView
 from tests.support.chromium import Page, Pixels
 
 STIFFNESS = "coupling.external.stiffness"
+SLOW = """(() => {
+  const own = window.requestAnimationFrame.bind(window); let last = 0;
+  window.requestAnimationFrame = call => own(function wait(time) {
+    if (performance.now() - last > 90) { last = performance.now(); call(time); } else setTimeout(() => own(wait), 30);
+  });
+})()"""  # about ten pictures a second: they are drawn by processors that others need, too
 PLAIN = "document.head.insertAdjacentHTML('beforeend', '<style>#webgl-software-rendering{display:none}</style>')"
 
 
