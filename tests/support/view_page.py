@@ -78,3 +78,9 @@ def near(pixels: Pixels, colour: str, tolerance: int = 60) -> NDArray[np.bool_]:
     """Mark the pixels that have about a colour, (h, w)."""
     target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
     return np.asarray((np.abs(pixels.astype(int) - target) <= tolerance).all(axis=2))
+
+
+def vermilion(pixels: Pixels) -> NDArray[np.bool_]:
+    """Mark the pixels that are vermilion, or that are seen through an object (h, w); axes of gizmos are pink."""
+    red, green, blue = np.moveaxis(pixels.astype(int), 2, 0)
+    return np.asarray((red > green + 25) & (green > blue + 15))
