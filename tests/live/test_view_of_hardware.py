@@ -1,4 +1,4 @@
-"""The page of a scene with hardware: its sliders go where the certificate lets them, and its recording has just that."""
+"""The page of a scene with hardware: sliders go where the certificate lets them, and the recording has just that."""
 
 from __future__ import annotations
 
