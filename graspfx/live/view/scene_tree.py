@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 FARTHER = 2.0  # than pictures are seen from: panels take a part of the page, and hands move
 SKY, SUN = 2.0, 1.2  # intensities of light
-OPACITY = 0.62  # of objects: what touches them from behind is seen
+OPACITY = 0.45  # of objects: what touches them from behind is seen
 CELLS = 20  # along the floor's grid
 
 

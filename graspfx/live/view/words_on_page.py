@@ -16,8 +16,8 @@ RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # of verdicts; forces have 
 STATES = {
     "free": "free", "touch": "touches", "stick": "sticks", "slide": "slides", "limit": "at its force limit",
 }  # fmt: skip
-PAGE_STYLE = (  # a banner across the page; who has no graphics processor need not be told by the page
-    "<style>.webgl-software-rendering{display:none!important}"
+PAGE_STYLE = (
+    "<style>"
     ".gfx{font:13px/1.45 system-ui,sans-serif;padding:2px 12px;color:#1a1a1a}.gfx b{font-weight:600}"
     ".gfx .note{color:#555}.gfx .dot{display:inline-block;width:11px;height:11px;border-radius:50%;margin:0 5px -1px 0;"
     "border:1px solid #0003}.gfx .bar{position:relative;height:9px;background:#eceff1;border-radius:5px;margin:1px 0 7px}"
