@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.destination import require_room
 from graspfx.commands.output import name_files, require_place, say_faults, say_source
+from graspfx.commands.picture import scene_folder
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file
+from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file, require_vacancy
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def add_html(parser: ArgumentParser) -> None:
     """Add --html and --overwrite."""
-    text = "write a recording as a page that stands alone and opens without a network, and serve nothing"
+    text = "write a recording, or a run of a scene, as a page that stands alone and opens offline; serve nothing"
     parser.add_argument("--html", metavar="FILE", type=Path, help=text)
     parser.add_argument("--overwrite", action="store_true", help="write over a page that is there")
 
@@ -34,33 +34,54 @@ def is_recording(text: str) -> bool:
 
 def show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable[[str], object]) -> int:
     """Write a recording's page to --html, or serve one until asked to stop; give the exit code."""
-    if options.overrides or options.preset:
-        raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{options.scene} has been run")
+    for option, value in (("--set", dict(options.overrides)), ("--preset", options.preset)):
+        if value:
+            raise InputError(option, value, "a scene to set values in", f"{options.scene} has been run")
     subject = Path(options.scene)
     file = _file_of(subject)
     if options.html is not None:
-        require_place(options.html)
-        require_room(options, [options.html])
-    recording = _load(file)
+        _require_room(options)
+    from graspfx.loop.recording.record import Recording
+
+    recording = Recording.load(file)
     say_source(subject, file, recording)
+    folder = scene_folder(recording.header)
     if options.html is not None:
-        return _write(recording, options)
+        return _write(recording, folder, options)
     from graspfx.live.recording_view import RecordingView
 
     with waiting(f"opening {file}"):
-        page = RecordingView(recording, port=options.port)
+        page = RecordingView(recording, folder=folder, port=options.port)
     with page:
         tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
         page.serve(stop, options.seconds)
     return say_faults(recording)
 
 
-def _write(recording: Recording, options: Namespace) -> int:
+def write_run(options: Namespace) -> int:
+    """Run a scene for its duration, and write the run's page to --html; give the exit code."""
+    from graspfx.build.run import run
+    from graspfx.scene.load import load
+
+    _require_room(options)
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    return _write(run(scene), scene.source.folder, options)
+
+
+def _require_room(options: Namespace) -> None:
+    from graspfx.live.page.document import require_page_name
+
+    require_place(require_page_name(options.html))
+    if not options.overwrite:
+        require_vacancy([options.html], "choose another --html, or write over it with --overwrite")
+
+
+def _write(recording: Recording, folder: Path | None, options: Namespace) -> int:
     from graspfx.live.page.document import write_page
 
     make_folder(options.html.parent)
     with waiting(f"writing {options.html.name}"):
-        write_page(recording, options.html, overwrite=True)
+        write_page(recording, options.html, folder=folder, overwrite=options.overwrite)
     name_files([options.html])
     return say_faults(recording)
 
@@ -69,9 +90,3 @@ def _file_of(subject: Path) -> Path:
     return recording_file(
         subject if subject.suffix == ".h5" or is_part(subject) or subject.is_dir() else subject / NAME
     )
-
-
-def _load(file: Path) -> Recording:
-    from graspfx.loop.recording.record import Recording
-
-    return Recording.load(file)

@@ -12,7 +12,7 @@ from graspfx.commands.arguments import add_overrides
 from graspfx.commands.destination import OUT, new_folder
 from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import SUCCESS, WRONG, note
-from graspfx.commands.recording_page import add_html, is_recording, show_recording
+from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 EXAMPLE = """  graspfx view paper-waving
-  graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000"""
+  graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000
+  graspfx view out/latest --html waving.html"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -28,8 +29,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE_OR_RECORDING", help=text)
     add_overrides(parser)
     add_page(parser)
-    add_html(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of recordings (out/SCENE, out/SCENE-2, ...)")
+    add_html(parser)
 
 
 def add_page(parser: ArgumentParser) -> None:
@@ -43,12 +44,13 @@ def execute(options: Namespace) -> int:
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
+    if options.html is None:
+        require_viser()
     if is_recording(options.scene):
         with interruptible() as stop:
             return show_recording(options, stop, _tell)
     if options.html is not None:
-        raise InputError("--html", str(options.html), "a recording to write as a page", f"{options.scene} is a scene")
-    require_viser()
+        return write_run(options)
     from graspfx.build.resolve import resolve
     from graspfx.commands.output import doubts
     from graspfx.scene.load import load
@@ -75,7 +77,7 @@ def _serve(scene: Scene, guide: Literal["hands", "fingers"] | None, options: Nam
             view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
             page = stack.enter_context(view)
         if run.has_hardware:
-            _tell("HARDWARE IS ARMED: its fingers feel forces from now on; the page's gains stay within the certificate")
+            _tell("HARDWARE IS ARMED: its fingers feel forces; the page's gains stay within the certificate")
         _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
         page.serve(stop, options.seconds)
         return WRONG if run.fault is not None or run.cause else SUCCESS

@@ -77,7 +77,7 @@ class RecordingView:
             "Play": self.play, "Pause": self.pause, "‹": lambda: self.step(-1), "›": lambda: self.step(1),
             "Begin": lambda: self.go(0.0),
         }  # fmt: skip
-        speeds = {text: self._chooser(speed) for text, speed in SPEEDS.items()}
+        speeds: dict[str, Callable[[], object]] = {text: self._chooser(speed) for text, speed in SPEEDS.items()}
         for label, actions in (("play", orders), ("speed", speeds)):
             viser.gui.add_button_group(label, tuple(actions)).on_click(self._presser(actions))
         viser.gui.add_html(_values(recording))

@@ -57,7 +57,7 @@ def test_frames_have_the_numbers_of_the_recording(name: str) -> None:
 def test_a_finger_at_its_limit_says_so() -> None:
     made = layout(2, 2, limits=True, slips=True)
     ones = np.ones((1, 2))
-    run = recording({"touching": ones, "status": 2 * ones, "saturated": [[0.0, 1.0]]}, made)
+    run = recording({"touching": ones, "status": 2 * ones, "saturated": np.array([[0.0, 1.0]])}, made)
     assert Frames(run)[0].states == ("slide", "limit")
     assert list(require(Frames(run)[0].limited)) == [False, True]
 

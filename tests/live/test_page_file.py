@@ -125,6 +125,19 @@ def test_a_page_is_written_whole_and_over_nothing(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["a page.html"]
 
 
+def test_a_page_is_written_over_no_recording(tmp_path: Path) -> None:
+    run, file = waving(N=20), tmp_path / "recording.h5"
+    run.save(file)
+    before = file.read_bytes()
+    for path in (file, tmp_path, ""):
+        with pytest.raises(InputError, match=r"ends in \.html"):
+            run.to_html(path, overwrite=True)
+    with pytest.raises(InputError):
+        run.to_html(3)  # type: ignore[arg-type]
+    assert file.read_bytes() == before
+    assert run.to_html(tmp_path / "page.html").read_text("utf-8") == page_text(run)
+
+
 def test_an_empty_recording_is_refused() -> None:
     with pytest.raises(InputError, match="at least one tick"):
         page_text(waving(N=0))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.loop.recording.record import Recording
 from graspfx.live.view.live_view import LiveView
+from graspfx.loop.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
 from tests.support.view_page import PLAIN, SLOW, STIFFNESS, live_view, near, place, until, vermilion

@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,7 +27,8 @@ msgspec = pytest.importorskip("msgspec")
 PROTOCOL = f"viser-v{viser.__version__}"
 MESSAGES = 100_000
 CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 1.0], "look_at": [0.0, 0.0, 0.0],
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 1.0],
+    "look_at": [0.0, 0.0, 0.0],
     "up_direction": [0.0, 1.0, 0.0], "fov": 1.0, "near": 0.1, "far": 10.0, "image_height": 100, "image_width": 100,
 }  # fmt: skip
 
@@ -77,10 +79,28 @@ def encoded(message: Any) -> bytes:
     return bytes(msgspec.msgpack.encode(message))
 
 
+def read_on(socket: Any) -> None:
+    """Read until the connection ends."""
+    while True:
+        socket.recv(timeout=10.0)
+
+
+def status_of(server: Server, host: str) -> int:
+    """Ask for the page under a name, and give the answer's status."""
+    request = urllib.request.Request(server.url, headers={"Host": host})
+    try:
+        with urllib.request.urlopen(request, timeout=10.0) as reply:
+            policy = reply.headers["Content-Security-Policy"]
+            assert "default-src 'none'" in policy
+            assert "frame-ancestors 'none'" in policy
+            return int(reply.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
 def memory() -> int:
     """Read how much memory this process has [bytes]."""
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def malformed(rng: random.Random, uuid: str, group: str) -> Iterator[bytes | str]:
@@ -120,7 +140,9 @@ def malformed(rng: random.Random, uuid: str, group: str) -> Iterator[bytes | str
             yield encoded(fields)
 
 
-def test_a_hundred_thousand_malformed_messages_change_nothing(server: Server, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_hundred_thousand_malformed_messages_change_nothing(
+    server: Server, capfd: pytest.CaptureFixture[str]
+) -> None:
     from websockets.exceptions import ConnectionClosed
 
     orders, slider, group, gizmo = controls(server)
@@ -166,11 +188,9 @@ def test_huge_messages_and_foreign_versions_end_their_connection_only(server: Se
             with suppress(ConnectionClosed):
                 socket.send(b"\xc6" + bytes(LARGEST + 1))
             with pytest.raises(ConnectionClosed):
-                while True:
-                    socket.recv(timeout=10.0)
+                read_on(socket)
         with line(server, subprotocol="viser-v0.0.1") as socket, pytest.raises(ConnectionClosed):
-            while True:
-                socket.recv(timeout=10.0)
+            read_on(socket)
         deadline = time.monotonic() + 5.0
         while server.pages != 1 and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -189,14 +209,7 @@ def test_orders_are_taken_from_its_own_page_only(server: Server, origin: str | N
 
 def test_a_name_that_was_made_to_lead_here_is_refused(server: Server) -> None:
     for host, status in (("example.org", 403), ("127.0.0.1.example.org", 403), ("[", 403), ("localhost:9000", 200)):
-        request = urllib.request.Request(server.url, headers={"Host": host})
-        try:
-            with urllib.request.urlopen(request, timeout=10.0) as reply:
-                assert reply.status == status
-                assert "default-src 'none'" in reply.headers["Content-Security-Policy"]
-                assert "frame-ancestors 'none'" in reply.headers["Content-Security-Policy"]
-        except urllib.error.HTTPError as error:
-            assert error.code == status
+        assert status_of(server, host) == status
 
 
 def test_it_listens_to_this_machine_only_and_says_which_port_is_in_use(server: Server) -> None:

@@ -58,9 +58,9 @@ def until(condition: Callable[[], Any], seconds: float = 10.0) -> Any:
 
 def place(page: Page, view: LiveView, point: ArrayLike) -> tuple[float, float]:
     """Project a point in space [m] onto a page's picture [CSS pixels]."""
-    x, y, z, w, h = page.evaluate(
+    x, y, w, h = page.evaluate(
         "(() => { const b = document.querySelector('canvas').getBoundingClientRect();"
-        " return [b.left, b.top, 0, b.width, b.height] })()"
+        " return [b.left, b.top, b.width, b.height] })()"
     )
     camera = list(view.server.viser.get_clients().values())[-1].camera
     a, b, c, d = camera.wxyz

@@ -102,9 +102,7 @@ class SceneTree:
         self._api.configure_environment_map(None)
         self._api.add_light_ambient("/lights/sky", intensity=SKY)
         over = self._towards + self._scenery.up
-        self._api.add_light_directional(
-            "/lights/sun", intensity=SUN, position=_triple(self._towards + self._scenery.up)
-        )
+        self._api.add_light_directional("/lights/sun", intensity=SUN, position=_triple(over))
 
     def _floor(self) -> None:
         """Draw a grid below, or behind what happens in the plane, of round cells."""
