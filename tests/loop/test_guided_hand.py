@@ -23,7 +23,13 @@ LAG, OFFSET, SQUEEZE = 0.02, np.array([[0.01, -0.004], [0.002, 0.0], [-0.003, 0.
 def hand_of(**others: Any) -> Hand:
     motion = Sine(0.05, 0.7, [1.0, 0.0], ramp=0.3)
     turns = [Turn(Reach([0.8], 0.1, 0.4), [0.01, 0.02])]
-    values = {"motion": motion, "squeeze": 0.008, "inward": INWARD, "share": [1.0, 0.5, 0.0], "turns": turns}
+    values: dict[str, Any] = {
+        "motion": motion,
+        "squeeze": 0.008,
+        "inward": INWARD,
+        "share": [1.0, 0.5, 0.0],
+        "turns": turns,
+    }
     return Hand(REST, 60.0, 1.0, **(values | others))
 
 
@@ -104,8 +110,16 @@ def test_a_settled_guide_is_at_its_goals_and_one_without_goals_is_no_guide() -> 
 
 
 def test_hands_are_joined_guided_and_not() -> None:
-    hands = [GuidedHand(hand_of(), LAG, OFFSET, SQUEEZE), Hand(REST[:1], 5.0), GuidedHand(hand_of(), 0.1, -OFFSET)]
-    alone = [GuidedHand(hand_of(), LAG, OFFSET, SQUEEZE), Hand(REST[:1], 5.0), GuidedHand(hand_of(), 0.1, -OFFSET)]
+    hands: list[Any] = [
+        GuidedHand(hand_of(), LAG, OFFSET, SQUEEZE),
+        Hand(REST[:1], 5.0),
+        GuidedHand(hand_of(), 0.1, -OFFSET),
+    ]
+    alone: list[Any] = [
+        GuidedHand(hand_of(), LAG, OFFSET, SQUEEZE),
+        Hand(REST[:1], 5.0),
+        GuidedHand(hand_of(), 0.1, -OFFSET),
+    ]
     order = [6, 0, 1, 2, 3, 4, 5]
     joined: Any = join(hands, order)
     assert [len(goals) for goals in joined.goals] == [7, 7]

@@ -22,6 +22,7 @@ from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
+from graspfx.loop.recording.header import SPLIT, KeyChange
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -142,10 +143,9 @@ class LiveView:
         tick, rows = self.run.rows(self.run.tick)
         if not len(rows):
             return None
-        last = history_of(
-            rows[-1:], self.run.layout, self.run.header, changes=self.run.changes, tick=tick + len(rows) - 1
-        )
-        return Frames(last, self._scenery.apart)
+        run, tick = self.run, tick + len(rows) - 1
+        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
+        return Frames(history_of(rows[-1:], run.layout, run.header, changes=splits, tick=tick), self._scenery.apart)
 
     def _draw(self, frames: Frames, *, charts: bool) -> None:
         frame: Frame = frames[0]
@@ -174,9 +174,9 @@ class LiveView:
         self._write(self._status, words.status(state, seconds, lines))
         self._write(self._note, words.message(self._remark))
         verdict = self._certificate.latest()
-        self._write(self._margins, words.margins(verdict))
         if verdict is not None:
             self.sliders.widen(verdict)
+        self._write(self._margins, words.margins(verdict))
         unstable = verdict is not None and verdict.is_stable is False
         text = f"FAULT: {self._fault}" if self._fault else ""
         if unstable and not text:
@@ -190,7 +190,7 @@ class LiveView:
             self._hands.restart()
             self._charts.clear()
         fault = self.run.fault
-        text = str(fault.message) if fault is not None else str(self.run.error or "")
+        text = str(fault.message) if fault is not None else self.run.cause
         if text and text != self._fault:
             self._tell(f"fault: {text}")
         self._fault = text
