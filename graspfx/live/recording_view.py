@@ -240,7 +240,7 @@ def _remarks(recording: Recording, time: float) -> list[str]:
 def _values(recording: Recording) -> str:
     from html import escape
 
-    from graspfx.live.page.values import values_of
+    from graspfx.live.page.listed_values import values_of
 
     rows = "".join(
         f"<div class=row><span>{escape(each['label'])}</span>"
