@@ -59,14 +59,15 @@ def press(page: Page, text: str) -> None:
 
 
 def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page, view: LiveView, folder: Path) -> None:
-    time.sleep(1.0)
-    pixels = page.screenshot(folder / "page.png")
     canvas = slice(345, 855)  # between the panels
-    middle = pixels[:, canvas]
-    assert near(middle, INTERNAL, 50).sum() > 60  # arrows of squeeze on both sides
-    assert near(middle, CONTACTS["touch"], 95).sum() > 40
+
+    def shows_squeeze_and_states() -> bool:
+        middle = page.screenshot()[:, canvas]
+        return near(middle, INTERNAL, 50).sum() > 60 and near(middle, CONTACTS["touch"], 95).sum() > 40
+
+    assert until(shows_squeeze_and_states)
     assert until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
-    chart = pixels[:, :340]
+    chart = page.screenshot(folder / "page.png")[:, :340]
     assert near(chart, INTERNAL, 20).sum() > 200
     assert near(chart, EXTERNAL, 20).sum() > 100
     assert page.console_errors == []

@@ -32,20 +32,27 @@ PLAIN = "document.head.insertAdjacentHTML('beforeend', '<style>#webgl-software-r
 def live_view(name: str, folder: Path) -> Iterator[LiveView]:
     """Run a scene whose external stiffness can change, each finger's hand guided, and serve its page."""
     scene = gx.load(name)
-    over = threading.Event()
     numbers = [each for each in sliders(scene) if each.key == STIFFNESS]
     count = iter(range(100))
     with (
         LiveRun(scene, live=[STIFFNESS], guide="hands") as run,
         LiveView(run, numbers, lambda: folder / f"recording-{next(count)}", port=0, tell=lambda _: None) as view,
+        serving(view),
     ):
-        thread = threading.Thread(target=view.serve, args=(over.is_set,))
-        thread.start()
-        try:
-            yield view
-        finally:
-            over.set()
-            thread.join(10.0)
+        yield view
+
+
+@contextmanager
+def serving(view: LiveView) -> Iterator[None]:
+    """Let a thread serve a page within."""
+    over = threading.Event()
+    thread = threading.Thread(target=view.serve, args=(over.is_set,))
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(10.0)
 
 
 def until(condition: Callable[[], Any], seconds: float = 10.0) -> Any:

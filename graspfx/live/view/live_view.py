@@ -74,9 +74,9 @@ class LiveView:
         self._banner = viser.gui.add_html(words.banner("", panel=False))
         self._buttons(viser)
         self._note = viser.gui.add_html("<div></div>")
-        self._certificate = CertificatePanel(run, self._changed)
+        self.certificate = CertificatePanel(run, self._changed)
         self._hands = HandGizmos(viser, drawn, run, self._changed)
-        self.sliders = GainSliders(viser, sliders, self._certificate.order, self._say)
+        self.sliders = GainSliders(viser, sliders, self.certificate.order, self._say)
         self._margins = viser.gui.add_html(words.margins(None))
         self._tree = SceneTree(viser, drawn)
         self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
@@ -93,7 +93,7 @@ class LiveView:
         """Let every page go, and end what computes for them; the run goes on."""
         self.server.stop()
         self._executor.shutdown(wait=True, cancel_futures=True)
-        self._certificate.close()
+        self.certificate.close()
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
         """Show the run to whoever looks on, until asked to stop, or for that many seconds."""
@@ -105,7 +105,7 @@ class LiveView:
                 time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
                 continue
             began = time.monotonic()
-            self._certificate.start()
+            self.certificate.start()
             try:
                 frames = self._frames()
             except GraspFXError as error:  # as of a run that begins anew while it is looked at
@@ -115,7 +115,7 @@ class LiveView:
                 self._draw(frames, charts=began >= next_charts)
             if began >= next_charts:
                 next_charts = began + CHARTS
-            if began >= next_texts or self._certificate.has_news():
+            if began >= next_texts or self.certificate.has_news():
                 next_texts = began + TEXTS
                 self._texts(frames)
             self.server.viser.flush()
@@ -173,7 +173,7 @@ class LiveView:
         seconds = float(frames.time[-1]) if frames is not None else self.run.time
         self._write(self._status, words.status(state, seconds, lines))
         self._write(self._note, words.message(self._remark))
-        verdict = self._certificate.latest()
+        verdict = self.certificate.latest()
         if verdict is not None:
             self.sliders.widen(verdict)
         self._write(self._margins, words.margins(verdict))
