@@ -59,7 +59,7 @@ PAGES: dict[str, Callable[[Browser, Path], None]] = {"view-mug": view_mug, "view
 
 
 def thin(file: Path) -> None:
-    """Write a picture in few colours, where it is too large for a document."""
+    """Write a picture in few colours."""
     from PIL import Image
 
     image = Image.open(file).convert("RGB")
@@ -75,7 +75,8 @@ def main(names: list[str]) -> int:
         for name in names or PAGES:
             file = PICTURES / f"{name}.png"
             PAGES[name](browser, file)
-            thin(file)
+            if file.stat().st_size > LARGEST:
+                thin(file)
             print(f"{file}: {file.stat().st_size // 1000} kB")
             if file.stat().st_size > LARGEST:
                 return 1
