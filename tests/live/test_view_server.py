@@ -70,7 +70,7 @@ def line(server: Server, origin: str | None = "", subprotocol: str = PROTOCOL, *
     from websockets.sync.client import connect
 
     url = server.url.replace("http", "ws")
-    own = server.url if origin == "" else origin
+    own: Any = server.url if origin == "" else origin
     return connect(
         url, origin=own, subprotocols=[subprotocol], compression=None, additional_headers=headers, proxy=None,  # type: ignore[list-item]
         max_size=None,
