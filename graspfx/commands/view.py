@@ -19,6 +19,7 @@ from graspfx.progress import waiting
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
+Guide = Literal["hands", "fingers"] | None
 EXAMPLE = """  graspfx view paper-waving
   graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000
   graspfx view out/latest --html waving.html"""
@@ -60,11 +61,11 @@ def execute(options: Namespace) -> int:
         parts = resolve(scene)
         notes = [*parts.mesh_notes, *doubts(scene)]
     note(notes)
-    loose = "fingers" if not parts.hardware else None  # a finger is led by itself only where nobody has it in his hand
+    loose: Guide = "fingers" if not parts.hardware else None  # led by itself only where nobody has it in his hand
     return _serve(scene, "hands" if scene.hand else loose, options)
 
 
-def _serve(scene: Scene, guide: Literal["hands", "fingers"] | None, options: Namespace) -> int:
+def _serve(scene: Scene, guide: Guide, options: Namespace) -> int:
     """Run a scene and serve its page, until asked to stop."""
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import sliders

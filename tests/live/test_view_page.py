@@ -132,6 +132,7 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
     after = view.run.tick
     press(other, "Stop")
     assert until(lambda: view._last, 30.0)
+    assert view._last is not None
     recording = Recording.load(view._last)
     ticks = [change.tick for change in recording.changes if change.key == STIFFNESS and change.value == value]
     assert len(ticks) == 1

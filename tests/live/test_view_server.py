@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import random
+import socket
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -68,7 +70,7 @@ def line(server: Server, origin: str | None = "", subprotocol: str = PROTOCOL, *
     from websockets.sync.client import connect
 
     url = server.url.replace("http", "ws")
-    own = server.url if origin == "" else origin
+    own: Any = server.url if origin == "" else origin
     return connect(
         url, origin=own, subprotocols=[subprotocol], compression=None, additional_headers=headers, proxy=None,  # type: ignore[list-item]
         max_size=None,
@@ -251,3 +253,54 @@ def test_every_message_has_its_check() -> None:
         assert message_in(encoded({"type": kind})) is None
     assert refusal({"Host": "localhost"}, is_socket=False) == ""
     assert refusal({}, is_socket=False) != ""
+
+
+def test_a_page_that_does_not_read_slows_nobody_and_takes_no_memory(server: Server) -> None:
+    """Of 1500 frames of 30 kB the page that reads gets the last; those of the other one are left out."""
+    from websockets.sync.client import connect
+
+    text = server.viser.gui.add_html("")
+    url = server.url.replace("http", "ws")
+    buffer = server.viser._websock_server._broadcast_buffer
+    deaf = socket.socket()
+    deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.connect(("127.0.0.1", server._line.getsockname()[1]))
+    options: dict[str, Any] = {"origin": server.url, "subprotocols": [PROTOCOL], "compression": None, "max_size": None}
+    with connect(url, sock=deaf, max_queue=1, **options) as slow, line(server) as quick:
+        for each in (slow, quick):
+            each.send(encoded(CAMERA))
+        seen = threading.Event()
+
+        def read() -> None:
+            with suppress(Exception):
+                while b"frame 1499" not in zstd(quick.recv()):
+                    pass
+                seen.set()
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        start, longest = 0, 0.0
+        noise = [random.Random(k).randbytes(30_000).hex() for k in range(7)]  # which nothing packs into less than half
+        for k in range(1500):
+            if k == 200:
+                gc.collect()
+                start = memory()
+            began = time.perf_counter()
+            text.content = f"frame {k} {noise[k % len(noise)]}"
+            longest = max(longest, time.perf_counter() - began)
+            time.sleep(0.0005)
+        server.viser.flush()
+        assert seen.wait(10.0)
+        reader.join()
+        assert len(buffer.message_from_id) < 60
+        assert memory() - start < 16 << 20
+        assert longest < 1.0  # nobody waited for the page that does not read
+        assert server.pages == 2
+
+
+def zstd(data: Any) -> bytes:
+    """Unpack the first part of a frame of viser's."""
+    import zstandard
+
+    size, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
+    return bytes(zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], max_output_size=size))

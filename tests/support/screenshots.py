@@ -105,9 +105,7 @@ PAGES: dict[str, Callable[[Browser, Path], None]] = {
 
 
 def thin(file: Path) -> None:
-    """Write a picture in few colours, where it is too large for a document."""
-    if file.stat().st_size <= LARGEST:  # colours mean something, and few of them are not all the right ones
-        return
+    """Write a picture in few colours, of which not all are the right ones."""
     from PIL import Image
 
     image = Image.open(file).convert("RGB")
@@ -123,7 +121,8 @@ def main(names: list[str]) -> int:
         for name in names or PAGES:
             file = PICTURES / f"{name}.png"
             PAGES[name](browser, file)
-            thin(file)
+            if file.stat().st_size > LARGEST:
+                thin(file)
             print(f"{file}: {file.stat().st_size // 1000} kB")
             if file.stat().st_size > LARGEST:
                 return 1

@@ -68,6 +68,8 @@ class GainSliders:
 
     def set(self, key: str, value: float) -> None:
         """Order a value; a slider whose order was changed or refused goes where the number is."""
+        if self._handles[key].value != value:
+            self._handles[key].value = value
         with self._lock:
             self._newest[key] += 1
             number = self._newest[key]

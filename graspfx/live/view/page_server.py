@@ -6,6 +6,7 @@ import logging
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -115,9 +116,9 @@ class Server:
     def _in_front(self, package: Any) -> Iterator[list[bool]]:
         """Put the gate, and the socket that listens, where viser's server looks for those of `websockets`."""
         import websockets
-        from viser.infra import _infra
         from websockets.asyncio.server import serve as original
 
+        infra: Any = import_module("viser.infra._infra")
         entered: list[bool] = []
         protocol, quiet = f"viser-v{package.__version__}", logging.getLogger(LOGGER)
         quiet.addHandler(logging.NullHandler())
@@ -133,16 +134,16 @@ class Server:
                 **choices,
             )
 
-        before = _infra.websockets
+        before = infra.websockets
         server = SimpleNamespace(serve=serve, ServerConnection=websockets.asyncio.server.ServerConnection)
-        _infra.websockets = SimpleNamespace(  # type: ignore[assignment]
+        infra.websockets = SimpleNamespace(
             asyncio=SimpleNamespace(server=server), exceptions=websockets.exceptions,
             datastructures=websockets.datastructures,
         )  # fmt: skip
         try:
             yield entered
         finally:
-            _infra.websockets = before
+            infra.websockets = before
 
 
 @contextmanager

@@ -96,10 +96,10 @@ def _series(label: str, colour: str, dash: list[int] | None, width: float) -> di
 def _chart(
     server: viser.ViserServer, title: str, time: FloatArray, values: FloatArray, series: list[dict[str, Any]]
 ) -> Any:
-    axis = {"stroke": NOTE, "font": "11px sans-serif", "ticks": {"show": False}, "gap": 4}
+    axis: Any = {"stroke": NOTE, "font": "11px sans-serif", "ticks": {"show": False}, "gap": 4}
+    axes: Any = (axis | {"size": 28}, axis | {"size": 40})
     return server.gui.add_uplot(
         (time, *values), ({"label": "time [s]"}, *series),  # type: ignore[arg-type]
         title=title, height=HEIGHT, scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
-        axes=({**axis, "size": 28}, {**axis, "size": 40}),
-        padding=(8, 12, 0, 0), legend={"live": False},  # type: ignore[arg-type]
+        axes=axes, padding=(8, 12, 0, 0), legend={"live": False},
     )  # fmt: skip
