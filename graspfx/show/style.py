@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 EXTERNAL, INTERNAL = "#d55e00", "#0072b2"  # of nothing else, in no figure
 FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # as many as have no common factor with the colours
+CONTACTS = {  # a fingertip by the state of its contact; "touch" where no friction tells whether it sticks
+    "free": "#b8b8b8",
+    "touch": "#009e73",
+    "stick": "#009e73",
+    "slide": "#f0e442",
+    "limit": "#cc79a7",
+}
 INK, NOTE, GRID, NEUTRAL, PALE = "#1a1a1a", "#444444", "#e4e4e4", "#7f7f7f", "#b8b8b8"
 LINE, THICK, HAIR = 1.3, 2.4, 0.7  # [points]
 BAND = 0.22  # opacity of the band between least and greatest
@@ -53,6 +60,7 @@ __all__ = [  # noqa: RUF022 (functions, then colours and other choices)
     "INTERNAL",
     "FINGERS",
     "MARKERS",
+    "CONTACTS",
     "INK",
     "NOTE",
     "GRID",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.show.picture.described import TIP
 from graspfx.show.picture.instant import Instant
 from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL
 
@@ -27,7 +28,6 @@ MOST_HEAD = 0.6  # of an arrow's length
 SHORTEST = 0.06  # as a share of the longest: below this a force is no arrow
 ALONG = 0.3  # sine of the angle below which two arrows at a finger would lie on one another
 APART = 1.6  # from the middle of the two to either, in halves of a shaft's width
-TIP = 0.016  # radius at which a fingertip that is a point is drawn, as a share of the extent
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError, InputError, RecordingError, abbreviate
+from graspfx.show.picture.described import (
+    APART,
+    DOT,
+    ENDLESS,
+    LEAST,
+    PATCH,
+    apart_on_a_line,
+    fingertip_radii,
+    is_fixed,
+    lifted,
+    object_tables,
+    obstacles,
+    slid,
+)
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
-
-ENDLESS = ("plane", "half-space")
-PATCH = 1.15  # of an endless plane, as a share of the extent
-LEAST = 1e-3  # [m]: extent of a scene whose points coincide
-DOT = 0.03  # radius at which an object without a shape is drawn, as a share of the extent
-APART = 0.14  # from finger to finger across the line, where no shape keeps them apart, as a share of the extent
 
 
 @dataclass(frozen=True)
@@ -100,12 +108,12 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
     d = max(recording.layout.dimensions, 2)
     folder = folder or Path(recording.header.scene_folder)
     notes: list[str] = []
-    tips = _lifted(_tips(recording), d)  # (N, n, d)
+    tips = lifted(_tips(recording), d)  # (N, n, d)
     finite = np.isfinite(tips[k]).all(axis=1)
     if not finite.all():
         notes.append("fingers that are nowhere are left out")
-    radii = np.array(_radii(recording))
     table = recording.header.scene_table
+    radii = fingertip_radii(table, len(recording.layout.fingers))
     described = [each for each in _described(recording, table, k, d, notes) if np.isfinite(each[2]).all()]
     bounded = [
         thing
@@ -126,17 +134,17 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
         for thing in _things(each[0], dot, *each[2:], d, extent, folder, notes)
     ]
     endless = [
-        _centred(thing, middle, d)
+        replace(thing, surface=slid(thing.surface, middle))
         for each in described
         if each[1] and each[1].get("kind") in ENDLESS
         for thing in _things(*each, d, PATCH * extent, folder, notes)
     ]
-    forces = _lifted(recording.finger_force, d)[k]
+    forces = lifted(recording.finger_force, d)[k]
     attached = recording.gap is None
     if recording.layout.dimensions == 1 and attached:
         n = tips.shape[1]
-        tips = tips + APART * extent * (0.5 * (n - 1) - np.arange(n))[:, None] * np.array([0.0, 1.0])
-    contacts = tips[k] if attached else _lifted(recording.contact_position, d)[k]
+        tips = tips + APART * extent * apart_on_a_line(n)[:, None] * np.array([0.0, 1.0])
+    contacts = tips[k] if attached else lifted(recording.contact_position, d)[k]
     moments = recording.finger_moment
     if moments is not None and np.abs(moments[k]).max(initial=0.0) > 0.0:
         notes.append("moments of fingers are not drawn")
@@ -158,7 +166,7 @@ def _parts(recording: Recording, k: int, d: int, finite: NDArray[np.bool_]) -> t
     except RecordingError:  # of an earlier format
         return None
     seen = recording.touching[k, :, None] & np.isfinite(recording.finger_force[k])
-    internal, external = (_lifted(np.where(seen, part[k], 0.0), d)[finite] for part in parts)
+    internal, external = (lifted(np.where(seen, part[k], 0.0), d)[finite] for part in parts)
     return internal, external
 
 
@@ -183,45 +191,22 @@ def _tips(recording: Recording) -> FloatArray:
     return recording.finger_position if true is None else true
 
 
-def _radii(recording: Recording) -> list[float]:
-    tables = recording.header.scene_table.get("finger", ())
-    radii = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
-    n = len(recording.layout.fingers)
-    return radii if len(radii) == n else [0.0] * n
-
-
-def _lifted(values: FloatArray, d: int) -> FloatArray:
-    """Lift vectors on a line into the plane."""
-    missing = d - values.shape[-1]
-    return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1) if missing else values
-
-
 Described = tuple[str, Mapping[str, Any], FloatArray, Any, bool, FloatArray]  # name, shape, x, q, fixed, path
 
 
 def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, notes: list[str]) -> Iterator[Described]:
-    objects = table.get("object", ())
-    by_name = {
-        each.get("name", "object"): each
-        for each in (objects if isinstance(objects, list | tuple) else [objects])
-        if isinstance(each, Mapping)
-    }
+    by_name = object_tables(table)
     for name, motion in recording.objects.items():
         own = by_name.get(name, {})
         shape = own.get("shape") or {}
-        free = own.get("free")
-        fixed = free is not None and not any(free)
         x, q = _pose(recording, name)
-        path = _lifted(motion.position, d)[: k + 1]
-        yield name, shape, _lifted(x, d)[k], None if q is None else q[k], fixed, path
-    obstacles = table.get("obstacle", ())
-    for i, each in enumerate(obstacles if isinstance(obstacles, list | tuple) else [obstacles]):
-        name = each.get("name", f"obstacle{i}") if isinstance(each, Mapping) else f"obstacle{i}"
-        if not isinstance(each, Mapping) or not isinstance(each.get("shape"), Mapping):
-            notes.append(f"{name} has no shape that could be drawn")
+        path = lifted(motion.position, d)[: k + 1]
+        yield name, shape, lifted(x, d)[k], None if q is None else q[k], is_fixed(own), path
+    for each in obstacles(table, d):
+        if each.shape is None:
+            notes.append(f"{each.name} has no shape that could be drawn")
             continue
-        x = _lifted(np.asarray(each.get("position") or np.zeros(d), dtype=float), d)
-        yield name, each["shape"], x, each.get("orientation"), True, x[None, :]
+        yield each.name, each.shape, each.position, each.orientation, True, each.position[None, :]
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
@@ -244,16 +229,3 @@ def _things(
         notes.append(f"{name} is not drawn: {abbreviate(str(error), 300)}")
         return
     yield Thing(name, solid, fixed, shape.get("kind") in ENDLESS, path)
-
-
-def _centred(thing: Thing, middle: FloatArray, d: int) -> Thing:
-    """Slide a piece of an endless surface to where it is nearest to the middle."""
-    v = thing.surface.vertices
-    if d == 3:
-        along = np.array([v[1] - v[0], v[3] - v[0]])
-        offset = middle - v.mean(axis=0)
-    else:
-        along = np.array([v[1] - v[0]])
-        offset = middle - 0.5 * (v[0] + v[1])
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    return replace(thing, surface=Surface(v + along.T @ (along @ offset), thing.surface.faces))

@@ -26,9 +26,11 @@ from graspfx.show.picture.arrows import (
     radius,
     shown_forces,
 )
+from graspfx.show.picture.described import EDGE, colours_of
 from graspfx.show.picture.instant import Instant, instant
 from graspfx.show.picture.painter import Camera, Painter
 from graspfx.show.picture.surfaces import Surface, ball
+from graspfx.show.picture.viewpoint import best_view
 from graspfx.show.style import EXTERNAL, INK, INTERNAL, plain
 
 if TYPE_CHECKING:
@@ -39,8 +41,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-THINGS = ("#c3d2e0", "#e3d3b4", "#cfdcc4", "#dccbdc")  # objects in turn
-FIXED, EDGE = "#d5d2cc", "#4a4f55"
 MOST_POINTS = 400  # of a path
 SHORT = 0.04  # a path of this share of the extent is none
 MOST_NAMES = 8  # with more fingers, numbers
@@ -50,9 +50,6 @@ LETTER = 0.62  # its width, as a share of the size of the text
 RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in half its height
 TURNS = (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6, 2.3, -2.3, 3.1)  # [rad] from the direction of the arrow
 BELOW = -0.02  # where the scales are, as a share of the picture's height
-ELEVATIONS = (22.0, 35.0, 50.0)
-FRONT = -60.0  # [degrees], the azimuth that is taken if none is better
-ALONG_AN_AXIS = (45, 60, 75)  # [degrees] from there, where a box shows one of its faces edge on, or nearly
 PATH = 0.7  # [points]
 
 
@@ -158,27 +155,7 @@ def _in_space(
 
 
 def _best_view(now: Instant) -> tuple[float, float]:
-    """Find a view with most contacts on the near side and apart from each other; the usual corner if none is better."""
-    out = outward(now) - now.contacts
-    lengths = np.linalg.norm(out, axis=1)
-    out = out[lengths > 0.0] / lengths[lengths > 0.0, None]
-    best, angles = -np.inf, (FRONT, ELEVATIONS[0])
-    for elevation in ELEVATIONS:
-        for turn in range(0, 360, 15):
-            azimuth = FRONT + turn
-            if turn % 90 in ALONG_AN_AXIS:
-                continue
-            project = Camera(azimuth, elevation).project
-            facing = project(out)[:, 2] if len(out) else np.zeros(1)
-            flat = project(now.contacts)[:, :2] / now.extent
-            apart = np.linalg.norm(flat[:, None] - flat, axis=2) + np.eye(len(flat))
-            worth = (
-                np.clip(facing + 0.35, 0.0, 0.6).sum() + 0.5 * np.clip(apart.min(axis=1, initial=0.2), 0.0, 0.2).sum()
-            )
-            worth -= 1e-3 * (min(turn, 360 - turn) / 15 + abs(elevation - ELEVATIONS[0]) / 15)
-            if worth > best + 1e-9:
-                best, angles = worth, (azimuth, elevation)
-    return angles
+    return best_view(now.contacts, outward(now) - now.contacts, now.extent)
 
 
 def _triad(axes: Axes, camera: Camera, text: float) -> None:
@@ -244,7 +221,7 @@ def _in_plane(axes: Axes, now: Instant, scale: float, forces: Forces, text: floa
 
 def _thing_colours(now: Instant) -> list[str]:
     movable = [thing.name for thing in now.things if not thing.fixed and not thing.endless]
-    return [THINGS[movable.index(thing.name) % len(THINGS)] if thing.name in movable else FIXED for thing in now.things]
+    return colours_of([thing.name for thing in now.things], movable)
 
 
 def _paths(now: Instant) -> list[tuple[FloatArray, str]]:

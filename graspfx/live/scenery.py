@@ -1,0 +1,262 @@
+"""Scenery of a scene: triangles of every shape, fingertips, and from where they are seen, all in space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import GraspFXError, abbreviate
+from graspfx.show.picture.described import (
+    APART,
+    DOT,
+    ENDLESS,
+    LEAST,
+    PATCH,
+    TIP,
+    colours_of,
+    fingertip_radii,
+    is_fixed,
+    lifted,
+    object_tables,
+    obstacles,
+    slid,
+)
+from graspfx.show.picture.painter import Camera
+from graspfx.show.picture.surfaces import Surface, surface
+from graspfx.show.picture.viewpoint import best_view
+from graspfx.show.style import FINGERS
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.layout import Layout
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Table = Mapping[str, Any]
+
+SLAB = 0.16  # thickness of what is drawn of a plane, as a share of the extent
+FIELD = 40.0  # of view, upwards [degrees]
+AWAY = 1.75  # distance of the camera, in extents
+OBLIQUE = (0.28, 0.32, 1.0)  # towards the camera, of what happens in the plane
+
+
+@dataclass(frozen=True)
+class Solid:
+    """An object or an obstacle as triangles.
+
+    Attributes:
+        name: in the scene.
+        vertices: of an object in the frame of `Frame.objects`, of an obstacle in the world (v, 3) [m].
+        faces: (f, 3), counter-clockwise seen from outside.
+        colour: as "#rrggbb".
+        object: the object with which it moves; None for an obstacle.
+        fixed: whether it cannot move.
+        endless: whether it is a piece of a plane or half-space, of which both sides are seen.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    colour: str
+    object: str | None
+    fixed: bool
+    endless: bool
+
+
+class Viewpoint(NamedTuple):
+    """A camera: where it is, what it looks at, what is up (3,), and its field of view, upwards [degrees]."""
+
+    position: FloatArray
+    target: FloatArray
+    up: FloatArray
+    field: float
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What is drawn of a scene besides frames.
+
+    Attributes:
+        solids: objects and obstacles.
+        fingers: names of the fingers.
+        colours: of the fingers, as figures have them.
+        radii: at which fingertips are drawn (n,) [m].
+        is_ball: whether a fingertip is a ball of this radius, and no point (n,).
+        extent: size of what is drawn at first, endless surfaces apart [m].
+        middle: of that (3,) [m].
+        up: unit vector (3,): z in space, y of what happens in the plane or on a line.
+        apart: by how much fingers on a line are set apart across it [m], for `Frames`.
+        camera: from where it is seen well at first.
+        notes: what could not be drawn, and why.
+    """
+
+    solids: tuple[Solid, ...]
+    fingers: tuple[str, ...]
+    colours: tuple[str, ...]
+    radii: FloatArray
+    is_ball: NDArray[np.bool_]
+    extent: float
+    middle: FloatArray
+    up: FloatArray
+    apart: float
+    camera: Viewpoint
+    notes: tuple[str, ...]
+
+
+def scenery(scene: Scene) -> Scenery:
+    """Draw what a scene describes: its objects, its obstacles and its fingertips."""
+    table, folder = scene.to_dict(), scene.source.folder
+    names = [each.name for each in scene.object]
+    attached = scene.coupling.contact == "attached"
+    return _scenery(table, scene.dimensions, names, scene.finger_names, attached, folder)
+
+
+def recorded_scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scenery:
+    """Draw what a recording says of its scene.
+
+    Args:
+        header, layout: of the recording.
+        folder: where the paths of meshes start; the scene's own folder if not given.
+    """
+    folder = folder or Path(header.scene_folder)
+    return _scenery(header.scene_table, layout.dimensions, layout.objects, layout.fingers, not layout.gaps, folder)
+
+
+class _Outline(NamedTuple):
+    """A shape where it is at first: what a `Solid` is made of."""
+
+    name: str
+    shape: Table
+    position: FloatArray
+    orientation: Any
+    is_object: bool
+    fixed: bool
+
+
+def _scenery(
+    table: Table, dimensions: int, objects: Sequence[str], fingers: Sequence[str], attached: bool, folder: Path | None
+) -> Scenery:
+    d, notes = max(dimensions, 2), list[str]()
+    outlines = [*_objects(table, objects, d), *_obstacles(table, d, notes)]
+    bounded = [bool(each.shape) and each.shape.get("kind") not in ENDLESS for each in outlines]
+    surfaces = [
+        _surface(each, d, LEAST, folder, notes) if one else None for each, one in zip(outlines, bounded, strict=True)
+    ]
+    placed = [
+        made.placed(each.position, each.orientation) for each, made in zip(outlines, surfaces, strict=True) if made
+    ]
+    starts = _starts(table, d)
+    points = np.concatenate([
+        *(each.vertices for each in placed), *(each.position[None] for each in outlines if not each.shape), starts,
+        np.zeros((0, d)),
+    ])  # fmt: skip
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(d), np.zeros(d))
+    extent = max(float(np.linalg.norm(high - low)), LEAST)
+    middle = lifted(0.5 * (low + high), 3)
+    for i, each in enumerate(outlines):
+        if not each.shape:
+            surfaces[i] = _surface(
+                each._replace(shape={"kind": "sphere", "radius": DOT * extent}), d, extent, None, notes
+            )
+        elif not bounded[i]:
+            surfaces[i] = _surface(each, d, PATCH * extent, folder, notes)
+    colours = colours_of([each.name for each in outlines], [each.name for each in outlines if not each.fixed])
+    solids = [
+        _solid(each, made, colour, d, extent, 0.5 * (low + high))
+        for each, made, colour in zip(outlines, surfaces, colours, strict=True)
+        if made
+    ]
+    radii = fingertip_radii(table, len(fingers))
+    return Scenery(
+        solids=tuple(solids), fingers=tuple(fingers),
+        colours=tuple(FINGERS[i % len(FINGERS)] for i in range(len(fingers))),
+        radii=np.where(radii > 0.0, radii, TIP * extent), is_ball=radii > 0.0, extent=extent, middle=middle,
+        up=np.eye(3)[2 if dimensions == 3 else 1],
+        apart=APART * extent if dimensions == 1 and attached else 0.0,
+        camera=viewpoint(dimensions, middle, extent, lifted(starts, 3)), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: FloatArray) -> Viewpoint:
+    """Choose a camera: in space where contacts are seen best, of the plane before it and a little to the side.
+
+    Args:
+        dimensions: d of the scene.
+        middle: what it looks at (3,) [m].
+        extent: size of what is drawn [m].
+        contacts: (k, 3) [m].
+    """
+    if dimensions == 3:
+        towards = Camera(*best_view(contacts, contacts - middle, extent)).axes[2]
+    else:
+        towards = np.array(OBLIQUE) / np.linalg.norm(OBLIQUE)
+    up = np.eye(3)[2 if dimensions == 3 else 1]
+    return Viewpoint(middle + AWAY * extent * towards, middle, up, FIELD)
+
+
+def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[_Outline]:
+    tables = object_tables(table)
+    for name in names:
+        own = tables.get(name, {})
+        x = lifted(np.asarray(own.get("position") or np.zeros(d), dtype=float), d)
+        yield _Outline(name, own.get("shape") or {}, x, own.get("orientation"), True, is_fixed(own))
+
+
+def _obstacles(table: Table, d: int, notes: list[str]) -> Iterator[_Outline]:
+    for each in obstacles(table, d):
+        if each.shape is None:
+            notes.append(f"{each.name} has no shape that could be drawn")
+            continue
+        yield _Outline(each.name, each.shape, each.position, each.orientation, False, True)
+
+
+def _starts(table: Table, d: int) -> FloatArray:
+    """List where the scene says that fingers start (k, d) [m]."""
+    tables = table.get("finger", ())
+    starts = [each.get("start") for each in tables if isinstance(each, Mapping)]
+    places = [lifted(np.asarray(start, dtype=float), d) for start in starts if start is not None]
+    return np.array(places).reshape(-1, d)
+
+
+def _surface(each: _Outline, d: int, extent: float, folder: Path | None, notes: list[str]) -> Surface | None:
+    try:
+        return surface(each.shape, d, extent, folder)
+    except GraspFXError as error:
+        notes.append(f"{each.name} is not drawn: {abbreviate(str(error), 300)}")
+        return None
+
+
+def _solid(each: _Outline, made: Surface, colour: str, d: int, extent: float, middle: FloatArray) -> Solid:
+    endless = each.shape.get("kind") in ENDLESS
+    if not each.is_object:
+        made = made.placed(each.position, each.orientation)
+        made = slid(made, middle) if endless else made
+    made = slab(made, SLAB * extent) if d == 2 else made
+    return Solid(
+        each.name, made.vertices, made.faces, colour, each.name if each.is_object else None, each.fixed, endless
+    )
+
+
+def slab(outline: Surface, thickness: float) -> Surface:
+    """Extrude a convex outline in the plane to a slab of a thickness [m], half of it before the plane."""
+    v = outline.vertices
+    a, b = v, np.roll(v, -1, axis=0)
+    if float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) < 0.0:
+        v = v[::-1]  # counter-clockwise
+    m = len(v)
+    front, back = (np.column_stack([v, np.full(m, z)]) for z in (0.5 * thickness, -0.5 * thickness))
+    i = np.arange(m)
+    j, fan = (i + 1) % m, np.arange(1, m - 1)
+    first = np.zeros_like(fan)
+    faces = np.concatenate([
+        np.column_stack([first, fan, fan + 1]),
+        np.column_stack([first, fan + 1, fan]) + m,
+        np.column_stack([i + m, j + m, j]), np.column_stack([i + m, j, i]),
+    ])  # fmt: skip
+    return Surface(np.concatenate([front, back]), faces)
