@@ -123,7 +123,16 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     def adopt(self, other: PointPlant) -> None:
         """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
-        self._mass, self._damping = other._mass, other._damping
+        self.mechanics = other.mechanics
+
+    @property
+    def mechanics(self) -> FloatArray:
+        """Masses [kg] and dampings [N s/m], (2, n); `hold` comes next after they were set."""
+        return np.stack([self._mass, self._damping])
+
+    @mechanics.setter
+    def mechanics(self, values: FloatArray) -> None:
+        self._mass, self._damping = values.copy()
         self._matrix_inputs = None
 
     def _put(self, position: FloatArray) -> None:

@@ -44,6 +44,7 @@ class HandPart:
         motion: of all its fingers together.
         squeeze: how far it closes in time [m].
         turns: one after another.
+        guided: whether it has the guide that its table asks for.
         settled: whether the followers of its guide begin at their goals.
     """
 
@@ -52,6 +53,7 @@ class HandPart:
     motion: motions.Motion | None = None
     squeeze: float | motions.Motion = 0.0
     turns: Sequence[Turn] = ()
+    guided: bool = True
     settled: bool = False
 
     @property
@@ -59,12 +61,13 @@ class HandPart:
         """The numbers of its fingers in the scene."""
         return self.holding.fingers
 
-    def still(self) -> HandPart:
+    def still(self, *, guided: bool = True) -> HandPart:
         """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is.
 
-        Its guide has led it to the goals.
+        Args:
+            guided: whether its guide has led it to the goals; else it has none.
         """
-        return self if self.driver is not None else replace(self, motion=None, turns=(), settled=True)
+        return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
         """Give the hand with a squeeze that has a course in time, also one of zero, which else has none."""
@@ -114,7 +117,7 @@ class HandPart:
         return self._guided(hand, table.guide)
 
     def _guided(self, hand: Hand, guide: Guide | None) -> plant.Hand:
-        if guide is None:
+        if guide is None or not self.guided:
             return hand
         offset = 0.0 if guide.offset is None else np.array(guide.offset, dtype=float)
         return GuidedHand(hand, guide.lag, offset, guide.squeeze, settled=self.settled)

@@ -26,7 +26,8 @@ INERTIA = ("object.*.mass", "object.*.density", "object.*.inertia")
 BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravity")
 DEVICE = ("finger.*.device.mass", "finger.*.device.damping", "device.*.mass", "device.*.damping")
 OF_HANDS = ("stiffness", "damping", "rest", "squeeze", "squeeze_ramp", "motion", "turn", "arm", "grip", "share")
-HAND = tuple(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS)
+GUIDE = tuple(f"{table}.guide.{name}" for table in ("finger.*.hand", "hand.*") for name in ("offset", "squeeze"))
+HAND = (*(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS), *GUIDE)
 
 REASONS = {
     ("period", "duration"): "time is counted in periods, and a session runs as long as it is stepped",

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.build.live import GUIDE
+from graspfx.build.numbers import general
 from graspfx.build.wiring import Wire, placing_faults
 from graspfx.errors import DeviceError
 from graspfx.loop.device import SimulatedDevice
@@ -38,8 +40,9 @@ def make_plants(
         DeviceError: a plant that does not take its fingers together.
     """
     scene, start = parts.scene, parts.start
-    squeezes = any(key.endswith(".squeeze") for key in live)
-    changes = any(key.startswith(("hand.", "device.")) or ".hand." in key or ".device." in key for key in live)
+    others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands change no plant
+    squeezes = any(key.endswith(".squeeze") for key in others)
+    changes = any(key.startswith(("hand.", "device.")) or ".hand." in key or ".device." in key for key in others)
     for members in _components(wired, parts.hands):
         simulated = [wired[i] for i in members]
         fingers = np.concatenate([wire.fingers for wire in simulated])

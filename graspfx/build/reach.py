@@ -10,6 +10,7 @@ from graspfx.build.object_parts import GAINS, GRASP, RULES
 
 POSE = ("object.*.position", "object.*.orientation", "object.*.shape")
 HANDS = ("hand", "finger.*.hand")
+GUIDES = ("hand.*.guide", "finger.*.hand.guide")  # which lead a hand aside while a run goes on, and fade nothing
 DEVICES = ("device", "finger.*.device")
 TOUCH = (*POSE, "finger.*.start", "finger.*.radius")  # where fingers meet their objects
 MET = ("position", "contact", "normal", "face", "gap", "contact_world", "touching", "frame", "displacement")
@@ -34,7 +35,8 @@ def reach(key: str) -> dict[str, frozenset[str]]:
         fields |= set(MEETING)
     if reaches(POSE, plain):
         fields |= {"fingers.anchor"}
-    if reaches((*HANDS, *TOUCH, "coupling.external.stiffness", "coupling.internal.stiffness"), plain):
+    fading = (*HANDS, *TOUCH, "coupling.external.stiffness", "coupling.internal.stiffness")
+    if reaches(fading, plain) and not plain.startswith(GUIDES):
         fields |= {"fade_start", "fade_end"}  # where the fade is automatic
     reached = {"grasp": fields} if fields else {}
     return reached | {kind: frozenset("*") for kind, keys in WHOLE.items() if reaches(keys, plain)}

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from graspfx.build.live import DEVICE, is_of_a_hand
+from graspfx.build.live import DEVICE, GUIDE, is_of_a_hand
 from graspfx.build.numbers import general
+from graspfx.build.process.goals import GoalSender, goal_places, guide_keys
 from graspfx.build.process.mail import Mail, letter_of
 from graspfx.build.process.servo_process import servo_process
 from graspfx.build.resolve import Parts
@@ -43,19 +44,27 @@ class RealTimeSession(Session):
 
     def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
         for key in keys:
-            if is_of_a_hand(general(key)) or general(key) in DEVICE:
+            if self.servo.hardware and (is_of_a_hand(general(key)) or general(key) in DEVICE):
                 raise InputError(
                     "live", key, "gains, friction and numbers of objects",
-                    "in real time hands and devices have their numbers in another process",
+                    f"a scene with hardware, {', '.join(self.servo.hardware)}, begins with the hands and the devices "
+                    "that it has",
                 )  # fmt: skip
-        process = servo_process(parts, self.servo.layout, 1, ticks=ENDLESS, selected=False, live=keys)
+        self._guided = [] if self.servo.hardware else guide_keys(self.scene, self.servo)
+        goals = sum(len(place.entries) for place in goal_places(self.servo)) if self._guided else 0
+        process = servo_process(parts, self.servo.layout, 1, ticks=ENDLESS, selected=False, live=keys, goals=goals)
         self._remote = stack.enter_context(process)
+        self._goals = GoalSender(self._remote.ring, self.servo, self._guided)
         return self._remote.header
 
-    def _go(self) -> None:
+    def _begin(self) -> None:
+        """Let the servo run."""
         self._began = time.perf_counter()
-        self._relay = self._remote.begin(self._recorder, self._look)
+        self._relay = self._remote.begin(self._recorder, self._look, self._goals.named if self._guided else None)
         self._mail = Mail(self._remote.ring, self._relay)
+
+    def _go(self) -> None:
+        self._begin()
         while not self.tick and not self._remote.await_rest(0.005):
             if self._remote.exits.numbers:
                 raise Interruption(self._remote.exits.cause)
@@ -125,7 +134,12 @@ class RealTimeSession(Session):
         with self._undisturbed():
             self._require_going()
             self.servo.write(update)
-            values, split = dict(update.values), split_rules(self.servo.objects)
+            if any(general(key) in GUIDE for key in update.values):  # they come the way of all goals, and are told so
+                self._goals.send_all(self.servo)
+            values = {key: value for key, value in update.values.items() if general(key) not in GUIDE}
+            if not values:
+                return
+            split = split_rules(self.servo.objects)
             if split != self._splits[-1][1]:
                 values[SPLIT] = split
             tick = self._mail.post(letter, values, self._require_going)

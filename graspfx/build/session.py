@@ -77,6 +77,7 @@ class Session(Carded):
     """
 
     is_paced = False  # whether it runs on the wall's clock
+    keeps_rows = True  # where no folder has them
 
     def __init__(
         self,
@@ -118,7 +119,7 @@ class Session(Carded):
                     )
                 )  # fmt: skip
             recorder = Recorder(
-                whole, header, sinks, keep=out is None, selection=selection, real_time=self.is_paced
+                whole, header, sinks, keep=out is None and self.keeps_rows, selection=selection, real_time=self.is_paced
             )  # fmt: skip
             self._place = None if out is None else Path(out) / NAME
             self._recorder = stack.enter_context(recorder)

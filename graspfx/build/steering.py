@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.build import build
-from graspfx.build.live import BODY, DEVICE, GAINS, INERTIA, covers, is_of_a_hand, require, value_of
+from graspfx.build.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_of_a_hand, require, value_of
 from graspfx.build.numbers import general
+from graspfx.build.process.goals import goal_places
 from graspfx.build.reach import reach
 from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import entries_of, start_of
@@ -118,6 +119,8 @@ class Steering:
                     (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
                 ]
                 parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
+            if self.servo.ticks and all(key in GUIDE for key in keys):  # nothing but goals of guided hands
+                return Update(dict(values), [*entries, *self._goals(other)], parts)
             plants = list(self._plants(other, values))
             for _, (wiring, anew) in plants:
                 _require_hand(wiring.hand, anew.hand, values)
@@ -143,6 +146,12 @@ class Steering:
                     ", ".join(values), list(values.values()), "values that leave the normals where fingers start",
                     "a hand or a motion of a plug-in has them already; begin with such values",
                 )  # fmt: skip
+
+    def _goals(self, other: Servo) -> Iterator[Numbers]:
+        """Give the goals of guided hands, which no hand needs to be held anew for."""
+        if self._playback is None:
+            for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
+                yield own.memory, own.entries, new.memory[new.entries]
 
     def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
         """Give the numbers to be written into a grasp's block; all of them where no tick has run."""

@@ -28,17 +28,23 @@ class StillHand:
     closed: float
 
 
-def still_hands(parts: Parts, inward: FloatArray) -> Iterator[StillHand]:
-    """Make the hands of a scene as they would close if they neither moved nor turned."""
+def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Iterator[StillHand]:
+    """Make the hands of a scene as they would close if they neither moved nor turned.
+
+    Args:
+        parts: of the scene.
+        inward: unit normals of the fingers' contacts (n, d).
+        guided: whether their guides have led them to their goals; else they have none.
+    """
     for hand in parts.hands:
-        yield StillHand(hand.still().hold(parts.start, inward), hand.fingers, _closing_time(hand))
+        yield StillHand(hand.still(guided=guided).hold(parts.start, inward), hand.fingers, _closing_time(hand))
 
 
 def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
     """Give the forces with which hands squeeze at most, K (r - p), (n,) [N].
 
-    r is where a hand closes to, and p the finger's start, or its contact if it starts inside of the object: a finger
-    that is squeezed in is nearer to r.
+    r is where a hand closes to, without its guide, and p the finger's start, or its contact if it starts inside of the
+    object: a finger that is squeezed in is nearer to r.
 
     Args:
         parts: of the scene.
@@ -49,7 +55,7 @@ def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> Float
     inside = ((start - contacts) * inward).sum(axis=1) > 0.0
     p = np.where(inside[:, None], contacts, start)
     force = np.zeros_like(start)
-    for still in still_hands(parts, inward):
+    for still in still_hands(parts, inward, guided=False):
         away = still.hand.target(still.closed)[0] - p[still.fingers]
         for a in range(start.shape[1]):
             force[still.fingers, a] = still.hand.stiffness[a] @ away[:, a]

@@ -129,7 +129,7 @@ def recorded_scenery(header: Header, layout: Layout, folder: Path | None = None)
 
 
 class _Outline(NamedTuple):
-    """A shape where it is at first: what a `Solid` is made of."""
+    """A shape where it is at first: what a `Solid` is built of."""
 
     name: str
     shape: Table
@@ -149,7 +149,7 @@ def _scenery(
         _surface(each, d, LEAST, folder, notes) if one else None for each, one in zip(outlines, bounded, strict=True)
     ]
     placed = [
-        made.placed(each.position, each.orientation) for each, made in zip(outlines, surfaces, strict=True) if made
+        built.placed(each.position, each.orientation) for each, built in zip(outlines, surfaces, strict=True) if built
     ]
     starts = _starts(table, d)
     points = np.concatenate([
@@ -168,9 +168,9 @@ def _scenery(
             surfaces[i] = _surface(each, d, PATCH * extent, folder, notes)
     colours = colours_of([each.name for each in outlines], [each.name for each in outlines if not each.fixed])
     solids = [
-        _solid(each, made, colour, d, extent, 0.5 * (low + high))
-        for each, made, colour in zip(outlines, surfaces, colours, strict=True)
-        if made
+        _solid(each, built, colour, d, extent, 0.5 * (low + high))
+        for each, built, colour in zip(outlines, surfaces, colours, strict=True)
+        if built
     ]
     radii = fingertip_radii(table, len(fingers))
     return Scenery(
@@ -232,14 +232,14 @@ def _surface(each: _Outline, d: int, extent: float, folder: Path | None, notes: 
         return None
 
 
-def _solid(each: _Outline, made: Surface, colour: str, d: int, extent: float, middle: FloatArray) -> Solid:
+def _solid(each: _Outline, built: Surface, colour: str, d: int, extent: float, middle: FloatArray) -> Solid:
     endless = each.shape.get("kind") in ENDLESS
     if not each.is_object:
-        made = made.placed(each.position, each.orientation)
-        made = slid(made, middle) if endless else made
-    made = slab(made, SLAB * extent) if d == 2 else made
+        built = built.placed(each.position, each.orientation)
+        built = slid(built, middle) if endless else built
+    built = slab(built, SLAB * extent) if d == 2 else built
     return Solid(
-        each.name, made.vertices, made.faces, colour, each.name if each.is_object else None, each.fixed, endless
+        each.name, built.vertices, built.faces, colour, each.name if each.is_object else None, each.fixed, endless
     )
 
 

@@ -89,6 +89,10 @@ class GuidedHand:
         adopt_block(self, other)
         self._hand = other._hand
 
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._hand.regain(stiffness, damping)
+
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to.
 

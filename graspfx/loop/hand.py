@@ -164,6 +164,10 @@ class Hand:
         adopt_block(self, other)
         self._stiffness, self._damping = other.stiffness, other.damping
 
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
+
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for at, course in self._plain_parts:
@@ -250,6 +254,10 @@ class JoinedHands:
         """Take over gains, rests and motions of other hands of the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping = other.stiffness, other.damping
+
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""

@@ -32,6 +32,17 @@ class SteerablePlant(Steerable, Protocol):
     live: bool
 
 
+@runtime_checkable
+class CarriedPlant(Steerable, Protocol):
+    """A plant whose mechanics are numbers that may come from another process.
+
+    Attributes:
+        mechanics: (2, n), masses [kg] and dampings [N s/m]; the plant takes hold anew after they were set.
+    """
+
+    mechanics: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """New values of keys of a scene, as numbers.

@@ -30,6 +30,7 @@ class Errand:
         width: numbers of a row.
         selected: whether rows have the columns and ticks alone that the scene asks for.
         live: keys that may change in mid-run.
+        goals: numbers of the goals of guided hands.
         trust: whether files outside of the scene's folder may be read.
         verbosity: of messages that somebody listens to; None for none.
         path: where modules are looked for.
@@ -41,6 +42,7 @@ class Errand:
     width: int
     selected: bool = True
     live: Sequence[str] = ()
+    goals: int = 0
     trust: bool = field(default_factory=is_granted)
     verbosity: int | None = field(default_factory=lambda: _verbosity())
     path: Sequence[str] = field(default_factory=lambda: list(sys.path))

@@ -187,7 +187,8 @@ class Guard(Thread):
         if phase >= Phase.RESTED or not (is_running or is_told):
             self._since, self._step = now, 0
             return
-        if head != self._head:
+        halt = int(words[Word.HALT])
+        if head != self._head or (halt and head >= halt - 1 and not is_told):  # a pause is no standstill
             self._head, self._since, self._step = head, now, 0
         wait = CLOSING if not is_running else PATIENCE if is_told else self._still
         if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
+from graspfx.build.process.hold import Hold, is_carried
 from graspfx.build.process.orders import memories
 from graspfx.build.process.relay import Relay
 from graspfx.errors import InputError
@@ -28,18 +30,30 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     Raises:
         InputError: it changes a part that is more than numbers.
     """
-    places = {id(memory): i for i, memory in enumerate(memories(servo))}
+    own = memories(servo)
+    places = {id(memory): i for i, memory in enumerate(own)}
     objects = {id(part.grasped): i for i, part in enumerate(servo.objects)}
-    if update.plants or not all(id(part) in objects for part, _ in update.parts):
+    held = {id(part) for j in update.plants for part in (servo.plants[j].hand, servo.plants[j].plant)}
+    if not all(id(part) in objects or id(part) in held for part, _ in update.parts):
         raise _refusal(update.values)
-    entries = [(places[id(memory)], where, numbers) for memory, where, numbers in update.entries]
-    return Letter(entries, [objects[id(part)] for part, _ in update.parts])
+    entries = [
+        (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
+    ]
+    anew = {id(part): new for part, new in update.parts}
+    for j in update.plants:
+        wiring = servo.plants[j]
+        if not is_carried(wiring.hand):
+            raise _refusal(update.values)
+        hand, plant = anew.get(id(wiring.hand), wiring.hand), anew.get(id(wiring.plant), wiring.plant)
+        hold = Hold(replace(wiring, hand=hand, plant=plant))
+        entries += [(len(own) + 3 * j + which, where, numbers) for which, where, numbers in hold.numbers()]
+    return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)
 
 
 def _refusal(values: Mapping[str, Any]) -> InputError:
     return InputError(
         ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
-        "a run in real time has its hands and other parts in another process; begin with such values",
+        "a run in real time has such parts in another process; begin with such values",
     )  # fmt: skip
 
 

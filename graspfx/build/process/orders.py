@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
+from graspfx.build.process.goals import GoalTaker
+from graspfx.build.process.hold import Hold
 from graspfx.loop.realtime import letters
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, fence
 from graspfx.loop.servo import Servo
-from graspfx.loop.update import Update
+from graspfx.loop.update import Steerable, Update
 
 SILENCE = 500_000_000  # of the other process, after which it is no more [ns]
 LETTER = "letter"  # in place of keys: the number of the letter whose values hold
@@ -35,8 +38,10 @@ class Orders:
     def __init__(self, ring: Ring, servo: Servo, recorder: RingRecorder, pacer: Pacer) -> None:
         self._ring, self._servo, self._recorder, self._pacer = ring, servo, recorder, pacer
         self._words = memoryview(ring.memory).cast("q")
-        self._memories = memories(servo)
+        self._holds = [Hold(wiring) for wiring in servo.plants]
+        self._memories = [*memories(servo), *(memory for hold in self._holds for memory in hold.memories)]
         self._number = int(self._words[Word.MAIL])
+        self._goals = GoalTaker(ring, servo) if ring.goals.size else None
         self.cause = ""
 
     @property
@@ -48,6 +53,8 @@ class Orders:
         words = self._words
         if words[Word.MAIL] != self._number:
             self._take()
+        if self._goals is not None:
+            self._goals.take()
         words[Word.SKIPPED] = self._pacer.skipped
         if words[Word.STOP]:
             return True
@@ -56,13 +63,21 @@ class Orders:
             return True
         return False
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether the coming tick is to wait."""
+        halt = self._words[Word.HALT]
+        return bool(halt and self._servo.ticks >= halt - 1)
+
     def _take(self) -> None:
         """Write a letter's numbers into the servo's memories, between two ticks."""
         number, servo = int(self._words[Word.MAIL]), self._servo
         letter = letters.read(self._ring.letters[number % 2])
         entries = [(self._memories[memory], places, numbers) for memory, places, numbers in letter.entries]
         objects = [servo.objects[i].grasped for i in letter.objects]
-        servo.write(Update({LETTER: number}, entries, [(each, each) for each in objects]), self._recorder)
+        holds = [self._holds[j] for j in letter.plants]
+        parts: list[tuple[Steerable, Any]] = [*zip(objects, objects, strict=True), *zip(holds, holds, strict=True)]
+        servo.write(Update({LETTER: number}, entries, parts, letter.plants), self._recorder)
         self._number = number
         self._words[Word.TICK] = servo.ticks
         fence()

@@ -25,6 +25,7 @@ class Relay:
         recorder: of the run.
         watch: told of each batch of rows by the tick of the first and the count of ticks, such as a viewer; it may look
             at the recorder's last row then.
+        goals: gives goals of guided hands that were taken by key; None where there are none.
 
     Attributes:
         ticks: whose rows were fetched.
@@ -33,11 +34,18 @@ class Relay:
         letters: values by the number of the letter that brings them to the servo.
     """
 
-    def __init__(self, ring: Ring, recorder: Recorder, watch: Callable[[int, int], object] | None = None) -> None:
-        self._ring, self._recorder, self._watch = ring, recorder, watch
+    def __init__(
+        self,
+        ring: Ring,
+        recorder: Recorder,
+        watch: Callable[[int, int], object] | None = None,
+        goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
+    ) -> None:
+        self._ring, self._recorder, self._watch, self._name_goals = ring, recorder, watch, goals
         self.ticks = self.lost = 0
         self.faults: list[tuple[int, str]] = []
         self.letters: dict[int, Mapping[str, Any]] = {}
+        self._goals = 0  # how many of them were told
 
     def fetch(self) -> None:
         """Hand the recorder what is new.
@@ -46,6 +54,7 @@ class Relay:
             RecordingError: the recorder cannot take it.
         """
         self._fetch_notes()
+        self._fetch_goals()
         if self._recorder.backlog > BACKLOG:
             return
         head, first = int(self._ring.words[Word.HEAD]), self.ticks
@@ -81,6 +90,15 @@ class Relay:
         self._ring.words[Word.TAIL] = self.ticks
         self._recorder.take(count)
         self._recorder.drain()
+
+    def _fetch_goals(self) -> None:
+        """Record the goals that were taken since the last time; who comes 16384 ticks late has lost some."""
+        count = int(self._ring.words[Word.GOALS])
+        for number in range(max(self._goals, count - SLOTS + 1), count):
+            row = self._ring.taken[number % SLOTS]
+            if self._name_goals is not None and (values := self._name_goals(row[1:])):
+                self._recorder.change(int(row[0]), values)
+        self._goals = count
 
     def _fetch_notes(self) -> None:
         for kind, tick, content in self._ring.notes.news():

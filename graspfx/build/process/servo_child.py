@@ -20,13 +20,14 @@ from graspfx.build.build import build
 from graspfx.build.hardware import Hardware, at_hardware
 from graspfx.build.process.errand import Errand
 from graspfx.build.process.orders import Orders, ParentGone
+from graspfx.build.process.pausing_pacer import PausingPacer
 from graspfx.build.resolve import resolve
 from graspfx.build.run_header import header_of
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError
 from graspfx.loop.realtime import carried_errors
 from graspfx.loop.realtime.exits import NAMES, Exits, signals_end
-from graspfx.loop.realtime.pacing import Pacer, WallClock
+from graspfx.loop.realtime.pacing import WallClock
 from graspfx.loop.realtime.priority import die_with_parent, take_priority
 from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word
 from graspfx.loop.servo import Servo
@@ -66,7 +67,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
         parts = resolve(errand.scene)
         if servo.layout.width != errand.width:
             raise GraspFXError(f"the servo's rows have {servo.layout.width} numbers, expected {errand.width}")
-        ring = Ring(ring_, servo.layout.width, servo.every)
+        ring = Ring(ring_, servo.layout.width, servo.every, errand.goals)
         header, scheduling = header_of(parts, servo.objects), dict[str, Any]()
 
         def ready(exits: Exits) -> None:
@@ -116,7 +117,7 @@ class Simulations:
     has_unstopped = False  # device, as there is none
 
     def __init__(self, servo: Servo, exits: Exits) -> None:
-        self._servo, self._exits, self.pacer = servo, exits, Pacer(servo.period)
+        self._servo, self._exits, self.pacer = servo, exits, PausingPacer(servo.period)
 
     def header(self, header: Header) -> Header:
         """Give a header as it is."""
@@ -136,6 +137,8 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
     """Run until the end, an order or a fault; say how it went when every force is zero."""
     recorder, error = RingRecorder(ring), b""
     orders = Orders(ring, servo, recorder, hardware.pacer)
+    if isinstance(hardware.pacer, PausingPacer):
+        hardware.pacer.orders = orders
     ring.words[Word.PHASE] = Phase.RUNNING
     try:
         hardware.run(errand.ticks, recorder, orders)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from queue import Empty
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from graspfx import log
 from graspfx.build.process.errand import Errand
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.header import Header
     from graspfx.loop.recording.layout import Layout
     from graspfx.loop.recording.recorder import Recorder
+
+FloatArray = NDArray[np.float64]
 
 LOOK = 0.01  # between two looks whether to stop [s]
 FAREWELL = 3.0  # for a process to end that has closed its hardware [s]
@@ -74,9 +79,14 @@ class ServoProcess:
         """Whether every force is zero for good, or the process is no more."""
         return self._has_rested
 
-    def begin(self, recorder: Recorder, watch: Callable[[int, int], object] | None = None) -> Relay:
-        """Arm and run, with rows fetched for a recorder."""
-        relay = self.relay = Relay(self.ring, recorder, watch)
+    def begin(
+        self,
+        recorder: Recorder,
+        watch: Callable[[int, int], object] | None = None,
+        goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
+    ) -> Relay:
+        """Arm and run, with rows fetched for a recorder; `watch` and `goals` as of `Relay`."""
+        relay = self.relay = Relay(self.ring, recorder, watch, goals)
         with self.guard.lock:
             self.guard.relay = relay
         self.guard.send("run")
@@ -208,7 +218,7 @@ class ServoProcess:
 
 @contextmanager
 def servo_process(
-    parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = ()
+    parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
 ) -> Iterator[ServoProcess]:
     """Begin a process with a scene's servo, its hardware open and at rest; closed, and ended, in the end.
 
@@ -219,6 +229,7 @@ def servo_process(
         ticks: to run.
         selected: whether rows are what the scene's `record` asks for.
         live: keys that may change in mid-run.
+        goals: numbers of the goals of guided hands.
 
     Raises:
         InputError: the scene cannot be carried over; hardware without a watchdog or `quench`; a finger that is inside
@@ -226,9 +237,9 @@ def servo_process(
         DeviceError: a device that does not open or is not at rest; a process that died.
         KeyboardInterrupt: a signal came before the run.
     """
-    errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live))
+    errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)
     errand.text()
-    ring = Ring(create(layout.width), layout.width, every)
+    ring = Ring(create(layout.width, goals), layout.width, every, goals)
     ring.words[Word.BEAT] = time.monotonic_ns()
     guard = Guard(ring, quenchers(parts), parts.scene.period)
     remote = ServoProcess(guard, ring, layout, Exits())

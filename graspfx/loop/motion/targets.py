@@ -224,8 +224,7 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 @kernel
 def target(hand: HandState, t: float) -> None:
     """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
-    n, d, turns = hand.fingers, hand.dimensions, hand.turns
-    if turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
+    if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
         return  # its rest stands there since the hand was made
     displace(hand.squeeze, t, hand.closing)
     displace(hand.motion, t, hand.shift)

@@ -16,7 +16,7 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-HEAD = 2  # numbers of eight bytes before the parts: how many parts, and how many objects
+HEAD = 3  # numbers of eight bytes before the parts: how many parts, objects and plants
 
 
 class Letter(NamedTuple):
@@ -25,10 +25,12 @@ class Letter(NamedTuple):
     Attributes:
         entries: of each memory, by its number: places, and what is written there.
         objects: numbers of the objects that take over what follows from them.
+        plants: numbers of the plants that take hold of their hands anew.
     """
 
     entries: Sequence[tuple[int, Index, FloatArray]]
     objects: Sequence[int]
+    plants: Sequence[int] = ()
 
 
 def write(letter: Letter, place: memoryview) -> None:
@@ -37,7 +39,7 @@ def write(letter: Letter, place: memoryview) -> None:
     Raises:
         InputError: it is longer than there is room.
     """
-    head: list[int] = [len(letter.entries), len(letter.objects), *letter.objects]
+    head: list[int] = [len(letter.entries), len(letter.objects), len(letter.plants), *letter.objects, *letter.plants]
     for memory, places, _ in letter.entries:
         head += [memory, len(places)]
     parts = [np.array(head, np.int64).tobytes()]
@@ -52,9 +54,10 @@ def write(letter: Letter, place: memoryview) -> None:
 def read(place: memoryview) -> Letter:
     """Read a letter, a copy."""
     whole = np.frombuffer(place, np.int64)
-    parts, objects = int(whole[0]), int(whole[1])
-    heads = whole[HEAD + objects : HEAD + objects + 2 * parts].reshape(parts, 2).tolist()
-    at = HEAD + objects + 2 * parts
+    parts, objects, plants = whole[:HEAD].tolist()
+    first = HEAD + objects
+    at = first + plants + 2 * parts
+    heads = whole[first + plants : at].reshape(parts, 2).tolist()
     places = []
     for _, count in heads:
         places.append(whole[at : at + count].astype(np.intp))
@@ -64,4 +67,4 @@ def read(place: memoryview) -> Letter:
         numbers.append(floats[at : at + count].copy())
         at += count
     entries = [(memory, p, n) for (memory, _), p, n in zip(heads, places, numbers, strict=True)]
-    return Letter(entries, whole[HEAD : HEAD + objects].tolist())
+    return Letter(entries, whole[HEAD:first].tolist(), whole[first : first + plants].tolist())

@@ -1,7 +1,8 @@
 """Rows on their way from a servo to who records them, through memory that two processes share: neither ever waits.
 
 The memory begins with whole numbers, a line of the processor's cache each (`Word`); notes and letters follow, then the
-rows. Whoever writes rows publishes `HEAD` after the row, so that a reader who sees it sees the row too.
+rows, and goals of guided hands. Whoever writes rows publishes `HEAD` after the row, so that a reader who sees it sees
+the row too.
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ class Word(IntEnum):
     SKIPPED = 56  # periods left out; the servo's
     DONE = 64  # number of the last letter that the servo has taken
     TICK = 72  # the tick from which on it holds; the servo's
+    HALT = 80  # where it is not zero, one more than the tick before which simulations pause; the recorder's side
+    GOAL = 88  # number of the last goals of guided hands; the recorder's side
+    GOALS = 96  # how often goals were taken; the servo's
 
 
 class Phase(IntEnum):
@@ -73,23 +77,31 @@ class Ring:
         file: descriptor of the memory, from `create`.
         width: numbers of a row.
         every: ticks from one row to the next.
+        goals: G, numbers of the goals of guided hands.
 
     Attributes:
-        words: (64,), at the places of `Word`.
+        words: (512,), at the places of `Word`.
         rows: (SLOTS, width); that of tick k is k / every modulo SLOTS, where `every` divides k.
         notes: of the servo.
         letters: the two halves of the mail box, bytes each.
+        goals: (2, G), of which goals number k are row k modulo 2.
+        taken: (SLOTS, 1 + G), a row for each time that goals were taken: the tick from which on they hold, and they.
     """
 
-    def __init__(self, file: int, width: int, every: int = 1) -> None:
+    def __init__(self, file: int, width: int, every: int = 1, goals: int = 0) -> None:
         self.file, self.width, self.every = file, width, every
-        self.memory = mmap.mmap(file, size_of(width))
+        self.memory = mmap.mmap(file, size_of(width, goals))
         self.words: IntArray = np.frombuffer(self.memory, np.int64, PAGE // 8)
         self.notes = Notes(memoryview(self.memory)[PAGE : PAGE + NOTES], self.words, Word.NOTES)
         start = PAGE + NOTES
         self.letters = [memoryview(self.memory)[start + i * LETTERS : start + (i + 1) * LETTERS] for i in range(2)]
         rows = np.frombuffer(self.memory, np.float64, SLOTS * width, start + 2 * LETTERS)
         self.rows: FloatArray = rows.reshape(SLOTS, width)
+        end = start + 2 * LETTERS + rows.nbytes
+        self.goals: FloatArray = np.frombuffer(self.memory, np.float64, 2 * goals, end).reshape(2, goals)
+        slots = SLOTS if goals else 0
+        taken = np.frombuffer(self.memory, np.float64, slots * (1 + goals), end + self.goals.nbytes)
+        self.taken: FloatArray = taken.reshape(slots, 1 + goals)
 
     @property
     def span(self) -> int:
@@ -97,19 +109,20 @@ class Ring:
         return SLOTS * self.every
 
 
-def size_of(width: int) -> int:
+def size_of(width: int, goals: int = 0) -> int:
     """Count the bytes of a ring."""
-    return PAGE + NOTES + 2 * LETTERS + 8 * SLOTS * width
+    beside = 8 * (2 * goals + SLOTS * (1 + goals)) if goals else 0
+    return PAGE + NOTES + 2 * LETTERS + 8 * SLOTS * width + beside
 
 
-def create(width: int) -> int:
+def create(width: int, goals: int = 0) -> int:
     """Make the memory of a ring, which goes with the last process that has it; give its descriptor."""
     if hasattr(os, "memfd_create"):
         file = os.memfd_create("graspfx-ring", getattr(os, "MFD_CLOEXEC", 0))
     else:
         with tempfile.TemporaryFile() as temporary:
             file = os.dup(temporary.fileno())
-    os.ftruncate(file, size_of(width))
+    os.ftruncate(file, size_of(width, goals))
     return file
 
 
