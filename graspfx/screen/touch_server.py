@@ -105,6 +105,11 @@ class TouchServer:
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._set_picture, picture)
 
+    def describe(self, scenery: str) -> None:
+        """Have every screen draw something else from now on, also those that come later."""
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._set_scenery, scenery)
+
     def __enter__(self) -> TouchServer:
         self._thread.start()
         self._ready.wait()
@@ -172,7 +177,6 @@ class TouchServer:
         client = self._clients[number] = _Client(number)
         sender = asyncio.create_task(self._send_pictures(connection, client))
         try:
-            await connection.send(self._scenery)
             async for data in connection:
                 self._take(client, data)
                 client.turn += 1
@@ -240,6 +244,12 @@ class TouchServer:
                 if now - client.heard > SILENCE:
                     self._release_all(client, "silence")
 
+    def _set_scenery(self, scenery: str) -> None:
+        self._scenery, self._picture = scenery, b""
+        for client in self._clients.values():
+            client.has_scenery = False
+            client.news.set()
+
     def _set_picture(self, picture: bytes) -> None:
         self._picture = picture
         for client in self._clients.values():
@@ -252,6 +262,9 @@ class TouchServer:
             while True:
                 await client.news.wait()
                 client.news.clear()
+                if not client.has_scenery:
+                    client.has_scenery = True
+                    await connection.send(self._scenery)
                 own, claimed = self._claims.bits(client.number)
                 await connection.send(HEAD.pack(client.last, own, claimed, client.dropped) + self._picture)
 
@@ -265,12 +278,15 @@ class _Client:
         heard: when that came [s].
         dropped: orders of it that were not followed.
         turn: messages of it.
-        news: whether there is a picture that it has not been sent.
+        news: whether there is a picture or a scenery that it has not been sent.
+        has_scenery: whether it was sent the newest.
     """
 
     def __init__(self, number: int) -> None:
         self.number, self.last, self.heard, self.dropped, self.turn = number, 0, 0.0, 0, 0
         self.news = asyncio.Event()
+        self.news.set()
+        self.has_scenery = False
         self.budget = Bucket(RATE, BURST)
 
 
