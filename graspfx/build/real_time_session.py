@@ -60,7 +60,7 @@ class RealTimeSession(Session):
     def _begin(self) -> None:
         """Let the servo run."""
         self._began = time.perf_counter()
-        self._relay = self._remote.begin(self._recorder, self._look, self._goals.named if self._guided else None)
+        self._relay = self._remote.begin(self._recorder, self._look, self._goals.by_key if self._guided else None)
         self._mail = Mail(self._remote.ring, self._relay)
 
     def _go(self) -> None:

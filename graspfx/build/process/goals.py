@@ -108,14 +108,14 @@ class GoalSender:
         with self._lock:
             offsets, closing = self.values(number)
             if offset is not None:
-                moved = offsets if finger is None else offsets[finger]
+                part = offsets if finger is None else offsets[finger]
                 new = np.asarray(offset, dtype=float)
-                if new.shape not in (moved.shape, (self._dimensions,)) or not _is_near(new):
-                    shapes = f"{moved.shape} or ({self._dimensions},)"
+                if new.shape not in (part.shape, (self._dimensions,)) or not _is_near(new):
+                    shapes = f"{part.shape} or ({self._dimensions},)"
                     raise InputError(
                         "offset", offset, f"finite components of shape {shapes}, none beyond {FARTHEST:g} m"
                     )
-                moved[...] = new
+                part[...] = new
             if squeeze is not None:
                 closing = float(squeeze)
                 if not _is_near(closing):
@@ -135,7 +135,7 @@ class GoalSender:
         fence()
         self._ring.words[Word.GOAL] = self._number = number
 
-    def named(self, goals: FloatArray) -> Mapping[str, Any]:
+    def by_key(self, goals: FloatArray) -> Mapping[str, Any]:
         """Give goals that the servo has taken by the keys of the scene, those that are others than before."""
         values: dict[str, Any] = {}
         for i, (table, _) in enumerate(self.keys):
@@ -181,7 +181,7 @@ class GoalTaker:
             place.memory[place.entries] = goals[at : at + len(place.entries)]
             at += len(place.entries)
         count = int(self._words[Word.GOALS])
-        row = self._ring.taken[count % SLOTS]
+        row = self._ring.goal_log[count % SLOTS]
         row[0], row[1:] = self._servo.ticks, goals
         fence()
         self._words[Word.GOALS] = count + 1

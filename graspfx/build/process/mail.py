@@ -15,7 +15,7 @@ from graspfx.loop.realtime import letters
 from graspfx.loop.realtime.letters import Letter
 from graspfx.loop.realtime.ring import Ring, Word, fence
 from graspfx.loop.servo import Servo
-from graspfx.loop.update import Update
+from graspfx.loop.update import CarriedPlant, Update
 
 LOOK = 5e-4  # between two looks whether a letter was taken [s]
 
@@ -33,8 +33,8 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     own = memories(servo)
     places = {id(memory): i for i, memory in enumerate(own)}
     objects = {id(part.grasped): i for i, part in enumerate(servo.objects)}
-    held = {id(part) for j in update.plants for part in (servo.plants[j].hand, servo.plants[j].plant)}
-    if not all(id(part) in objects or id(part) in held for part, _ in update.parts):
+    holders = {id(part) for j in update.plants for part in (servo.plants[j].hand, servo.plants[j].plant)}
+    if not all(id(part) in objects or id(part) in holders for part, _ in update.parts):
         raise _refusal(update.values)
     entries = [
         (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
@@ -42,9 +42,9 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     anew = {id(part): new for part, new in update.parts}
     for j in update.plants:
         wiring = servo.plants[j]
-        if not is_carried(wiring.hand):
-            raise _refusal(update.values)
         hand, plant = anew.get(id(wiring.hand), wiring.hand), anew.get(id(wiring.plant), wiring.plant)
+        if not is_carried(hand) or (plant is not wiring.plant and not isinstance(plant, CarriedPlant)):
+            raise _refusal(update.values)
         hold = Hold(replace(wiring, hand=hand, plant=plant))
         entries += [(len(own) + 3 * j + which, where, numbers) for which, where, numbers in hold.numbers()]
     return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)

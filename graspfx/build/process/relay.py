@@ -95,7 +95,7 @@ class Relay:
         """Record the goals that were taken since the last time; who comes 16384 ticks late has lost some."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
-            row = self._ring.taken[number % SLOTS]
+            row = self._ring.goal_log[number % SLOTS]
             if self._name_goals is not None and (values := self._name_goals(row[1:])):
                 self._recorder.change(int(row[0]), values)
         self._goals = count

@@ -85,7 +85,7 @@ class Ring:
         notes: of the servo.
         letters: the two halves of the mail box, bytes each.
         goals: (2, G), of which goals number k are row k modulo 2.
-        taken: (SLOTS, 1 + G), a row for each time that goals were taken: the tick from which on they hold, and they.
+        goal_log: (SLOTS, 1 + G), a row for each time that goals were taken: the tick from which on they hold, and they.
     """
 
     def __init__(self, file: int, width: int, every: int = 1, goals: int = 0) -> None:
@@ -100,8 +100,8 @@ class Ring:
         end = start + 2 * LETTERS + rows.nbytes
         self.goals: FloatArray = np.frombuffer(self.memory, np.float64, 2 * goals, end).reshape(2, goals)
         slots = SLOTS if goals else 0
-        taken = np.frombuffer(self.memory, np.float64, slots * (1 + goals), end + self.goals.nbytes)
-        self.taken: FloatArray = taken.reshape(slots, 1 + goals)
+        log = np.frombuffer(self.memory, np.float64, slots * (1 + goals), end + self.goals.nbytes)
+        self.goal_log: FloatArray = log.reshape(slots, 1 + goals)
 
     @property
     def span(self) -> int:
