@@ -25,7 +25,7 @@ def listen(host: str, port: int | None = None) -> socket.socket:
     Raises:
         InputError: it is in use, or not a program's to have.
     """
-    if port is not None and (isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 1 << 16):
+    if port is not None and not 0 <= port < 1 << 16:
         raise InputError("port", port, "a port from 0 (any that is free) to 65535")
     for number in range(FIRST, FIRST + MOST) if port is None else (port,):
         line = socket.socket(socket.AF_INET, socket.SOCK_STREAM)

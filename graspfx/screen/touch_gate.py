@@ -9,6 +9,7 @@ socket and every later request must bring.
 from __future__ import annotations
 
 import hmac
+import re
 import secrets
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -19,10 +20,11 @@ from urllib.parse import parse_qs, urlsplit
 
 LIFE = 600.0  # of a token [s]
 COOKIE = "graspfx-touch"
-TOKEN = "token"  # noqa: S105 (the name of it in an address)
+TOKEN = "token"
 TRIES, PER = 5, 60.0  # wrong tokens of a peer, and the time in which they are forgotten [s]
 MOST_PEERS = 1000  # whose wrong tokens are counted
 MOST_SESSIONS = 32
+ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # nothing else comes into the page's policy
 
 
 class Bucket:
@@ -114,11 +116,8 @@ class Gate:
         return Admission(HTTPStatus.FORBIDDEN, "scan the code that the terminal shows; each is good for one screen")
 
     def _is_ours(self, host: str) -> bool:
-        try:
-            parts = urlsplit(f"//{host}")
-            return parts.netloc == host and parts.hostname in self.names and self.port in (0, parts.port)
-        except ValueError:
-            return False
+        match = ADDRESS.fullmatch(host)
+        return match is not None and match[1].lower() in self.names and self.port in (0, int(match[2] or 80))
 
     def _has_session(self, header: str) -> bool:
         try:

@@ -67,7 +67,8 @@ class TouchServer:
         note: is told of every order of a sound form with its client, and whether it was followed.
 
     Attributes:
-        counts: of orders by what became of them: "taken", or why they were dropped.
+        counts: of orders by what became of them: "taken", or why they were dropped; "lost", those that never came.
+        last: number of the last order that came.
 
     Raises:
         MissingPackageError: websockets is not installed.
@@ -84,7 +85,7 @@ class TouchServer:
         self._claims = Claims(fingers)
         self._clients: dict[int, _Client] = {}
         self._numbers = count(1)
-        self._picture = b""
+        self._picture, self.last = b"", 0
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
         self._ready, self._error = threading.Event(), list[BaseException]()
@@ -208,7 +209,7 @@ class TouchServer:
         if order.number <= client.last:
             return "number"
         self.counts["lost"] += order.number - client.last - 1
-        client.last = order.number
+        client.last = self.last = order.number
         if not client.budget.take(now) and order.kind != Kind.LIFT:
             return "rate"
         client.heard = now

@@ -1,4 +1,4 @@
-"""Goals on their way to where the screen is touched: at once while a finger drags, at a bounded speed where it lands."""
+"""Goals on their way to where a screen is touched: at once while a finger drags, at a bounded speed where it lands."""
 
 from __future__ import annotations
 

@@ -113,9 +113,7 @@ def _planar(values: FloatArray | None, i: int) -> list[float]:
 
 def _modes(modes: Mapping[str, Modes]) -> tuple[float, float]:
     """Give the squeeze and the size of the push of the object that is squeezed most, or else pushed most [N]."""
-    values = [
-        (float(each.mean_squeeze[-1]), float(np.linalg.norm(each.push[-1]))) for each in modes.values()
-    ]
+    values = [(float(each.mean_squeeze[-1]), float(np.linalg.norm(each.push[-1]))) for each in modes.values()]
     squeezes = [squeeze for squeeze, _ in values if math.isfinite(squeeze)]
     pushes = [push for _, push in values if math.isfinite(push)]
     return max(squeezes, default=math.nan), max(pushes, default=math.nan)

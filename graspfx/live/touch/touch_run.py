@@ -189,7 +189,7 @@ class TouchRun:
                     self._send(finger, goal)
 
     def _begin_anew(self) -> bool:
-        """Say on the page why the run ended, and begin it again; with a recording, or hardware, it has ended for good."""
+        """Say on the page why the run ended, and begin anew; with a recording, or hardware, it has ended for good."""
         self._fault = str(self.run.fault or self.run.error or "the run has ended")
         self.server.describe(self._described())
         with self._lock:
