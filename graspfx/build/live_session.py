@@ -17,6 +17,8 @@ from graspfx.errors import InputError
 from graspfx.loop.realtime.ring import Phase, Ring, Word
 
 if TYPE_CHECKING:
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.two_parts import Split
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +79,16 @@ class LiveSession(RealTimeSession):
     def guided(self) -> list[GuideKeys]:
         """The guided hands."""
         return self._guided
+
+    @property
+    def header(self) -> Header:
+        """Header that its recording has."""
+        return self._recorder.header
+
+    @property
+    def splits(self) -> list[tuple[int, Split]]:
+        """Rules by which forces divide, each from a tick on."""
+        return list(self._splits)
 
     @property
     def start(self) -> FloatArray:

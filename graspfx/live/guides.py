@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.holdings import holdings
+from graspfx.build.live import value_of
 
 if TYPE_CHECKING:
     from graspfx.build.live_session import LiveSession
@@ -29,6 +30,7 @@ class Guide:
         hand: the number of its hand among the guided ones.
         place: of its finger among the hand's; None for all.
         all_fingers: of its hand.
+        lag: of its followers [s].
     """
 
     name: str
@@ -37,6 +39,7 @@ class Guide:
     hand: int
     place: int | None
     all_fingers: list[int]
+    lag: float
 
 
 def guided_scene(scene: Scene) -> Scene:
@@ -54,9 +57,10 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
     names, start = session.scene.finger_names, session.start
     guides: list[Guide] = []
     for number, (table, fingers) in enumerate(session.guided if kind else []):
+        lag = value_of(session.scene, f"{table}.guide.lag")
         if kind == "hands":
             hand = session.scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else names[fingers[0]]
-            guides.append(Guide(hand, fingers, start[fingers].mean(axis=0), number, None, fingers))
+            guides.append(Guide(hand, fingers, start[fingers].mean(axis=0), number, None, fingers, lag))
             continue
-        guides += [Guide(names[f], [f], start[f].copy(), number, place, fingers) for place, f in enumerate(fingers)]
+        guides += [Guide(names[f], [f], start[f].copy(), number, i, fingers, lag) for i, f in enumerate(fingers)]
     return guides

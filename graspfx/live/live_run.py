@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.live_session import LiveSession
-from graspfx.errors import InputError
+from graspfx.errors import InputError, message
 from graspfx.live.conductor import Conductor
 from graspfx.live.guides import Guide, guided_scene, guides_of
+from graspfx.live.letting_go import Release
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
 from graspfx.loop.recording.header import Header, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.places import NAME
+from graspfx.loop.recording.places import NAME, recording_path, require_vacancy_of
+from graspfx.loop.recording.two_parts import Split
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -66,6 +68,7 @@ class LiveRun:
         self._live, self._guide = tuple(live or ()), guide
         self._scene = guided_scene(scene) if guide is not None else scene
         self.run_number, self._has_ended = 0, False
+        self._releases: dict[int, Release] = {}
         self._session: LiveSession
         self._out: Path | None = None
         self._conductor = Conductor(self._apply, self._look)
@@ -104,7 +107,7 @@ class LiveRun:
     @property
     def header(self) -> Header:
         """Header that a recording of this run has."""
-        return self._session._recorder.header
+        return self._session.header
 
     @property
     def period(self) -> float:
@@ -148,6 +151,18 @@ class LiveRun:
     def fault(self) -> RunFault | None:
         """The first fault; from it on every force is zero. None so far."""
         return self._session.fault
+
+    @property
+    def splits(self) -> Sequence[tuple[int, Split]]:
+        """Rules by which forces divide into internal and external ones, each from a tick on."""
+        return self._session.splits
+
+    @property
+    def cause(self) -> str:
+        """Why it ended; empty as long as it goes on, and where it was closed."""
+        if self.state != "ended":
+            return ""
+        return str(self._session.outcome["cause"]) or ("" if self.error is None else message(self.error))
 
     @property
     def error(self) -> BaseException | None:
@@ -198,7 +213,7 @@ class LiveRun:
         return self._conductor.set(values)
 
     def guide(self, number: int, offset: Any, squeeze: float | None = None) -> None:
-        """Set the goals of a guide; the servo takes them before its next tick.
+        """Set the goals of a guide; the servo takes them before its next tick, the newest of several.
 
         Args:
             number: of the guide.
@@ -209,22 +224,24 @@ class LiveRun:
             InputError: no such guide; goals that are not finite, of another shape or too far away.
         """
         guide = self._guide_of(number)
+        self._end_release(number)
         self._session.goals.send(guide.hand, offset, squeeze, guide.place)
 
     def let_go(self, number: int) -> None:
-        """Withdraw a guide's fingers along their forces until they are free; they stay there until they are guided."""
-        guide = self._guide_of(number)
-        row = self.row()
-        if row is None:
-            return
-        from graspfx.live.letting_go import withdrawal
+        """Withdraw a guide's fingers along their forces until they are free; they stay there until they are guided.
 
-        offsets, _ = self._session.goals.values(guide.hand)
-        places = range(len(guide.all_fingers)) if guide.place is None else [guide.place]
-        for place in places:
-            step = withdrawal(self._session, row, guide.all_fingers[place])
-            if step is not None:
-                self._session.goals.send(guide.hand, offsets[place] + step, None, place)
+        Raises:
+            InputError: no such guide.
+        """
+        guide = self._guide_of(number)
+        self._end_release(number)
+        release = self._releases[number] = Release(self, self._session, guide, guide.lag)
+        release.begin()
+
+    def _end_release(self, number: int) -> None:
+        release = self._releases.pop(number, None)
+        if release is not None:
+            release.end()
 
     def _guide_of(self, number: int) -> Guide:
         if not (type(number) is int and 0 <= number < len(self.guides)):
@@ -261,7 +278,11 @@ class LiveRun:
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:
-        """Begin a new run of the scene with the values of now, guides where they start; wait until it goes on."""
+        """Begin a new run of the scene with the values of now, guides where they start; wait until it goes on.
+
+        Raises:
+            RecordingError, DeviceError: whatever keeps it from beginning; another reset may do it.
+        """
         self._conductor.do(lambda: self._renew(None)).result()
 
     def record(self, folder: str | PathLike[str]) -> Path:
@@ -287,11 +308,22 @@ class LiveRun:
         return out
 
     def _renew(self, out: str | PathLike[str] | None) -> None:
-        scene = self._session.scene
-        self._session.close()
-        self._scene = scene
+        """Begin a new run; what the former one ended in is raised afterwards where it was recorded."""
+        if out is not None:
+            require_vacancy_of(recording_path(out, "folder") / NAME)
+        was_recorded, failure = self._out is not None, None
+        for number in list(self._releases):
+            self._end_release(number)
+        self._has_ended = True
+        try:
+            self._session.close()
+        except Exception as error:  # noqa: BLE001 - of any driver or disk; it was there to be seen as `error`
+            failure = error
+        self._scene, self._out = self._session.scene, None
         self._open(out, paused=False)
         self.run_number += 1
+        if was_recorded and failure is not None:
+            raise failure
 
     def rest(self) -> None:
         """Let every force decay to zero, and stay there; wait until it is."""

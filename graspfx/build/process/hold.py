@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.parts import PlantWiring
 from graspfx.loop.plant import FusedHand
 from graspfx.loop.update import CarriedPlant, Steerable
 
@@ -20,20 +19,20 @@ class Hold:
     """A plant with its hand: three memories, of the hand's block, of its gains and of the plant's mechanics.
 
     Args:
-        wiring: of the plant.
+        hand: that holds the plant.
+        plant: itself.
 
     Attributes:
         memories: the block; K and B, one after the other; masses and dampings. Empty where they do not change.
     """
 
-    def __init__(self, wiring: PlantWiring) -> None:
-        self._plant, self._hand = wiring.plant, wiring.hand
+    def __init__(self, hand: Any, plant: Any) -> None:
+        self._plant, self._hand = plant, hand
         block, gains, mechanics = np.zeros(0), np.zeros(0), np.zeros(0)
-        if is_carried(wiring.hand):
-            hand: Any = wiring.hand
+        if is_carried(hand):
             block, gains = hand.state, np.concatenate([hand.stiffness.ravel(), hand.damping.ravel()])
-        if isinstance(wiring.plant, CarriedPlant):
-            mechanics = wiring.plant.mechanics.ravel().copy()
+        if isinstance(plant, CarriedPlant):
+            mechanics = plant.mechanics.ravel().copy()
         self.memories: list[FloatArray] = [block, gains, mechanics]
 
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:

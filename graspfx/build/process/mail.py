@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from graspfx.build.process.hold import Hold, is_carried
 from graspfx.build.process.orders import memories
@@ -16,6 +18,9 @@ from graspfx.loop.realtime.letters import Letter
 from graspfx.loop.realtime.ring import Ring, Word, fence
 from graspfx.loop.servo import Servo
 from graspfx.loop.update import CarriedPlant, Update
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 LOOK = 5e-4  # between two looks whether a letter was taken [s]
 
@@ -39,15 +44,23 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     entries = [
         (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
     ]
+    if servo.ticks == 0:  # a copy that has not run either has the same numbers: a mesh has a hundred thousand
+        entries = [_news(own[which], which, where, numbers) for which, where, numbers in entries]
     anew = {id(part): new for part, new in update.parts}
-    for j in update.plants:
-        wiring = servo.plants[j]
-        hand, plant = anew.get(id(wiring.hand), wiring.hand), anew.get(id(wiring.plant), wiring.plant)
-        if not is_carried(hand) or (plant is not wiring.plant and not isinstance(plant, CarriedPlant)):
+    for j, wiring in ((j, servo.plants[j]) for j in update.plants):
+        hand: Any = anew.get(id(wiring.hand), wiring.hand)
+        plant = anew.get(id(wiring.plant), wiring.plant)
+        if not is_carried(hand) or (id(wiring.plant) in anew and not isinstance(plant, CarriedPlant)):
             raise _refusal(update.values)
-        hold = Hold(replace(wiring, hand=hand, plant=plant))
+        hold = Hold(hand, plant)
         entries += [(len(own) + 3 * j + which, where, numbers) for which, where, numbers in hold.numbers()]
     return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)
+
+
+def _news(memory: FloatArray, which: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
+    """Leave out numbers that a memory has already, to the bit."""
+    differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
+    return which, where[differ], numbers[differ]
 
 
 def _refusal(values: Mapping[str, Any]) -> InputError:

@@ -38,7 +38,7 @@ class Orders:
     def __init__(self, ring: Ring, servo: Servo, recorder: RingRecorder, pacer: Pacer) -> None:
         self._ring, self._servo, self._recorder, self._pacer = ring, servo, recorder, pacer
         self._words = memoryview(ring.memory).cast("q")
-        self._holds = [Hold(wiring) for wiring in servo.plants]
+        self._holds = [Hold(each.hand, each.plant) for each in servo.plants]
         self._memories = [*memories(servo), *(memory for hold in self._holds for memory in hold.memories)]
         self._number = int(self._words[Word.MAIL])
         self._goals = GoalTaker(ring, servo) if ring.goals.size else None

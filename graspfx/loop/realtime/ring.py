@@ -39,7 +39,7 @@ class Word(IntEnum):
     STOP = 16  # not zero: rest; the recorder's side
     BEAT = 24  # time.monotonic_ns of who recorded last; the recorder's side
     PHASE = 32  # of the servo, as `Phase`
-    NOTES = 40  # bytes of notes that are there; the servo's
+    NOTES = 40  # bytes of notes that were ever there; the servo's
     MAIL = 48  # number of the last letter; the recorder's side
     SKIPPED = 56  # periods left out; the servo's
     DONE = 64  # number of the last letter that the servo has taken
@@ -47,6 +47,7 @@ class Word(IntEnum):
     HALT = 80  # where it is not zero, one more than the tick before which simulations pause; the recorder's side
     GOAL = 88  # number of the last goals of guided hands; the recorder's side
     GOALS = 96  # how often goals were taken; the servo's
+    NOTED = 104  # bytes of notes that were read; the recorder's
 
 
 class Phase(IntEnum):
@@ -92,7 +93,7 @@ class Ring:
         self.file, self.width, self.every = file, width, every
         self.memory = mmap.mmap(file, size_of(width, goals))
         self.words: IntArray = np.frombuffer(self.memory, np.int64, PAGE // 8)
-        self.notes = Notes(memoryview(self.memory)[PAGE : PAGE + NOTES], self.words, Word.NOTES)
+        self.notes = Notes(memoryview(self.memory)[PAGE : PAGE + NOTES], self.words, Word.NOTES, Word.NOTED)
         start = PAGE + NOTES
         self.letters = [memoryview(self.memory)[start + i * LETTERS : start + (i + 1) * LETTERS] for i in range(2)]
         rows = np.frombuffer(self.memory, np.float64, SLOTS * width, start + 2 * LETTERS)
