@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.analysis.linearisation import Linearisation
 from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, standing_limits
@@ -36,13 +37,11 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
 
 
 def _certificate(scene: Scene, loop: Linearised) -> Certificate:
-    linear = loop.linear
-    whole = Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness)
     passive, why = _passive(scene, loop)
     return Certificate(
         object=loop.objects[0],
         at=loop.at[0],
-        spectral_radius=whole.radius(1.0),
+        spectral_radius=spectral_radius(loop.linear),
         limits=(*mode_limits(scene, loop), *standing_limits(loop), *pushing_limits(scene, loop)),
         assumed=loop.assumed,
         passive=passive,
@@ -56,6 +55,11 @@ def _certificate(scene: Scene, loop: Linearised) -> Certificate:
         notes=tuple(_sliding(scene, loop)),
         fade=loop.fade[0],
     )
+
+
+def spectral_radius(linear: Linearisation) -> float:
+    """Find the largest |z| of a loop as it is."""
+    return Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness).radius(1.0)
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
-from graspfx.analysis.series import in_series
 from graspfx.build.fading import set_fade
 from graspfx.build.mechanics import Mechanics, mechanics
 from graspfx.build.object_parts import ObjectPart
@@ -23,10 +22,9 @@ from graspfx.certificate.rest.from_recording import recorded, set_pose
 from graspfx.certificate.rest.ground import LOW, Ground, ground_under
 from graspfx.certificate.rest.place import Place, provisional, squeezed
 from graspfx.certificate.rest.resting import Grip
-from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, force_directions
+from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, contact_axes, force_directions
 from graspfx.certificate.worst_lateness import lateness_ends, less_stable
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
@@ -61,6 +59,7 @@ class Linearised:
         standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
         fade: of each object, where the fade begins and where the forces at rest ask it to [m]; None where nothing does.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
+        damping: D (m, m) for external damping times a and internal damping times b: a function.
         gains: K of shifts, turns and internal (m, m), of which `stiffness` is the sum; None where it is no such sum.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
         compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
@@ -81,6 +80,7 @@ class Linearised:
     standing: tuple[Ground | None, ...] = field(repr=False)
     fade: tuple[tuple[float, float] | None, ...]
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
+    damping: Callable[[float, float], FloatArray] = field(repr=False)
     gains: tuple[FloatArray, ...] | None = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
@@ -105,7 +105,6 @@ class _Share:
     fade: tuple[float, float] | None
     split: Split
     gains: ScaledGains
-    damping: FloatArray
     compliance: FloatArray
     G: FloatArray
     G_e: FloatArray
@@ -210,15 +209,15 @@ def _matrices(
         assumed.append("no finger lets go")
     law = part.law
     if rules.axes != "world":
-        law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
+        law = law.turned(R[:d, :d] if rules.axes == "object" else contact_axes(g, R))
     pads = pads_of(g, at_rest=J is not None)
     if pads is not None and not pads[1].all():
         assumed.append("pads give way where nothing presses yet: no stiffness along their normals")
-    gains = ScaledGains(law, split, n, normals, pads)
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
+    gains = ScaledGains(law, split, n, normals, pads, compliance)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
-    D = gains.release_tangents(in_series(law.damping(split), compliance))
+    D = gains.damping(1.0, 1.0)
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -262,7 +261,6 @@ def _matrices(
         fade=None if J is None else g.fade_asked(),
         split=split,
         gains=gains,
-        damping=D,
         compliance=compliance,
         G=G,
         G_e=G_e,
@@ -272,12 +270,6 @@ def _matrices(
         viscosity=viscosity,
         integrator="bullet" if table.dynamics == "bullet" else table.integrator,
     )
-
-
-def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
-    frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
-    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
@@ -327,6 +319,9 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
         return turned([share.gains(shifts, turns, internal) for share in shares])
 
+    def damping(external: float, internal: float) -> FloatArray:
+        return turned([share.gains.damping(external, internal) for share in shares])
+
     def conventional(k: float) -> FloatArray:
         return turned([share.gains.alone(k) for share in shares])
 
@@ -339,7 +334,7 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
         inertia=block_diagonal([share.inertia for share in shares]),
         viscosity=block_diagonal([share.viscosity for share in shares]),
         stiffness=stiffness(1.0, 1.0, 1.0),
-        damping=turned([share.damping for share in shares]),
+        damping=damping(1.0, 1.0),
         hand_stiffness=V.T @ mechanics_.stiffness[np.ix_(columns, columns)] @ V,
         hand_damping=V.T @ mechanics_.damping[np.ix_(columns, columns)] @ V + apart,
         delay=np.repeat(mechanics_.delay[fingers], d),
@@ -367,6 +362,7 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
         standing=tuple(share.standing for share in shares),
         fade=tuple(share.fade for share in shares),
         stiffness=stiffness,
+        damping=damping,
         gains=gains,
         conventional=conventional,
         compliance=np.concatenate([share.compliance for share in shares]),

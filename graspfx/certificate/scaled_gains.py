@@ -1,4 +1,4 @@
-"""The stiffness of eq. (4) on one grasp with its gains times factors: what limits are looked for along."""
+"""The stiffness and damping of eq. (4) on one grasp with gains times factors: what limits are looked for along."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.pushing import condensed
-from graspfx.analysis.series import springs_in_series
+from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.certificate.rest.resting import Grip
+from graspfx.coupling import block
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.split import Split
 from graspfx.scene.model import Scene
@@ -28,6 +30,7 @@ class ScaledGains:
     fingers: int
     normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
     pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
+    compliance: FloatArray | float = 0.0  # of dampers in series (m,) [m/(N s)]
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
         K_t, K_r, K_i = self.parts
@@ -54,6 +57,17 @@ class ScaledGains:
         Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
         K_t = (K_e @ Q + (K_e @ Q).T) / 2
         return K_t, K_e - K_t, inner.stiffness(self.split)
+
+    def damping(self, external: float, internal: float) -> FloatArray:
+        """Give D of the law, (m, m) [N s/m], with each of its dampings times a factor."""
+        law = self.law
+        if (external, internal) != (1.0, 1.0):
+            outer, inner = (
+                Impedance(0.0, np.multiply(part.damping, factor))
+                for part, factor in ((law.external, external), (law.internal, internal))
+            )
+            law = Coupling(outer, inner, form=law.form)
+        return self.release_tangents(in_series(law.damping(self.split), self.compliance))
 
     def alone(self, k: float) -> FloatArray:
         """Give K for every finger by itself with stiffness k, in the metric."""
@@ -86,6 +100,12 @@ def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Flo
         normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
     ]
     return block_diagonal(blocks)
+
+
+def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, block.FRAME : block.FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:

@@ -172,18 +172,18 @@ def _scenery(
         for each, built, colour in zip(outlines, surfaces, colours, strict=True)
         if built
     ]
-    radii = fingertip_radii(table, len(fingers))
+    radii, contacts = fingertip_radii(table, len(fingers)), lifted(starts, 3)
     return Scenery(
         solids=tuple(solids), fingers=tuple(fingers),
         colours=tuple(FINGERS[i % len(FINGERS)] for i in range(len(fingers))),
         radii=np.where(radii > 0.0, radii, TIP * extent), is_ball=radii > 0.0, extent=extent, middle=middle,
         up=np.eye(3)[2 if dimensions == 3 else 1],
         apart=APART * extent if dimensions == 1 and attached else 0.0,
-        camera=viewpoint(dimensions, middle, extent, lifted(starts, 3)), notes=tuple(notes),
+        camera=viewpoint(dimensions, middle, extent, contacts, contacts - middle), notes=tuple(notes),
     )  # fmt: skip
 
 
-def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: FloatArray) -> Viewpoint:
+def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: FloatArray, out: FloatArray) -> Viewpoint:
     """Choose a camera: in space where contacts are seen best, of the plane before it and a little to the side.
 
     Args:
@@ -191,9 +191,10 @@ def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: Floa
         middle: what it looks at (3,) [m].
         extent: size of what is drawn [m].
         contacts: (k, 3) [m].
+        out: directions away from the object there (k, 3).
     """
     if dimensions == 3:
-        towards = Camera(*best_view(contacts, contacts - middle, extent)).axes[2]
+        towards = Camera(*best_view(contacts, out, extent)).axes[2]
     else:
         towards = np.array(OBLIQUE) / np.linalg.norm(OBLIQUE)
     up = np.eye(3)[2 if dimensions == 3 else 1]

@@ -1,4 +1,4 @@
-"""Start of a servo's process: a fresh interpreter that imports this package, and not the program that begins it."""
+"""Start of a process beside this one: a fresh interpreter that imports this package, and not the program that begins it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import graspfx
 from graspfx.errors import InputError
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # of numerical libraries: none beside
-TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.build.process.servo_child import main; main({line}, {ring})"
+TEXT = "import sys; sys.path[:] = {path!r}; from {module} import main; main({numbers})"
 
 
 def is_possible() -> bool:
@@ -22,12 +22,25 @@ def is_possible() -> bool:
 
 
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start the process; give it and the line to it.
-
-    It is in a group of its own: Ctrl-C on a terminal is for whoever records, who passes it on.
+    """Start a servo's process; give it and the line to it.
 
     Args:
         ring: descriptor of the memory that both have.
+
+    Raises:
+        InputError: this system starts no such process.
+    """
+    return spawn("graspfx.build.process.servo_child", ring)
+
+
+def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start a process that calls `main` of a module with the descriptor of its line and others; give it and the line.
+
+    It is in a group of its own: Ctrl-C on a terminal is for whoever began it, who passes it on.
+
+    Args:
+        module: of this package.
+        descriptors: of files that both have.
 
     Raises:
         InputError: this system starts no such process.
@@ -37,10 +50,11 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
     ours, theirs = socketpair()
     home = str(Path(graspfx.__file__).parents[1])
     path = [*sys.path, *([] if home in sys.path else [home])]
-    text = TEXT.format(path=path, line=theirs.fileno(), ring=ring)
+    numbers = (theirs.fileno(), *descriptors)
+    text = TEXT.format(path=path, module=module, numbers=", ".join(map(str, numbers)))
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), ring), process_group=0,
+            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=numbers, process_group=0,
             env=os.environ | dict.fromkeys(THREADS, "1"),
         )  # fmt: skip
     except BaseException:

@@ -1,0 +1,125 @@
+"""Verdicts on one scene with changing values: at once from its last linearisation, then from one of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from graspfx.certificate.certificate import Limit, is_stable
+from graspfx.certificate.certificates import spectral_radius
+from graspfx.certificate.linearise import Linearised, linearise
+from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
+from graspfx.certificate.whole_loop import Family, WholeLoop
+from graspfx.errors import GraspFXError
+from graspfx.live.altered_loop import Change, altered, change_of
+from graspfx.live.stability_verdict import MarginRow, Verdict
+from graspfx.scene.model import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """A scene that is linearised: the loop of each object, its parts whatever its gains are, and the limits."""
+
+    scene: Scene
+    loops: tuple[Linearised, ...]
+    wholes: tuple[WholeLoop, ...]
+    rows: tuple[MarginRow, ...]
+    at: str
+
+
+class Certifier:
+    """Verdicts on a scene with other values by live key; full ones are those of `gx.certify`.
+
+    `provisional` and `stages` may run in two threads at the same time.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._base: _Base | None = None
+
+    def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
+        """Judge from the last linearisation: gains and numbers of objects changed there, its rest and squeeze held.
+
+        None where that tells nothing: before the first linearisation, and for values that change the loop otherwise.
+        """
+        base = self._base
+        if base is None:
+            return None
+        try:
+            changes = [change_of(base.scene, loop.objects[0], values) for loop in base.loops]
+        except GraspFXError:
+            return None
+        radius = 0.0
+        for loop, whole, change in zip(base.loops, base.wholes, changes, strict=True):
+            if change is None:
+                return None
+            radius = max(radius, _altered_radius(base.scene, loop, whole, change))
+        rows = tuple(_scaled(row, changes[0]) for row in base.rows if changes[0] is not None)
+        return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows, at=base.at)
+
+    def stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
+        """Linearise the scene with these values and judge it: without fingers that push alone, then in full."""
+        try:
+            yield from self._stages(values)
+        except Exception as error:  # noqa: BLE001 - a text on a page, whatever a driver or a scene raises
+            text = " ".join(str(error).split())
+            name = "" if isinstance(error, GraspFXError) else f"{type(error).__name__}: "
+            yield Verdict(dict(values), False, error=name + text, stage=2)
+
+    def _stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
+        scene = self._scene.replace(values) if values else self._scene
+        touched = sorted(set(scene.finger_objects))
+        if not touched:
+            yield Verdict(dict(values), False, error="no finger touches an object", stage=2)
+            return
+        loops = tuple(linearise(scene, "squeezed", scene.object[i].name) for i in touched)
+        radius = max(spectral_radius(loop.linear) for loop in loops)
+        rows = [row for loop in loops for row in _rows(loop, [*mode_limits(scene, loop), *standing_limits(loop)])]
+        at = "start" if "start" in {place for loop in loops for place in loop.at} else "squeezed"
+        before = self._pushing_before(scene, values)
+        wholes = tuple(WholeLoop(loop.linear, loop.gains) for loop in loops)
+        base = self._base = _Base(scene, loops, wholes, (*rows, *before), at)
+        answer = Verdict(dict(values), True, _all_stable(radius, rows), radius, base.rows, stage=1, at=at)
+        yield answer
+        for loop in loops:
+            pushing = pushing_limits(scene, loop)
+            if pushing:
+                rows += _rows(loop, [min(pushing, key=lambda row: row.margin)])
+        self._base = replace(base, rows=tuple(rows))
+        yield replace(answer, is_provisional=False, rows=tuple(rows), stage=2)
+
+    def _pushing_before(self, scene: Scene, values: Mapping[str, Any]) -> list[MarginRow]:
+        """Give the last limits of fingers that push, for as long as there are no new ones."""
+        if self._base is None:
+            return []
+        change = change_of(self._base.scene, scene.object[scene.finger_objects[0]].name, values)
+        return [_scaled(row, change) for row in self._base.rows if not row.is_mode and change is not None]
+
+
+def _altered_radius(scene: Scene, loop: Linearised, whole: WholeLoop, change: Change) -> float:
+    stiffness = loop.stiffness(change.external, change.external, change.internal)
+    if change.is_external:
+        return Family(whole, lambda s: stiffness).radius(1.0)
+    linear = altered(scene, loop, change)
+    return Family(WholeLoop(linear, loop.gains), lambda s: stiffness).radius(1.0)
+
+
+def _rows(loop: Linearised, limits: Sequence[Limit]) -> list[MarginRow]:
+    name = loop.objects[0]
+    return [MarginRow(row.mode, name, row.gain, row.limit, row.margin, row.frequency) for row in limits]
+
+
+def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
+    """Judge as `Certificate.stable` does."""
+    return is_stable(radius) and all(row.margin >= 1.0 for row in rows if row.mode.startswith("standing on"))
+
+
+def _scaled(row: MarginRow, change: Change) -> MarginRow:
+    """Give a row with the gain of a change and its limit as it was; for gains together, the more of the two."""
+    factor = max(change.external, change.internal)
+    if row.mode == "internal":
+        factor = change.internal
+    elif row.mode.startswith("external"):
+        factor = change.external
+    return row._replace(gain=row.gain * factor, margin=row.margin / factor if factor > 0.0 else float("inf"))

@@ -1,0 +1,163 @@
+"""The certificate that follows the sliders: asked for at any rate, answered from a process of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from subprocess import Popen
+from types import TracebackType
+from typing import Any, Self
+
+from graspfx.build.process import boot
+from graspfx.build.process.errand import Errand
+from graspfx.errors import GraspFXError
+from graspfx.live.stability_verdict import Verdict
+from graspfx.scene.model import Scene
+
+CHILD = "graspfx.live.margins_child"
+GONE = "the process that computes certificates has ended"
+
+
+class Margins:
+    """Verdicts on a scene with other values, from a process that ends with this one, and takes no time from a servo.
+
+    `ask` waits for nothing: of requests that come faster than answers the newest counts. Each is answered at once from
+    the last linearisation, provisionally, and in full once that is computed; a full one that was overtaken by a newer
+    request is dropped. The scene as it is counts as the first request.
+
+    Args:
+        scene: that runs.
+        tell: called with each verdict as it comes, from a thread of this object; it must not raise.
+    """
+
+    def __init__(self, scene: Scene, tell: Callable[[Verdict], object] | None = None) -> None:
+        self._scene, self._tell = scene, tell
+        self._changed = threading.Condition()
+        self._values: dict[str, Any] = {}
+        self._number, self._sent = 1, 0
+        self._asked = {1: time.perf_counter()}
+        self._latest: Verdict | None = None
+        self._closed, self._failure = False, ""
+        self._process: Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._serve, name="graspfx margins", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process; None before it has begun."""
+        return None if self._process is None else self._process.pid
+
+    def ask(self, values: Mapping[str, Any]) -> int:
+        """Ask about the scene with these values, and those of earlier requests for other keys; give its number."""
+        with self._changed:
+            self._values = self._values | dict(values)
+            self._number += 1
+            if self._failure:
+                return self._number
+            self._asked[self._number] = time.perf_counter()
+            self._changed.notify_all()
+            return self._number
+
+    def latest(self) -> Verdict | None:
+        """Give the newest verdict; None before the first."""
+        return self._latest
+
+    def await_verdict(self, number: int, seconds: float, full: bool = True) -> Verdict | None:
+        """Wait for the verdict on a request, or on one after it; None if the time is over.
+
+        Args:
+            number: as `ask` gave it; 1 for the scene as it is.
+            seconds: to wait at most.
+            full: wait for the full one.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._has(number, full) or self._closed, seconds)
+            return self._latest if self._has(number, full) else None
+
+    def close(self) -> None:
+        """End the process."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+            if self._process is not None:
+                self._process.kill()  # it holds nothing that has to be put in order
+        self._thread.join()
+
+    def _has(self, number: int, full: bool) -> bool:
+        verdict = self._latest
+        if verdict is None or self._failure:
+            return verdict is not None
+        return verdict.number >= number and not (full and verdict.is_provisional)
+
+    def _serve(self) -> None:
+        """Begin the process, send it requests, and end it: the system ends it with this thread."""
+        try:
+            errand = Errand(self._scene, ticks=0, width=0).text()
+            process, line = boot.spawn(CHILD)
+        except (GraspFXError, OSError) as error:
+            self._fail(str(error))
+            return
+        listener = threading.Thread(target=self._listen, args=(line,), name="graspfx verdicts", daemon=True)
+        listener.start()
+        try:
+            self._process = process
+            line.send_bytes(errand)
+            self._send(line)
+        except OSError:
+            self._fail(GONE)
+        finally:
+            process.kill()
+            process.wait()
+            listener.join()
+            line.close()
+
+    def _send(self, line: Connection) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._number > self._sent)
+                if self._closed:
+                    return
+                number, values = self._number, self._values
+                self._sent = number
+            line.send((number, values))
+
+    def _listen(self, line: Connection) -> None:
+        """Take verdicts as they come."""
+        try:
+            while True:
+                self._take(line.recv())
+        except (EOFError, OSError):
+            if not self._closed:
+                self._fail(GONE)
+
+    def _take(self, verdict: Verdict) -> None:
+        with self._changed:
+            latest = self._latest
+            if latest is not None and (verdict.number, verdict.stage) <= (latest.number, latest.stage):
+                return
+            verdict = replace(verdict, seconds=time.perf_counter() - self._asked[verdict.number])
+            self._asked = {number: at for number, at in self._asked.items() if number >= verdict.number}
+            self._latest = verdict
+            self._changed.notify_all()
+        if self._tell is not None:
+            self._tell(verdict)
+
+    def _fail(self, why: str) -> None:
+        """Tell that no certificate will come any more."""
+        with self._changed:
+            self._failure = self._failure or why
+            self._latest = verdict = Verdict(self._values, False, error=self._failure, number=self._number, stage=2)
+            self._changed.notify_all()
+        if self._tell is not None:
+            self._tell(verdict)

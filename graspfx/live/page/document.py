@@ -1,0 +1,101 @@
+"""A recording's page as one file of HTML, which asks for nothing and runs no script but its own."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from hashlib import sha256
+from html import escape
+from math import isfinite
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import graspfx
+from graspfx.live.page.story import story_of
+from graspfx.loop.recording.places import placing, require_vacancy
+from graspfx.loop.recording.record import Recording
+
+FOLDER = Path(__file__).parent
+SCRIPTS = ("numbers.js", "space.js", "chart.js", "page.js")  # in this order
+REMEDY = "choose another name, or write over it with overwrite"
+
+
+def page_text(recording: Recording, folder: Path | None = None) -> str:
+    """Write a recording as a page of HTML.
+
+    Args:
+        recording: of a run.
+        folder: where relative paths of meshes start; that of the scene if None.
+
+    Raises:
+        InputError: a recording without a tick.
+    """
+    story = story_of(recording, folder)
+    style, script = _read("page.css"), "\n".join(['"use strict";', *map(_read, SCRIPTS)])
+    parts = {
+        "policy": _policy(style, script), "generator": escape(f"GraspFX {graspfx.__version__}"),
+        "title": escape(f"{story['title']} \N{EN DASH} GraspFX"), "style": style, "script": script,
+        "story": in_script(story),
+    }  # fmt: skip
+    before, *pieces = _read("page.html").split("{")
+    text = [before]
+    for piece in pieces:  # each name once: what stands for it is not looked through again
+        name, _, rest = piece.partition("}")
+        text += [parts[name], rest]
+    return "".join(text)
+
+
+def write_page(
+    recording: Recording, path: str | PathLike[str], *, folder: Path | None = None, overwrite: bool = False
+) -> Path:
+    """Write a recording's page; the file appears when it is whole.
+
+    Args:
+        recording: of a run.
+        path: of the file.
+        folder: where relative paths of meshes start; that of the scene if None.
+        overwrite: whether a file that is there already is replaced.
+
+    Raises:
+        InputError: a recording without a tick.
+        RecordingError: the file is there already, or cannot be written.
+    """
+    target = Path(path)
+    if not overwrite:
+        require_vacancy([target], REMEDY)
+    text = page_text(recording, folder)
+    with placing(target) as file:
+        Path(file).write_text(text, encoding="utf-8", newline="\n")
+    return target
+
+
+def in_script(data: Any) -> str:
+    """Write data as JSON that ends no element of HTML, whatever text is in it."""
+    text = json.dumps(_plain(data), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for letter in "<>&\u2028\u2029":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return "".join(f"\\u{ord(letter):04x}" if "\ud800" <= letter <= "\udfff" else letter for letter in text)
+
+
+def _plain(data: Any) -> Any:
+    """Replace numbers that JSON has not by null."""
+    if isinstance(data, dict):
+        return {key: _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(each) for each in data]
+    return None if isinstance(data, float) and not isfinite(data) else data
+
+
+def _policy(style: str, script: str) -> str:
+    """Write what a browser lets the page do: run its own script, and load nothing."""
+    own = {
+        f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
+        for kind, text in (("style", style), ("script", script))
+    }
+    rules = {"default-src": "'none'", **own, "base-uri": "'none'", "form-action": "'none'"}
+    return "; ".join(f"{name} {value}" for name, value in rules.items())
+
+
+def _read(name: str) -> str:
+    return (FOLDER / name).read_text("utf-8")

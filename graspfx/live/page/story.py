@@ -1,0 +1,236 @@
+"""Data of a page: what it draws, plays and writes, as plain data that its script reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspfx
+from graspfx.errors import InputError
+from graspfx.live.frame import STATES
+from graspfx.live.page.motion import Motion, motion_of
+from graspfx.live.page.packing import RESOLUTION, packed, packed_solid
+from graspfx.live.page.values import values_of
+from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
+from graspfx.loop.recording.record import Recording
+from graspfx.show.modes import Modes
+from graspfx.show.panels import pushes
+from graspfx.show.picture import arrows, zbuffer
+from graspfx.show.picture.described import slid
+from graspfx.show.picture.portrait import nice
+from graspfx.show.picture.surfaces import Surface
+from graspfx.show.strokes import PUSHES, SQUEEZE
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
+
+FloatArray = NDArray[np.float64]
+
+WORDS = {
+    "free": "fingertip that is free",
+    "touch": "fingertip that touches",
+    "stick": "fingertip that sticks",
+    "slide": "fingertip that slides",
+    "limit": "fingertip at its largest force",
+}
+ARROWS = 0.2  # room for arrows about fingertips, as a share of the extent
+FAR = 10.0  # extents from the middle, beyond which what has gone astray is not looked at
+CELLS, LINES = 10.0, 10  # cells of the grid along the scene, lines on either side of its middle
+THICK = 1.1  # of arrows, as a share of what pictures have, in which nothing moves
+TYPICAL = 0.995  # share of the forces whose arrows are not longer than the longest
+
+
+def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]:
+    """Read all that a page holds.
+
+    Args:
+        recording: of a run.
+        folder: where relative paths of meshes start; that of the scene if None.
+
+    Raises:
+        InputError: a recording without a tick.
+    """
+    if not len(recording):
+        raise InputError("recording", 0, "one with at least one tick")
+    scenery = recorded_scenery(recording.header, recording.layout, folder)
+    motion = motion_of(recording, scenery.apart)
+    low, high = _bounds(scenery, motion)
+    reach, middle = max(float(np.linalg.norm(high - low)), scenery.extent), 0.5 * (low + high)
+    objects = tuple(motion.poses)
+    layout, header = recording.layout, recording.header
+    title = header.title or Path(header.scene).stem or "A recording"
+    seen = [name for k, name in enumerate(STATES) if (motion.states == k).any()]
+    step = motion.rows * recording.row_period
+    return {
+        "title": title, "facts": _facts(recording), "about": _about(recording, motion),
+        "notes": _notes(recording, scenery), "description": _description(recording, title),
+        "dimensions": layout.dimensions, "attached": not layout.gaps,
+        "frames": len(motion), "step": step, "ticks": motion.rows * header.every,
+        "up": scenery.up.tolist(), "extent": scenery.extent,
+        "bounds": [low.tolist(), high.tolist()], "camera": _camera(scenery, motion, layout.dimensions, middle, reach),
+        "grid": _grid(scenery, low, middle, reach),
+        "lighting": {
+            "light": zbuffer.LIGHT, "ambient": zbuffer.AMBIENT, "diffuse": zbuffer.DIFFUSE, "gloss": zbuffer.GLOSS,
+            "sharpness": zbuffer.SHARPNESS,
+        },
+        "colours": {"internal": INTERNAL, "external": EXTERNAL},
+        "contacts_states": [[name, CONTACTS[name], WORDS[name]] for name in STATES], "states_seen": seen,
+        "arrow": {
+            "scale": _arrow_scale(motion, scenery), "longest": arrows.LONGEST, "shortest": arrows.SHORTEST,
+            "shaft": arrows.SHAFT, "head": arrows.HEAD, "wide": arrows.WIDE, "most": arrows.MOST_HEAD,
+            "along": arrows.ALONG, "apart": arrows.APART, "thick": THICK * min(reach, 2.0 * scenery.extent),
+        },
+        "fingers": [
+            {
+                "name": name, "colour": scenery.colours[i], "radius": float(scenery.radii[i]),
+                "ball": bool(scenery.is_ball[i]), "object": _place(layout.objects[layout.finger_objects[i]], objects),
+            }
+            for i, name in enumerate(scenery.fingers)
+        ],
+        "solids": [
+            packed_solid(_widened(each, middle, reach / scenery.extent), _place(each.object, objects))
+            for each in scenery.solids if each.object is None or each.object in objects
+        ],
+        "fingertips": packed(motion.fingertips), "contacts": packed(motion.contacts),
+        "states": packed(motion.states, "u1"), "force": None if motion.internal is not None else _packed(motion.force),
+        "internal": _packed(motion.internal), "external": _packed(motion.external),
+        "objects": [
+            {"name": name, "position": packed(place), "wxyz": packed(turn)}
+            for name, (place, turn) in motion.poses.items()
+        ],
+        "charts": [_chart(name, motion, layout.dimensions) for name in motion.squeeze],
+        "changes": [
+            {"time": change.tick * recording.period, "words": str(change)} for change in recording.changes
+        ],
+        "faults": [{"time": fault.tick * recording.period, "words": fault.message} for fault in recording.faults],
+        "values": values_of(recording),
+    }  # fmt: skip
+
+
+def _place(name: str | None, objects: Sequence[str]) -> int:
+    """Number an object among those whose place is recorded; -1 for none of them."""
+    return objects.index(name) if name in objects else -1
+
+
+def _widened(solid: Solid, middle: FloatArray, factor: float) -> Solid:
+    """Widen the piece of an endless surface in space to all of the motion."""
+    if not solid.endless or solid.object is not None or len(solid.vertices) != 4:
+        return solid
+    whole = Surface(solid.vertices.mean(axis=0) + factor * (solid.vertices - solid.vertices.mean(axis=0)), solid.faces)
+    return replace(solid, vertices=slid(whole, middle).vertices)
+
+
+def _packed(values: FloatArray | None) -> dict[str, str] | None:
+    return None if values is None else packed(values)
+
+
+def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Find the corners (3,) [m] of all that is drawn at any time, but for what has gone astray."""
+    tips, room = motion.fingertips.reshape(-1, 3), ARROWS * scenery.extent
+    corners = [tips - room, tips + room]
+    for solid in scenery.solids:
+        if solid.endless:
+            continue
+        if solid.object is None:
+            corners.append(solid.vertices)
+        elif solid.object in motion.poses:
+            size = float(np.linalg.norm(solid.vertices, axis=1).max(initial=0.0)) / np.sqrt(3.0)
+            place = motion.poses[solid.object][0]
+            corners += [place - size, place + size]
+    points = np.concatenate(corners)
+    near = np.linalg.norm(points - scenery.middle, axis=1) < FAR * scenery.extent  # NaN is not
+    points = points[near] if near.any() else scenery.middle[None]
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _camera(scenery: Scenery, motion: Motion, dimensions: int, middle: FloatArray, reach: float) -> dict[str, Any]:
+    """Look at all of the motion, from where contacts are seen best when most fingers touch."""
+    k = int((motion.states > 0).sum(axis=1).argmax())
+    tips = motion.fingertips[k]
+    tips = tips[np.isfinite(tips).all(axis=1)]
+    view = viewpoint(dimensions, middle, reach, tips, tips - tips.mean(axis=0) if len(tips) else tips)
+    away = view.position - view.target
+    return {"towards": (away / np.linalg.norm(away)).tolist(), "field": view.field}
+
+
+def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -> dict[str, Any]:
+    """Lay a grid on the ground, or behind what happens in the plane; its cells are round."""
+    cell = nice(reach / CELLS * 1.001)
+    origin = np.round(middle / cell) * cell
+    ground = [each.vertices[:, 2].mean() for each in scenery.solids if each.endless]
+    in_space = bool(scenery.up[2])
+    origin[2] = (max(ground, default=low[2])) if in_space else -0.5 * SLAB * scenery.extent
+    return {"cell": cell, "count": LINES, "origin": origin.tolist(), "u": [1.0, 0.0, 0.0], "v": [0.0, 1.0, 0.0]}
+
+
+def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
+    """Choose how long the arrow of a newton is [m/N]; 0 where no finger exerts a force."""
+    forces = [each for each in (motion.internal, motion.external) if each is not None] or [motion.force]
+    sizes = np.concatenate([np.linalg.norm(each, axis=2).max(axis=1) for each in forces if each is not None] or [[0.0]])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    return arrows.LONGEST * scenery.extent / float(np.quantile(sizes, TYPICAL)) if len(sizes) else 0.0
+
+
+def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:
+    """Choose the lines of an object's chart, as `graspfx plot` does."""
+    squeeze, push = motion.squeeze[name], motion.push[name]  # at the frame, the least, the greatest
+    lines = []
+    if np.isfinite(squeeze).any():
+        lines.append(_line("squeeze", squeeze, SQUEEZE.colour, SQUEEZE.width, ()))
+    for axis in pushes([Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))]):
+        dashes = PUSHES[axis].dashes
+        along = f" along {'xyz'[axis]}" if dimensions > 1 else ""
+        width, colour = PUSHES[axis].width, PUSHES[axis].colour
+        lines.append(_line(f"push{along}", push[:, axis], colour, width, () if isinstance(dashes, str) else dashes[1]))
+    return {"object": name, "lines": lines}
+
+
+def _line(name: str, values: FloatArray, colour: str, width: float, dashes: tuple[float, ...]) -> dict[str, Any]:
+    return {
+        "name": name, "colour": colour, "width": width, "dashes": list(dashes),
+        "now": packed(values[:, 0]), "low": packed(values[:, 1]), "high": packed(values[:, 2]),
+    }  # fmt: skip
+
+
+def _facts(recording: Recording) -> str:
+    fingers, objects = len(recording.layout.fingers), len(recording.layout.objects)
+    scene = recording.header.scene
+    parts = [
+        f"Scene {Path(scene).stem}" if scene else "", f"{fingers} finger{'s' * (fingers != 1)}",
+        f"{objects} object{'s' * (objects != 1)}" if objects > 1 else "",
+        ("on a line", "in the plane", "in space")[recording.layout.dimensions - 1],
+        f"{recording.end:.4g} s in ticks of {1e3 * recording.period:g} ms",
+    ]  # fmt: skip
+    return ", ".join(each for each in parts if each)
+
+
+def _description(recording: Recording, title: str) -> str:
+    """Describe the picture for who does not see it."""
+    objects, fingers = ", ".join(recording.layout.objects), ", ".join(recording.layout.fingers)
+    return f"{title}: the fingers {fingers} on {objects} in three dimensions, with their forces as arrows"
+
+
+def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:
+    header = recording.header
+    every = motion.rows * header.every
+    lines = [
+        ("recorded", header.created.replace("T", " ").replace("+00:00", " UTC")),
+        ("preset", header.preset),
+        ("GraspFX", header.versions.get("graspfx", graspfx.__version__)),
+        ("frames", f"{len(motion)}, one in {every} ticks, {1.0 / (motion.rows * recording.row_period):.3g} a second"),
+        ("chart", "least and greatest of every tick"),
+        ("numbers", f"as recorded, each to {RESOLUTION:.0e} of itself; straight lines between frames"),
+    ]
+    return [(name, words) for name, words in lines if words]
+
+
+def _notes(recording: Recording, scenery: Scenery) -> list[str]:
+    notes = [str(fault) for fault in recording.faults] + list(scenery.notes)
+    if not recording.outcome.complete:
+        notes.append("the run broke off, goes on, or was killed: this is what was recorded of it")
+    if recording.layout.omitted:
+        notes.append(f"left out of the recording: {', '.join(recording.layout.omitted)}")
+    return notes

@@ -1,0 +1,173 @@
+"""Sliders of a scene: the numbers that can change while it runs, in which range, and why others cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from graspfx.build.build import build
+from graspfx.build.live import GAINS, INERTIA, value_of
+from graspfx.build.numbers import general
+from graspfx.build.steering import Steering
+from graspfx.errors import GraspFXError
+from graspfx.live.stability_verdict import Verdict
+from graspfx.loop.servo import Servo
+from graspfx.loop.update import Steerable
+from graspfx.scene.model import Scene
+
+GAIN_TEXTS = dict(zip(GAINS, (
+    ("external stiffness", "k_ep", "N/m"), ("external damping", "k_ed", "N s/m"),
+    ("internal stiffness", "k_ip", "N/m"), ("internal damping", "k_id", "N s/m"),
+), strict=True))  # fmt: skip
+ABOVE = 4.0  # times the present value, where a range ends
+BEYOND = 1.5  # times a stability limit: the range shows what is beyond
+RELAXATION = 0.02  # damping over stiffness [s] up to which a damping can be chosen
+ROUGHEST = 1.5  # coefficient of friction
+STEPS = 200  # of a range, about
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number of a scene that can change while it runs.
+
+    Attributes:
+        key: of the scene, live.
+        label: in words, with the paper's letter.
+        unit: of the value; empty for a coefficient.
+        least, most: ends of the range, which the present value is in, and the stability limit where it is known.
+        step: between values.
+        value: in the scene now.
+    """
+
+    key: str
+    label: str
+    unit: str
+    least: float
+    most: float
+    step: float
+    value: float
+
+    @property
+    def text(self) -> str:
+        """Label with unit."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+def sliders(scene: Scene, verdict: Verdict | None = None) -> list[Slider]:
+    """List the sliders of a scene: gains, friction, and the viscosity and mass of its objects, where they can change.
+
+    Ranges are linear. Those of a stiffness end at 4 times its value or at 1.5 times its limit, whatever is more.
+
+    Args:
+        scene: with the values of now.
+        verdict: that tells the limits of gains; None where they are not computed yet.
+    """
+    result = []
+    for candidate, reason in _judged(scene):
+        if not reason:
+            least, most = candidate.range(scene, verdict)
+            step = _nice_below((most - least) / STEPS)
+            result.append(Slider(candidate.key, candidate.label, candidate.unit, least, most, step, candidate.value))
+    return result
+
+
+def fixed_keys(scene: Scene) -> dict[str, str]:
+    """Give the keys that a user may look for among the sliders, and why they cannot change while this scene runs."""
+    return {candidate.key: reason for candidate, reason in _judged(scene) if reason}
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    key: str
+    label: str
+    unit: str
+    value: float
+
+    def range(self, scene: Scene, verdict: Verdict | None) -> tuple[float, float]:
+        """Choose the ends of the range."""
+        plain, value = general(self.key), self.value
+        if plain.endswith(".friction"):
+            return min(0.05, value), _nice_above(max(ROUGHEST, 2.0 * value))
+        if plain in INERTIA:
+            return _nice_below(value / ABOVE), _nice_above(ABOVE * value)
+        if plain.endswith("viscosity"):
+            return 0.0, _nice_above(ABOVE * value) if value > 0.0 else 1.0
+        if plain.endswith(".damping"):
+            stiffness = value_of(scene, plain.replace("damping", "stiffness"))
+            spring = float(stiffness) if _is_number(stiffness) else 0.0
+            return 0.0, _nice_above(max(ABOVE * value, RELAXATION * spring) or 1.0)
+        limit = max((limit for limit in _limits(plain, verdict) if math.isfinite(limit)), default=0.0)
+        return _nice_below(value / 10.0), _nice_above(max(ABOVE * value, BEYOND * limit) or 1.0)
+
+
+def _limits(plain: str, verdict: Verdict | None) -> Iterator[float]:
+    mode = plain.split(".")[1]
+    for row in () if verdict is None else verdict.rows:
+        if row.mode == mode:
+            yield row.limit
+
+
+def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
+    """Give each candidate, and why it cannot change; no text where it can."""
+    with build(scene, engine="interpreted") as servo:
+        for key, (label, unit) in _candidates(scene).items():
+            value = value_of(scene, key)
+            if value is None or (general(key) in ("coupling.friction", "finger.*.friction") and value == "stick"):
+                continue
+            if not _is_number(value):
+                yield _Candidate(key, label, unit, math.nan), "it is no single number: a slider moves one"
+                continue
+            yield _Candidate(key, label, unit, float(value)), _obstacle(servo, scene, key, float(value))
+
+
+def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
+    """Give label and unit by key."""
+    texts = {key: (f"{words}, {letter}", unit) for key, (words, letter, unit) in GAIN_TEXTS.items()}
+    texts["coupling.friction"] = ("friction, µ", "")
+    for i, (finger, name) in enumerate(zip(scene.finger, scene.finger_names, strict=True)):
+        if finger.friction is not None:
+            texts[f"finger.{i}.friction"] = (f"friction of {name}, µ", "")
+    lone = len(scene.object) == 1
+    for i, table in enumerate(scene.object):
+        at, of = ("object", "") if lone else (f"object.{i}", f" of {table.name}")
+        texts[f"{at}.{'mass' if table.density is None else 'density'}"] = (
+            (f"mass{of}, m", "kg") if table.density is None else (f"density{of}", "kg/m³")
+        )
+        texts[f"{at}.viscosity"] = (f"viscosity{of}, b_v", "N s/m")
+        if table.rotational_viscosity is not None:
+            texts[f"{at}.rotational_viscosity"] = (f"rotational viscosity{of}, b_w", "N m s/rad")
+    return texts
+
+
+def _obstacle(servo: Servo, scene: Scene, key: str, value: float) -> str:
+    plain = general(key)
+    if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
+        return "without friction there is none to change: a contact with friction has a memory"
+    if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
+        return "an object on planes has its mass in another process"
+    try:
+        Steering(servo, scene, [key])
+    except GraspFXError as error:
+        return str(getattr(error, "do", "") or error)
+    return ""
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _nice_above(value: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    factor = next(each for each in (1.0, 2.0, 5.0, 10.0) if each * power >= value * (1.0 - 1e-9))
+    return float(f"{factor * power:.6g}")
+
+
+def _nice_below(value: float) -> float:
+    """Round down to 1, 2 or 5 times a power of ten; 0 stays."""
+    if value <= 0.0:
+        return 0.0
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    factor = next(each for each in (5.0, 2.0, 1.0) if each * power <= value * (1.0 + 1e-9))
+    return float(f"{factor * power:.6g}")

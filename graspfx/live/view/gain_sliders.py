@@ -1,0 +1,82 @@
+"""Sliders of the numbers that can change while a scene runs: each order with what became of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any
+
+from graspfx.live.sliders import Slider
+from graspfx.live.view.words_on_page import heading
+
+if TYPE_CHECKING:
+    import viser
+
+SHORT = {"external stiffness": "external", "internal stiffness": "internal",
+         "external damping": "external", "internal damping": "internal"}  # fmt: skip
+
+
+class GainSliders:
+    """Sliders of a scene.
+
+    Args:
+        server: of the page.
+        sliders: of the scene.
+        order: sets values by live key; its future ends with the values that are set, or with an error.
+        remark: shows a sentence to whoever looks on; an empty one takes it away.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, sliders: list[Slider],
+        order: Callable[[Mapping[str, Any]], Future[Mapping[str, Any]]], remark: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self._order, self._remark = order, remark
+        self._lock = threading.Lock()
+        self.values = {slider.key: slider.value for slider in sliders}
+        self._newest = dict.fromkeys(self.values, 0)
+        self._handles: dict[str, Any] = {}
+        if sliders:
+            server.gui.add_html(heading("Gains and numbers, while it runs"))
+        for slider in sliders:
+            handle = server.gui.add_slider(
+                label(slider), float(slider.least), float(slider.most), float(slider.step), float(slider.value),
+                hint=f"{slider.label}: {slider.key}",
+            )  # fmt: skip
+            handle.on_update(self._mover(slider.key))
+            self._handles[slider.key] = handle
+
+    def _mover(self, key: str) -> Callable[[Any], Any]:
+        async def move(event: Any) -> None:  # on the page's own thread: orders stay in their order
+            if event.client_id is not None:
+                self.set(key, float(event.target.value))
+
+        return move
+
+    def set(self, key: str, value: float) -> None:
+        """Order a value; a slider whose order was changed or refused goes where the number is."""
+        with self._lock:
+            self._newest[key] += 1
+            number = self._newest[key]
+        self._order({key: value}).add_done_callback(lambda future: self._settle(key, number, value, future))
+
+    def _settle(self, key: str, number: int, asked: float, future: Future[Mapping[str, Any]]) -> None:
+        """Take what has become of an order; a newer one on its way has the last word."""
+        error = None if future.cancelled() else future.exception()
+        with self._lock:
+            if error is None and not future.cancelled():
+                self.values.update({name: float(value) for name, value in future.result().items()})
+            is_newest = number == self._newest[key]
+        if error is not None:
+            self._remark(str(error))
+        elif is_newest and self.values[key] == asked:
+            self._remark("")
+        if is_newest and self.values[key] != asked:
+            self._handles[key].value = self.values[key]
+
+
+def label(slider: Slider) -> str:
+    """Shorten a label to a line: letter, what it is of, and unit."""
+    words, _, letter = slider.label.rpartition(", ")
+    text = f"{SHORT.get(words, words)} {letter}".strip()
+    return f"{text} [{slider.unit}]" if slider.unit else text

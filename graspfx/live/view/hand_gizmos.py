@@ -1,0 +1,109 @@
+"""Gizmos: one per hand, or per finger of a scene without hands, that lead it aside, and its squeeze as a slider."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.live.scenery import Scenery
+from graspfx.live.view.words_on_page import heading
+
+if TYPE_CHECKING:
+    import viser
+
+    from graspfx.live.live_run import LiveRun
+
+REACH = 2.0  # of a goal from where it starts, in extents
+SIZE = 0.34  # of a gizmo, as a share of the extent
+CLOSEST, WIDEST = 0.3, 0.15  # that a hand is squeezed or opened further, as shares of the extent
+PREFIX = "/hands/"
+
+
+class HandGizmos:
+    """What leads the hands of a run.
+
+    Args:
+        server: of the page.
+        scenery: of the scene.
+        run: whose guides are led.
+        wake: called after each order, so that the page shows what follows from it.
+    """
+
+    def __init__(self, server: viser.ViserServer, scenery: Scenery, run: LiveRun, wake: Callable[[], None]) -> None:
+        self._run, self._wake = run, wake
+        self._extent, d = scenery.extent, run.layout.dimensions
+        self._dimensions = d
+        self._gizmos: list[Any] = []
+        self._squeezes: list[Any] = []
+        self._starts = [_spatial(guide.position) for guide in run.guides]
+        if run.guides:
+            server.gui.add_html(heading("Hands" if len(run.guides) > 1 else "Hand"))
+        for number, guide in enumerate(run.guides):
+            gizmo = server.scene.add_transform_controls(
+                f"{PREFIX}{number}", SIZE * scenery.extent, disable_rotations=True, disable_sliders=d == 1,
+                active_axes=(True, d > 1, d > 2), depth_test=False, position=self._starts[number], line_width=2.5,
+                opacity=0.75,
+            )  # fmt: skip
+            gizmo.on_update(self._leader(number))
+            self._gizmos.append(gizmo)
+            label = f"squeeze of {guide.name} [mm]" if len(run.guides) > 1 else "squeeze [mm]"
+            if len(guide.fingers) > 1 or guide.place is None:
+                least, most = (1e3 * share * scenery.extent for share in (-WIDEST, CLOSEST))
+                step = 10.0 ** np.floor(np.log10((most - least) / 100.0))
+                least, most = (float(step * round(end / step)) for end in (least, most))
+                slider = server.gui.add_slider(
+                    label, least, most, float(step), 0.0,
+                    hint="further in towards the object than the scene's own squeeze, or out of it",
+                )  # fmt: skip
+                slider.on_update(self._squeezer(number))
+                self._squeezes.append(slider)
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the gizmos, as while a recording is replayed."""
+        for gizmo in self._gizmos:
+            gizmo.visible = visible
+
+    def restart(self) -> None:
+        """Put the gizmos where their hands start, as a new run does with the hands."""
+        for gizmo, start in zip(self._gizmos, self._starts, strict=True):
+            gizmo.position = start
+        for slider in self._squeezes:
+            slider.value = 0.0
+
+    def fits(self, message: dict[str, Any]) -> bool:
+        """Tell whether a gizmo of a message is one of these, and where it goes within reach."""
+        name = message["name"]
+        if not name.startswith(PREFIX) or not name[len(PREFIX) :].isdecimal():
+            return False
+        number = int(name[len(PREFIX) :])
+        if number >= len(self._starts):
+            return False
+        if "position" not in message:
+            return True
+        away = np.asarray(message["position"], dtype=float) - self._starts[number]
+        return bool(np.abs(away).max() <= REACH * self._extent)
+
+    def _leader(self, number: int) -> Callable[[Any], Any]:
+        async def lead(event: Any) -> None:  # on the page's own thread: orders stay in their order
+            if event.phase == "update" and event.client_id is not None:
+                offset = np.asarray(event.target.position, dtype=float) - self._starts[number]
+                self._run.guide(number, offset[: self._dimensions])
+                self._wake()
+
+        return lead
+
+    def _squeezer(self, number: int) -> Callable[[Any], Any]:
+        async def squeeze(event: Any) -> None:
+            if event.client_id is not None:
+                self._run.guide(number, None, 1e-3 * float(event.target.value))
+                self._wake()
+
+        return squeeze
+
+
+def _spatial(position: Any) -> Any:
+    place = np.zeros(3)
+    place[: len(position)] = position
+    return place

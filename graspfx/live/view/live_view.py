@@ -1,0 +1,292 @@
+"""The page of a running scene: its frames while somebody looks on, and the orders that come from it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from graspfx.errors import GraspFXError
+from graspfx.live.frame import Frame, Frames, history_of
+from graspfx.live.scenery import scenery
+from graspfx.live.view import words_on_page as words
+from graspfx.live.view.certificate_panel import CertificatePanel
+from graspfx.live.view.gain_sliders import GainSliders
+from graspfx.live.view.hand_gizmos import HandGizmos
+from graspfx.live.view.page_server import Server, page_server
+from graspfx.live.view.replay_on_page import ReplayOnPage
+from graspfx.live.view.scene_tree import SceneTree
+from graspfx.live.view.strip_charts import StripCharts
+
+if TYPE_CHECKING:
+    from graspfx.live.live_run import LiveRun
+    from graspfx.live.sliders import Slider
+
+FRAME = 1.0 / 30.0  # from a frame to the next while nobody gives orders [s]
+SHORTEST = 0.008  # from a frame to the next after an order [s]
+CHARTS, TEXTS = 0.12, 0.5  # from a drawing of charts, and of texts, to the next [s]
+IDLE = 0.25  # between two looks for pages [s]
+TAKEN = 2  # ticks after an order until a row follows from it
+WIDTH = 340  # of the panels [pixels]
+STEP = 10  # ticks of a press of Step
+
+
+class LiveView:
+    """A page on which a run is seen and steered.
+
+    Args:
+        run: of the scene.
+        sliders: of the scene's numbers that can change.
+        new_folder: makes the folder of a recording.
+        port: on 127.0.0.1; by default the first that is free from 8080 on.
+        tell: shows a line on the terminal.
+    """
+
+    def __init__(
+        self, run: LiveRun, sliders: list[Slider], new_folder: Callable[[], Path], *, port: int | None = None,
+        tell: Callable[[str], object] = print,
+    ) -> None:  # fmt: skip
+        self.run, self._new_folder, self._tell = run, new_folder, tell
+        self._wake, self._wanted = threading.Event(), -1
+        self._executor = ThreadPoolExecutor(1, "graspfx-page-orders")
+        self._remark, self._recording, self._last = "", None, None
+        self._recording: Path | None = None
+        self._last: Path | None = None
+        self._replay: ReplayOnPage | None = None
+        self._pace, self._since = "", (0, 0.0)
+        self._runs, self._fault = run.run_number, ""
+        self._scenery = drawn = scenery(run.scene)
+        name = run.scene.source.name
+        self.server: Server = page_server(f"GraspFX  {name}", port, fits=lambda message: self._hands.fits(message))
+        viser = self.server.viser
+        viser.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(55, 71, 79))
+        with self._side_panel(viser):
+            self._legend = viser.gui.add_html("")
+            self._charts = StripCharts(viser, drawn.fingers, run.layout.dimensions, "gap" in run.layout.columns)
+        viser.gui.add_html(words.PAGE_STYLE)
+        self._status = viser.gui.add_html("")
+        self._banner = viser.gui.add_html(words.banner("", panel=False))
+        self._buttons(viser)
+        self._note = viser.gui.add_html("<div></div>")
+        self._certificate = CertificatePanel(run, self._changed)
+        self._hands = HandGizmos(viser, drawn, run, self._changed)
+        self.sliders = GainSliders(viser, sliders, self._certificate.order, self._say)
+        self._margins = viser.gui.add_html(words.margins(None))
+        self._tree = SceneTree(viser, drawn)
+        self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let every page go, and end what computes for them; the run goes on."""
+        self.server.stop()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._certificate.close()
+
+    def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
+        """Show the run to whoever looks on, until asked to stop, or for that many seconds."""
+        end = None if seconds is None else time.monotonic() + seconds
+        next_charts = next_texts = 0.0
+        while not stop() and (end is None or time.monotonic() < end):
+            if not self.server.pages:
+                self._watch()
+                time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
+                continue
+            began = time.monotonic()
+            self._certificate.start()
+            try:
+                frames = self._frames()
+            except GraspFXError as error:  # as of a run that begins anew while it is looked at
+                frames = None
+                self._say(str(error))
+            if frames is not None:
+                self._draw(frames, charts=began >= next_charts)
+            if began >= next_charts:
+                next_charts = began + CHARTS
+            if began >= next_texts or self._certificate.has_news():
+                next_texts = began + TEXTS
+                self._texts(frames)
+            self.server.viser.flush()
+            self._sleep(began)
+
+    # Frames -------------------------------------------------------------------------------------------------------
+
+    def _sleep(self, began: float) -> None:
+        """Wait for the next frame, or for an order and the row that follows from it."""
+        left = FRAME - (time.monotonic() - began)
+        if not self._wake.wait(max(0.0, left)):
+            return
+        time.sleep(max(0.0, SHORTEST - (time.monotonic() - began)))
+        self._wake.clear()
+        self.run.await_row(self._wanted, FRAME)
+
+    def _changed(self) -> None:
+        """Let the next frame come with the row that follows from an order."""
+        self._wanted = self.run.tick + TAKEN
+        self._wake.set()
+
+    def _frames(self) -> Frames | None:
+        if self._replay is not None:
+            return self._replay.frames()
+        tick, rows = self.run.rows(self.run.tick)
+        if not len(rows):
+            return None
+        last = history_of(rows[-1:], self.run.layout, self.run.header, changes=self.run.changes, tick=tick + len(rows) - 1)
+        return Frames(last, self._scenery.apart)
+
+    def _draw(self, frames: Frames, *, charts: bool) -> None:
+        frame: Frame = frames[0]
+        with self.server.viser.atomic():
+            if self._tree.show(frame):
+                self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
+            if self._charts.wants(frame.time):
+                self._charts.add(frames)
+            if charts:
+                self._charts.draw()
+
+    def _texts(self, frames: Frames | None) -> None:
+        self._watch()
+        now, tick = time.monotonic(), self.run.tick
+        state = "replay" if self._replay is not None else self.run.state
+        before, at = self._since
+        if self.run.state == "running" and 0 <= before < tick and now - at < 3.0:
+            self._pace = f"{(tick - before) * self.run.period / (now - at):.3f} of real time"
+        elif self.run.state != "running":
+            self._pace = ""
+        self._since = (tick, now)
+        lines = [self._pace] if self._pace and self._replay is None else []
+        if self.run.has_hardware:
+            lines.append("HARDWARE IS ARMED: gains stay within the certificate")
+        if self._recording is not None:
+            lines.append(f"● is recorded in {self._recording}")
+        elif self._last is not None:
+            lines.append(f"recorded in {self._last}")
+        if self._replay is not None:
+            lines.append(f"{self._replay.file}; the run goes on meanwhile")
+        seconds = float(frames.time[-1]) if frames is not None else self.run.time
+        self._write(self._status, words.status(state, seconds, lines))
+        self._write(self._note, words.message(self._remark))
+        verdict = self._certificate.latest()
+        self._write(self._margins, words.margins(verdict))
+        unstable = verdict is not None and verdict.is_stable is False
+        text = f"FAULT: {self._fault}" if self._fault else ""
+        if unstable and not text:
+            text = "UNSTABLE with these gains: the grasp will shake"
+        self._write(self._banner, words.banner(text, panel=bool(text)))
+
+    def _watch(self) -> None:
+        """Notice faults and new runs, with or without a page; a fault is told on the terminal, too."""
+        if self.run.run_number != self._runs:
+            self._runs, self._fault = self.run.run_number, ""
+            self._hands.restart()
+            self._charts.clear()
+        fault = self.run.fault
+        text = str(fault.message) if fault is not None else str(self.run.error or "")
+        if text and text != self._fault:
+            self._tell(f"fault: {text}")
+        self._fault = text
+
+    def _write(self, html: Any, content: str) -> None:
+        if html.content != content:
+            html.content = content
+
+    def _states(self) -> tuple[str, ...]:
+        columns = self.run.layout.columns
+        touch = ("stick", "slide") if "status" in columns else ("touch",)
+        return ("free", *touch, *(("limit",) if "saturated" in columns else ()))
+
+    def _say(self, text: str) -> None:
+        self._remark = text
+
+    # Orders -------------------------------------------------------------------------------------------------------
+
+    def _side_panel(self, viser: Any) -> Any:
+        side = viser.gui.add_panel()
+        tab = side.add_tab("Forces")
+        side.dock_left()
+        side.set_width(WIDTH)
+        viser.gui.main_panel.dock_right()
+        viser.gui.main_panel.set_width(WIDTH)
+        return tab
+
+    def _buttons(self, viser: Any) -> None:
+        orders: dict[str, Callable[[], object]] = {} if self.run.has_hardware else {
+            "Run": self.run.resume, "Pause": self.run.pause, "Step": lambda: self.run.step(STEP), "Reset": self._reset,
+        }  # fmt: skip
+        tapes: dict[str, Callable[[], object]] = {
+            "Record": self._record, "Stop": self._stop, "Replay": self._begin_replay, "Live": self._end_replay,
+        }  # fmt: skip
+        for label, actions in (("run", orders), ("recording", tapes)):
+            if actions:
+                group = viser.gui.add_button_group(label, tuple(actions))
+                group.on_click(self._presser(actions))
+
+    def _presser(self, actions: Mapping[str, Callable[[], object]]) -> Callable[[Any], Any]:
+        async def press(event: Any) -> None:
+            if event.client_id is not None:
+                self._executor.submit(self._do, actions[event.target.value])
+
+        return press
+
+    def _do(self, action: Callable[[], object]) -> None:
+        """Carry out what a button says; why it could not be is shown."""
+        try:
+            action()
+            self._say("")
+        except (GraspFXError, OSError) as error:
+            self._say(str(error))
+        except Exception as error:  # noqa: BLE001 - nobody waits for it: it is shown instead
+            self._say(f"{type(error).__name__}: {error}")
+        self._changed()
+
+    def _reset(self) -> None:
+        self._end_replay()
+        if self._recording is not None:
+            self._stop()
+        else:
+            self.run.reset()
+
+    def _record(self) -> None:
+        self._end_replay()
+        if self._recording is None:
+            self._recording = self.run.record(self._new_folder())
+            self._tell(f"recording {self._recording}")
+
+    def _stop(self) -> None:
+        if self._recording is not None:
+            self._last = self.run.stop_recording()
+            self._recording = None
+            self._tell(f"recorded {self._last}")
+
+    def _begin_replay(self) -> None:
+        self._stop()
+        if self._last is None:
+            self._say("nothing has been recorded yet: press Record first")
+            return
+        self._end_replay()
+        self._replay = ReplayOnPage(self.server.viser, self._last, self._scenery.apart)
+        self._hands.show(False)
+
+    def _end_replay(self) -> None:
+        replay, self._replay = self._replay, None
+        if replay is not None:
+            replay.close()
+            self._hands.show(True)
+            self._charts.clear()
+
+
+def future_of(result: Mapping[str, Any]) -> Future[Mapping[str, Any]]:
+    """Make a future that has its result."""
+    future: Future[Mapping[str, Any]] = Future()
+    future.set_result(result)
+    return future

@@ -1,0 +1,56 @@
+"""A recording that is replayed on the page, at the wall's pace or where its slider stands, while the run goes on."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from graspfx.live.frame import Frames
+from graspfx.loop.recording.record import Recording
+
+if TYPE_CHECKING:
+    import viser
+
+REFRESH = 0.1  # between two moves of the slider [s]
+
+
+class ReplayOnPage:
+    """A recording, and where in it the page is.
+
+    Args:
+        server: of the page.
+        file: of the recording.
+        apart: by how much fingers on a line are set apart [m].
+    """
+
+    def __init__(self, server: viser.ViserServer, file: Path, apart: float) -> None:
+        self.recording = Recording.load(file)
+        self.file, self._apart = file, apart
+        self.end = float(self.recording.end)
+        self._at, self._wall, self._moved = 0.0, time.perf_counter(), 0.0
+        self._playing = True
+        self._slider: Any = server.gui.add_slider("replay [s]", 0.0, max(self.end, 1e-3), 1e-3, 0.0)
+        self._slider.on_update(self._seek)
+
+    def frames(self) -> Frames:
+        """Give the row of now."""
+        now = time.perf_counter()
+        if self._playing:
+            self._at += now - self._wall
+            if self._at >= self.end:
+                self._at = 0.0
+            if now - self._moved > REFRESH:
+                self._slider.value, self._moved = round(self._at, 3), now
+        self._wall = now
+        count = len(self.recording)
+        k = min(count - 1, int(self._at / self.end * count)) if self.end > 0.0 else 0
+        return Frames(self.recording.part(k, k + 1), self._apart)
+
+    async def _seek(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._playing, self._at = False, float(event.target.value)
+
+    def close(self) -> None:
+        """Take its slider from the page."""
+        self._slider.remove()

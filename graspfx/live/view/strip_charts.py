@@ -1,0 +1,101 @@
+"""Strip charts of the last seconds: squeeze and push, and how deep the fingers are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.live.frame import Frames
+from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, NOTE
+
+if TYPE_CHECKING:
+    import viser
+
+FloatArray = NDArray[np.float64]
+
+SECONDS = 6.0  # shown
+EVERY = 0.02  # from a point to the next [s]
+COUNT = int(SECONDS / EVERY)
+DASHES: tuple[list[int] | None, ...] = (None, [6, 3], [2, 2])  # of x, y and z, as figures have them
+HEIGHT = 190  # of a chart [pixels]
+
+
+class StripCharts:
+    """Charts whose right edge is now.
+
+    Args:
+        server: of the page.
+        fingers: their names.
+        dimensions: d of the scene.
+        has_depth: whether rows say how deep fingers are.
+    """
+
+    def __init__(self, server: viser.ViserServer, fingers: tuple[str, ...], dimensions: int, has_depth: bool) -> None:
+        self._axes = min(dimensions, 3)
+        self._time = np.linspace(-SECONDS + EVERY, 0.0, COUNT)
+        self._forces = np.zeros((1 + self._axes, COUNT))
+        self._depths = np.zeros((len(fingers), COUNT))
+        pushes = [
+            _series(f"push {'xyz'[axis]} [N]", EXTERNAL, DASHES[axis], 2.0 if axis == 0 else 1.5)
+            for axis in range(self._axes)
+        ]
+        squeeze = _series("squeeze, mean [N]", INTERNAL, None, 2.5)
+        self._force_chart = _chart(server, "Force [N]", self._time, self._forces, [squeeze, *pushes])
+        own = [_series(name, FINGERS[i % len(FINGERS)], None, 1.5) for i, name in enumerate(fingers)]
+        self._depth_chart = _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
+        self._next = -np.inf
+
+    def clear(self) -> None:
+        """Begin anew, as with a run."""
+        self._forces[:], self._depths[:], self._next = 0.0, 0.0, -np.inf
+
+    def wants(self, time: float) -> bool:
+        """Tell whether a row of this time [s] is a further point."""
+        return time < self._next - 1.0 or time >= self._next
+
+    def add(self, frames: Frames) -> None:
+        """Add the last row of some as a point."""
+        time = float(frames.time[-1])
+        if time < self._next - 1.0:  # a run before, or back in a recording
+            self.clear()
+        steps = 1 if not np.isfinite(self._next) else 1 + min(COUNT - 1, int((time - self._next) / EVERY))
+        self._next = time + EVERY if not np.isfinite(self._next) else self._next + steps * EVERY
+        squeezes = [each for each in frames.modes.values() if np.isfinite(each.mean_squeeze[-1])]
+        point = np.zeros(1 + self._axes)
+        if frames.modes:
+            first = squeezes[0] if squeezes else next(iter(frames.modes.values()))
+            point[0], point[1:] = first.mean_squeeze[-1], first.push[-1][: self._axes]
+        _shift(self._forces, np.nan_to_num(point), steps)
+        if self._depth_chart is not None:
+            gap = frames.history.array("gap")[-1]
+            _shift(self._depths, 1e3 * np.maximum(0.0, -np.nan_to_num(gap)), steps)
+
+    def draw(self) -> None:
+        """Send the charts to the page."""
+        self._force_chart.data = (self._time, *self._forces.copy())
+        if self._depth_chart is not None:
+            self._depth_chart.data = (self._time, *self._depths.copy())
+
+
+def _shift(values: FloatArray, point: FloatArray, steps: int) -> None:
+    values[:, :-steps] = values[:, steps:]
+    values[:, -steps:] = point[:, None]
+
+
+def _series(label: str, colour: str, dash: list[int] | None, width: float) -> dict[str, Any]:
+    return {"label": label, "stroke": colour, "width": width, "points": {"show": False}} | (
+        {"dash": dash} if dash else {}
+    )
+
+
+def _chart(
+    server: viser.ViserServer, title: str, time: FloatArray, values: FloatArray, series: list[dict[str, Any]]
+) -> Any:
+    axis = {"stroke": NOTE, "font": "11px sans-serif"}
+    return server.gui.add_uplot(
+        (time, *values), ({"label": "time [s]"}, *series),  # type: ignore[arg-type]
+        title=title, height=HEIGHT, scales={"x": {"time": False}, "y": {"auto": True}},
+        axes=({**axis, "size": 26}, {**axis, "size": 42}), padding=(6, 12, 0, 0),  # type: ignore[arg-type]
+    )  # fmt: skip

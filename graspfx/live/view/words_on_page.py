@@ -1,0 +1,116 @@
+"""Small pieces of HTML on the page: the legend, the state of the run, the margins as bars, and banners."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from graspfx.show.style import CONTACTS, EXTERNAL, INK, INTERNAL, NOTE
+
+if TYPE_CHECKING:
+    from graspfx.live.stability_verdict import MarginRow, Verdict
+
+RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # of verdicts; forces have colours of their own
+STATES = {
+    "free": "free", "touch": "touches", "stick": "sticks", "slide": "slides", "limit": "at its force limit",
+}  # fmt: skip
+PAGE_STYLE = (  # a banner across the page; who has no graphics processor need not be told by the page
+    "<style>.webgl-software-rendering{display:none!important}"
+    ".gfx{font:13px/1.45 system-ui,sans-serif;padding:2px 12px;color:#1a1a1a}.gfx b{font-weight:600}"
+    ".gfx .note{color:#555}.gfx .dot{display:inline-block;width:11px;height:11px;border-radius:50%;margin:0 5px -1px 0;"
+    "border:1px solid #0003}.gfx .bar{position:relative;height:9px;background:#eceff1;border-radius:5px;margin:1px 0 7px}"
+    ".gfx .bar i{position:absolute;left:0;top:0;bottom:0;border-radius:5px}.gfx .bar u{position:absolute;top:-2px;"
+    "bottom:-2px;width:2px;background:#1a1a1a}.gfx .row{display:flex;justify-content:space-between}</style>"
+)
+FULL_BAR = 10.0  # margin at which a bar is full; bars are logarithmic, and a margin of 1 is at the mark
+EMPTY_BAR = 0.5
+
+
+def legend(states: Sequence[str], scale: str) -> str:
+    """Explain colours and arrows."""
+    dots = " &nbsp; ".join(
+        f"<span style='white-space:nowrap'><span class=dot style='background:{CONTACTS[state]}'></span>"
+        f"{STATES[state]}</span>" for state in states
+    )  # fmt: skip
+    parts = " &nbsp; ".join(
+        f"<span style='white-space:nowrap;color:{colour}'><b>➔ {text}</b></span>"
+        for colour, text in ((INTERNAL, "squeeze (internal)"), (EXTERNAL, "push (external)"))
+    )
+    return (
+        f"<div class=gfx><div><b>Force on the object</b><br>{parts}<br><span class=note>arrows: {escape(scale)}</span>"
+        f"</div><div style='margin-top:6px'><b>A fingertip</b><br>{dots}</div></div>"
+    )
+
+
+def status(state: str, time: float, remarks: Sequence[str]) -> str:
+    """Say how the run goes on."""
+    words = {"running": "runs in real time", "paused": "is paused", "ended": "has ended", "replay": "is replayed"}
+    lines = "".join(f"<div class=note>{escape(each)}</div>" for each in remarks)
+    return f"<div class=gfx><div class=row><b>{words.get(state, escape(state))}</b><span>{time:.1f} s</span></div>{lines}</div>"
+
+
+def margins(verdict: Verdict | None) -> str:
+    """Draw a verdict: in words, and each margin as a bar, on which a mark says where stability ends."""
+    if verdict is None:
+        return f"<div class=gfx><b>Stability</b> <span class=note>is being computed …</span></div>"
+    if verdict.is_stable is None:
+        return f"<div class=gfx><b>Stability is not known</b><div class=note>{escape(verdict.error)}</div></div>"
+    colour = GREEN if verdict.is_stable else RED
+    word = "stable" if verdict.is_stable else "UNSTABLE: it will shake"
+    how = "provisional, the full one is being computed" if verdict.is_provisional else "full"
+    head = (
+        f"<div style='background:{colour};color:#fff;border-radius:5px;padding:4px 9px;margin:2px 0 6px'>"
+        f"<b>{word}</b><div style='font-size:11px;opacity:.9'>{how}; spectral radius {verdict.spectral_radius:.5f}</div></div>"
+    )
+    opacity = ";opacity:.55" if verdict.is_provisional else ""
+    rows = "".join(_row(row) for row in verdict.rows)
+    return f"<div class=gfx>{head}<div style='{opacity}'>{rows}</div></div>"
+
+
+def _row(row: MarginRow) -> str:
+    margin = row.margin
+    share = 1.0 if not math.isfinite(margin) else _share(margin)
+    colour = RED if margin < 1.0 else AMBER if margin < 1.5 else GREEN
+    number = "no limit" if not math.isfinite(margin) else f"{margin:.2f} ×"
+    where = f", lost at {row.frequency:.3g} Hz" if math.isfinite(row.frequency) else ""
+    name = escape(row.mode)
+    limit = f"limit {row.limit:.4g} N/m{where}" if math.isfinite(row.limit) else ""
+    return (
+        f"<div class=row title='{limit}'><span>{name}</span><b style='color:{colour}'>{number}</b></div>"
+        f"<div class=bar><i style='width:{100 * share:.1f}%;background:{colour}'></i>"
+        f"<u style='left:{100 * _share(1.0):.1f}%'></u></div>"
+    )
+
+
+def _share(margin: float) -> float:
+    least, most = math.log(EMPTY_BAR), math.log(FULL_BAR)
+    return min(1.0, max(0.02, (math.log(max(margin, 1e-9)) - least) / (most - least)))
+
+
+def banner(text: str, *, panel: bool) -> str:
+    """Lay a red banner over the top of the page, and redden its panels if asked for; nothing without a text."""
+    if not text:
+        return "<div></div>"
+    words = text.replace("\\", "").replace("'", "’").replace("\n", " ").replace("<", "‹")[:300]
+    style = (
+        f"body::before{{content:'{words}';position:fixed;top:0;left:0;right:0;z-index:99999;background:{RED};"
+        "color:#fff;padding:9px 14px;font:600 16px system-ui,sans-serif;text-align:center;pointer-events:none}"
+        "#root{top:40px!important}"
+    )
+    if panel:
+        style += f".mantine-Paper-root{{background:#ffe3e6!important;box-shadow:inset 0 0 0 3px {RED}}}"
+    return f"<style>{style}</style>"
+
+
+def message(text: str, colour: str = AMBER) -> str:
+    """Show a sentence, as of a refusal."""
+    if not text:
+        return "<div></div>"
+    return f"<div class=gfx style='color:{colour}'>{escape(text)}</div>"
+
+
+def heading(text: str) -> str:
+    """Head a part of the panel."""
+    return f"<div class=gfx style='color:{NOTE};border-top:1px solid #e4e4e4;padding-top:6px'><b style='color:{INK}'>{escape(text)}</b></div>"
