@@ -87,7 +87,7 @@ class TouchRun:
         except BaseException:
             self.run.close()
             raise
-        self._is_over = threading.Event()
+        self._is_over, self._is_closed = threading.Event(), False
         self._thread = threading.Thread(target=self._follow, name="pictures", daemon=True)
 
     def __enter__(self) -> Self:
@@ -100,6 +100,13 @@ class TouchRun:
         return self
 
     def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the page and the run, and write the log of orders; a second time nothing happens."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         self.server.__exit__()
         self._is_over.set()
         self._thread.join()
