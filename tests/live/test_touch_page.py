@@ -209,6 +209,7 @@ def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
 
 def test_no_order_is_lost_and_the_recording_has_them(browser: Browser, touch: TouchRun) -> None:
     """Every message of a page is in the log once, in its order; what it asked for last is in the recording."""
+    until(lambda: not touch.server.clients and free(touch) and rests(touch))
     touch.log.entries.clear()
     page = browser.open(url(touch.server.line), 420, 320, phone=True)
     page.wait_for("window.graspfx().picture !== null")
