@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 SPEED = 0.5  # of a goal, the largest [m/s]
-QUICK, SLOW = 0.008, 0.033  # between two pictures while fingers are touched, and else [s]
-STEP = 0.004  # between two steps of goals [s]
+QUICK, SLOW = 0.004, 0.033  # between two pictures while fingers are touched, and else [s]
+STEP = 0.002  # between two steps of goals [s]
 AGAIN = 0.25  # after which a finger that was let go and still touches withdraws further [s]
 PAUSE = 2.0  # with the reason of its end shown, before a scene begins anew [s]
 
