@@ -72,4 +72,6 @@ def doing(table: OwnHand | SharedHand | MadeHand) -> str:
         texts.append("squeeze: " + ", ".join(f"{1e3 * s.to:g} mm at {s.begin:g} s" for s in listed(table.squeeze)))
     elif table.squeeze:
         texts.append(f"squeeze: {1e3 * table.squeeze:g} mm")
+    if table.guide is not None:
+        texts.append(f"guided, {1e3 * table.guide.lag:g} ms behind its goals")
     return "; ".join(texts)

@@ -42,6 +42,7 @@ REASONS = {
     ("coupling.passivity",): "whether energy is booked decides what is recorded",
     ("safety", "finger.*.safety"): "limits hold for a whole run",
     ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
+    ("hand.*.guide", "finger.*.hand.guide"): "of a guide the goals change, its offset and its squeeze",
     ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Protocol
@@ -21,9 +22,9 @@ CLEARANCE = 0.003  # between a finger that was let go and its object [m],
 GROWTH = 2.0  # and times that with each step after the first
 SLACK = 1.5  # times the way that a finger is estimated to go, as its object comes after it
 LAGS = 6.0  # of the follower, after which a finger that is not free yet goes on
-WATCH = 1.0  # for which a finger stays free until it is left alone [s]
+OFTEN = 1.0  # after a step in which each row is looked at [s],
+SELDOM = 0.05  # and between two looks from then on [s]
 SOFTEST = 1.0  # stiffness of a hand that is counted with [N/m]
-LONGEST = 0.5  # wait for a row until a run is looked at again [s]
 
 
 class Watched(Protocol):
@@ -42,6 +43,11 @@ class Watched(Protocol):
         ...
 
     @property
+    def tick(self) -> int:
+        """Tick of the newest row."""
+        ...
+
+    @property
     def period(self) -> float:
         """T [s]."""
         ...
@@ -56,7 +62,7 @@ class Watched(Protocol):
 
 
 class Release:
-    """A guide that lets go; a thread of its own looks after it until its fingers have been free for a while.
+    """A guide that lets go; a thread of its own looks after it until it is guided again.
 
     The first step is done at once. Where a finger still touches after some lags, as its object has come along, the next
     one follows. Time is counted in ticks: a pause is none.
@@ -105,13 +111,15 @@ class Release:
 
     def _watch(self) -> None:
         run, number = self._run, self._run.run_number
-        wait, end = round(LAGS * self._lag / run.period), round(WATCH / run.period)
-        begin = free = run.ticks
-        while not self._is_over and run.state != "ended" and run.run_number == number and run.ticks - free < end:
-            tick = run.ticks
-            run.await_row(tick - 1, LONGEST)
-            if run.ticks - begin > wait and self._withdraw():
-                begin = free = run.ticks
+        wait, often = round(LAGS * self._lag / run.period), round(OFTEN / run.period)
+        step = run.ticks
+        while not self._is_over and run.state != "ended" and run.run_number == number:
+            if run.ticks - step < often:
+                run.await_row(run.tick, SELDOM)
+            else:
+                time.sleep(SELDOM)
+            if run.ticks - step > wait and self._withdraw():
+                step = run.ticks
 
 
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:

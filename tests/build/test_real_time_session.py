@@ -6,7 +6,9 @@ import os
 import signal
 import threading
 import time
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,8 +105,40 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
             settled(lambda: gx.open(inside, real_time=True))
 
 
+def test_hands_and_devices_of_simulations_take_new_numbers_in_real_time() -> None:
+    """Arm, grip, turn and masses of a hand that holds three points, and goals of its guide: the stepped run's bits."""
+    hand, mass, goal = "hand.0.grip.stiffness", "finger.*.device.mass", "hand.0.guide.offset"
+    scene = gx.load("sphere-three-fingers", {"hand.0.guide": {}})
+    changes: list[dict[str, Any]] = [
+        {hand: 260.0, goal: [0.0, 0.0, 0.004]},
+        {mass: 0.14, "hand.0.turn.angle": 0.6, STIFFNESS: 350.0},
+        {goal: [0.002, 0.0, 0.0], hand: 310.0},
+    ]
+    keys = [hand, mass, "hand.0.turn", goal, STIFFNESS]
+    with gx.open(scene, live=keys, real_time=True) as session:
+        for change in changes:
+            session.wait(0.1)
+            session.set(change)
+        session.wait(0.2)
+    rec = session.recording
+    assert {change.key for change in rec.changes} == {*keys, "hand.0.turn.angle"} - {"hand.0.turn"}
+    with gx.open(scene, live=keys) as own:
+        for tick, each in groupby(sorted(rec.changes, key=lambda change: change.tick), lambda change: change.tick):
+            if tick > own.tick:
+                own.step(tick - own.tick)
+            own.set({change.key: change.value for change in each})
+        own.step(len(rec) - own.tick)
+    for other in (own.recording, gx.replay(rec)):
+        for name in ("finger_position", "finger_force", "object_position", "touching"):
+            assert np.array_equal(getattr(rec, name), getattr(other, name)), name
+
+
 def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:
-    with pytest.raises(InputError, match="in real time hands and devices have their numbers in another process"):
-        gx.open(LINE, real_time=True, live=["finger.0.hand.stiffness"])
+    with board() as wire:
+        scene = boards_scene([wire], PATIENT)
+        with pytest.raises(InputError, match="begins with the hands and the devices that it has"):
+            gx.open(scene, real_time=True, live=["finger.1.hand.stiffness"])
+    with pytest.raises(InputError, match="a device's mechanics are its own"):
+        gx.open("paper-waving", real_time=True, live=["finger.0.device.mass"])
     with pytest.raises(InputError, match="True for the wall's clock"):
         gx.open(LINE, real_time=1)  # type: ignore[call-overload]

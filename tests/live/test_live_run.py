@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from itertools import groupby
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.live.guides import guided_scene
 from graspfx.live.live_run import LiveRun
+from graspfx.loop.realtime.ring import Word
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
+from tests.support.hardware import wait_until
+from tests.support.parts import script
+from tests.support.servo_wires import PATIENT, board, boards_scene, servo_of, settled
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
 
@@ -64,3 +71,163 @@ def test_a_guided_run_is_the_run_that_its_recording_says(name: str, tmp_path: Pa
     require_same(rec, gx.replay(rec))
     plain = gx.run(scene, duration=len(rec) * rec.header.period)
     assert np.abs(rec.finger_position - plain.finger_position).max() > 1e-3
+
+
+def column(run: LiveRun, rows: np.ndarray[Any, np.dtype[np.float64]], name: str) -> Any:
+    own = run.layout.columns[name]
+    return rows[:, own.where].reshape(len(rows), *own.shape)
+
+
+def test_values_before_the_first_tick_are_those_that_it_is_built_with() -> None:
+    """Equal gains and no damping are special values; a run that begins with them is poked, paused and stepped."""
+    keys = [
+        f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")
+    ]
+    begin = gx.load(WAVING).replace(dict(zip(keys, (50.0, 0.0, 50.0, 0.0), strict=True)) | {"object.viscosity": 0.0})
+    values = dict(zip(keys, (35.0, 0.2, 55.0, 0.3), strict=True)) | {"object.viscosity": 1.1}
+    with LiveRun(begin, live=list(values), guide="hands", paused=True) as run:
+        assert (run.state, run.tick, run.row(), run.rows(0)[1].shape[0]) == ("paused", -1, None, 0)
+        change = run.set(values)
+        run.step(30)
+        change.result(10.0)
+        wait_until(lambda: run.tick == 29, 10.0)
+        time.sleep(1.3)  # longer than a servo without a tick may take
+        assert (run.state, run.tick, run.cause) == ("paused", 29, "")
+        run.step(2)
+        wait_until(lambda: run.tick == 31, 10.0)
+        run.resume()
+        wait_until(lambda: run.tick > 160, 10.0)
+        first, rows = run.rows(-5)
+        assert first == 0
+        row = run.row()
+        assert row is not None
+        assert row.shape == (run.layout.width,)
+        assert run.rows(150)[0] == 150
+        assert run.rows(10**9)[1].shape == (0, run.layout.width)
+        skipped = int(run._session.ring.words[Word.SKIPPED])
+        assert skipped * run.period < 1.0, "a pause is not late"
+    built = gx.run(begin.replace(values), duration=len(rows) * run.period)
+    for name in ("finger_position", "finger_force", "true_position"):
+        assert np.array_equal(column(run, rows, name), getattr(built, name)), name
+    assert run.state == "ended"
+    with pytest.raises(InputError, match="it was closed"):
+        run.set(values).result(1.0)
+
+
+def test_values_of_now_hold_or_are_refused_and_a_new_run_has_them(tmp_path: Path) -> None:
+    with LiveRun(gx.load(WAVING), live=[STIFFNESS], guide="fingers") as run:
+        assert [guide.name for guide in run.guides] == ["thumb", "forefinger"]
+        assert [guide.position.tolist() for guide in run.guides] == [[-0.025, 0.0], [0.025, 0.0]]
+        assert (run.keys, run.has_hardware, run.run_number) == ((STIFFNESS,), False, 0)
+        with pytest.raises(SceneError):
+            run.set({STIFFNESS: -1.0}).result(10.0)
+        with pytest.raises(InputError, match="a live key"):
+            run.set({"coupling.internal.stiffness": 1.0}).result(10.0)
+        for bad in ([np.nan, 0.0], [0.0, 1.5], [0.0], "here", [[0.0, 0.0]] * 3):
+            with pytest.raises(InputError):
+                run.guide(0, bad)
+        with pytest.raises(InputError, match="a finite distance"):
+            run.guide(0, None, np.inf)
+        with pytest.raises(InputError, match="a guide, 0 to 1"):
+            run.guide(2, [0.0, 0.0])
+        futures = [run.set({STIFFNESS: 30.0 + k}) for k in range(20)]
+        for future in futures:
+            future.result(10.0)
+        assert run.scene.coupling.external.stiffness == 49.0
+        with pytest.raises(InputError, match="a run that is recorded"):
+            run.stop_recording()
+        run.record(tmp_path)
+        assert (run.run_number, run.state) == (1, "running")
+        run.guide(1, [0.002, 0.001])
+        assert run.await_row(40, 10.0)
+        file = run.stop_recording()
+        assert (run.run_number, file) == (2, tmp_path / "recording.h5")
+        assert run.await_row(-1, 10.0)
+        with pytest.raises(RecordingError, match="already"):
+            run.record(tmp_path)
+        assert run.await_row(run.tick + 5, 10.0), "it goes on"
+        assert run._session._recorder.changes == []
+    rec = Recording.load(file)
+    assert rec.header.scene_table["coupling"]["external"]["stiffness"] == 49.0
+    assert rec.changes
+    require_same(rec, gx.replay(rec))
+
+
+@pytest.mark.parametrize(("name", "kind", "settled"), [(WAVING, "fingers", 0.8), (SPHERE, "hands", 0.7)])
+def test_a_guide_lets_go_smoothly_and_stays_away(name: str, kind: Literal["hands", "fingers"], settled: float) -> None:
+    """The force falls to zero within 0.15 s without a step up; the finger may meet its object again, and leaves it."""
+    scene = gx.load(name).replace({"finger.*.hand.motion": {"kind": "rest"}} if name == WAVING else {})
+    with LiveRun(scene, guide=kind) as run:
+        wait_until(lambda: run.time > settled, 20.0)
+        begin = run.tick
+        run.let_go(0)
+        wait_until(lambda: run.time > settled + 2.5, 20.0)
+        _, rows = run.rows(begin)
+        fingers = run.guides[0].fingers
+        force = np.linalg.norm(column(run, rows, "finger_force"), axis=-1)[:, fingers].max(axis=1)
+        assert force[0] > 0.2
+        gone = int(np.argmin(force > 0.0))
+        assert 0 < gone * run.period < 0.15
+        assert np.diff(force[:gone]).max() < 1e-3 * force[0]
+        assert force[gone:].max() < force[0]
+        assert not force[-round(0.3 / run.period) :].any()
+        offsets = run._session.goals.values(0)[0].copy()
+        run.guide(0, np.zeros(run.layout.dimensions))
+        assert not np.array_equal(run._session.goals.values(0)[0], offsets)
+
+
+def test_a_servo_that_dies_ends_its_run_and_a_reset_begins_another() -> None:
+    with LiveRun(gx.load(WAVING), live=[STIFFNESS], guide="hands") as run:
+        assert run.await_row(3, 10.0)
+        run.pause()
+        wait_until(lambda: run.state == "paused", 10.0)
+        os.kill(servo_of(os.getpid()), signal.SIGKILL)
+        wait_until(lambda: run.state == "ended", 10.0)
+        wait_until(lambda: bool(run.cause), 10.0)
+        assert run.cause == "the servo's process was ended by SIGKILL"
+        with pytest.raises(InputError, match="it has ended: the servo's process was ended by SIGKILL"):
+            run.set({STIFFNESS: 40.0}).result(10.0)
+        run.guide(0, [0.0, 0.0])
+        run.let_go(0)
+        assert not run.await_row(run.tick, 5.0)
+        assert run.row() is not None
+        run.reset()
+        assert run.await_row(3, 10.0)
+        assert (run.state, run.cause, run.run_number) == ("running", "", 1)
+    run.close()
+
+
+PAUSED = """
+import os, sys, time
+import graspfx as gx
+from graspfx.live.live_run import LiveRun
+from tests.support.servo_wires import servo_of
+
+run = LiveRun(gx.load("paper-waving"))
+run.await_row(3, 10.0)
+run.pause()
+while run.state != "paused":
+    time.sleep(0.01)
+print(servo_of(os.getpid()))
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def test_a_paused_servo_ends_with_its_parent(tmp_path: Path) -> None:
+    servo = script(PAUSED, tmp_path)
+    wait_until(lambda: not Path(f"/proc/{servo}").exists(), 10.0)
+
+
+def test_hardware_pauses_for_nobody() -> None:
+    with board() as wire:
+        scene = boards_scene([wire], PATIENT)
+        with settled(lambda: LiveRun(scene, live=["coupling.internal.stiffness"], guide="hands")) as run:
+            assert run.has_hardware
+            assert not run.guides
+            for act in (run.pause, run.resume, run.step):
+                with pytest.raises(InputError, match="a scene of simulations alone"):
+                    act()
+            run.set({"coupling.internal.stiffness": 60.0}).result(10.0)
+            run.rest()
+            assert run.state == "ended"

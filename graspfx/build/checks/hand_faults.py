@@ -82,7 +82,23 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
         *(_motion(scene, where, each, stock) for where, each in _numbered((*at, "motion"), hand, "motion")),
         *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
         _squeeze(at, hand),
+        _guide(scene, (*at, "guide"), hand, fingers),
     )
+
+
+def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+    guide = hand.guide
+    if guide is None or guide.offset is None:
+        return
+    offset = guide.offset
+    if not (offset and isinstance(offset[0], tuple)):
+        yield from length_faults(scene, at, guide, "offset")
+        return
+    if fingers and len(offset) != len(fingers):
+        yield (*at, "offset"), f"expected one for each of its {len(fingers)} fingers; given {len(offset)}"
+    for i, each in enumerate(offset):
+        if len(each) != scene.dimensions:
+            yield (*at, "offset", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(each))}"
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
@@ -186,7 +202,8 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
 
 def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
-    if bare and hand.closing == "normal" and hand.squeeze != 0.0:
+    closes = hand.squeeze != 0.0 or (hand.guide is not None and hand.guide.squeeze != 0.0)
+    if bare and hand.closing == "normal" and closes:
         yield (
             (*at, "closing"),
             f"a direction is required: {bare[0]!r} has no shape, so it has no normals to close along",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.holdings import holdings
 from graspfx.errors import InputError
+from graspfx.loop.motion.motion import floats
 from graspfx.loop.realtime.ring import SLOTS, Ring, Word, fence
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class GoalSender:
             offsets, closing = self.values(number)
             if offset is not None:
                 part = offsets if finger is None else offsets[finger]
-                new = np.asarray(offset, dtype=float)
+                new = floats("offset", offset)
                 if new.shape not in (part.shape, (self._dimensions,)) or not _is_near(new):
                     shapes = f"{part.shape} or ({self._dimensions},)"
                     raise InputError(
@@ -117,9 +118,10 @@ class GoalSender:
                     )
                 part[...] = new
             if squeeze is not None:
-                closing = float(squeeze)
-                if not _is_near(closing):
+                distance = floats("squeeze", squeeze)
+                if distance.ndim or not _is_near(distance):
                     raise InputError("squeeze", squeeze, f"a finite distance, not beyond {FARTHEST:g} m")
+                closing = float(distance)
             self._goals[self._starts[number] : self._starts[number + 1]] = np.append(offsets.ravel(), closing)
             self._post()
 

@@ -26,7 +26,7 @@ BODIES = (
     "graspfx.objects.guest.hand_over",
     "graspfx.objects.guest.take_over",
 )
-HANDS = ("graspfx.loop.motion.targets.target",)
+HANDS = ("graspfx.loop.motion.targets.target", "graspfx.loop.motion.targets.guided_target")
 DEVICES = (
     "graspfx.devices.simulated.point_sample.read",
     "graspfx.devices.simulated.point_sample.write",
