@@ -48,6 +48,7 @@ UPWARD = {
     "Recording.plot": "graspfx.show.drawing.plot",
     "Recording.to_csv": "graspfx.show.tabular.write_csv",
     "Recording.to_frame": "graspfx.show.tabular.recording_frame",
+    "Recording.to_html": "graspfx.live.page.document.write_page",
     "Recording.to_xarray": "graspfx.show.labelled.recording_dataset",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",

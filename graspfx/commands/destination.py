@@ -70,7 +70,7 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
     if options.out is not None:
         yield options.out
         return
-    folder = make_folder(OUT / name) if options.overwrite else _new_folder(name)
+    folder = make_folder(OUT / name) if options.overwrite else new_folder(OUT, name)
     previous = _point_to(folder) if latest else None
     try:
         yield folder
@@ -82,10 +82,15 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
             OUT.rmdir()
 
 
-def _new_folder(name: str) -> Path:
-    make_folder(OUT)
+def new_folder(home: Path, name: str) -> Path:
+    """Make a folder in another that is not there yet: NAME, NAME-2, ...
+
+    Raises:
+        RecordingError: none can be made.
+    """
+    make_folder(home)
     for number in count(1):
-        folder = OUT / (name if number == 1 else f"{name}-{number}")
+        folder = home / (name if number == 1 else f"{name}-{number}")
         try:
             folder.mkdir()
         except FileExistsError:

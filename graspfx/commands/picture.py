@@ -66,7 +66,7 @@ def _draw_recording(source: Path, options: Namespace) -> int:
     _require_room(path, options)
     recording = Recording.load(file)
     say_source(source, file, recording)
-    return _draw(recording, path, _folder_of(recording.header), options)
+    return _draw(recording, path, scene_folder(recording.header), options)
 
 
 def _draw_scene(path: Path, options: Namespace) -> int:
@@ -111,7 +111,7 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
     return say_faults(recording)
 
 
-def _folder_of(header: Header) -> Path | None:
+def scene_folder(header: Header) -> Path | None:
     """Find the folder where the scene's paths start: the recorded one, or a scene of that name; None for neither."""
     from graspfx.plugins import find
 

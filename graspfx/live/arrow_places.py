@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from graspfx.live.frame import Frame
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LONGEST = 0.42  # as a share of the extent, of an arrow
 SHORTEST = 0.04  # as a share of the longest: below this a force is no arrow
@@ -19,19 +18,27 @@ NICE = (1.0, 2.0, 5.0)
 LEAST_FORCE, MOST_FORCE = 1e-6, 1e6  # that an arrow of full length stands for [N]
 
 
-class Arrows(NamedTuple):
-    """Arrows of forces.
+class Arrow(NamedTuple):
+    """An arrow of a force.
 
     Attributes:
-        ends: tail and tip (k, 2, 3) [m].
-        is_internal: whether one squeezes, else it pushes (k,).
+        finger: its number.
+        is_internal: whether it squeezes, else it pushes.
+        at: on the fingertip, where it ends, or begins if it pulls (3,) [m].
+        along: unit vector of the force (3,).
+        length: [m].
+        pulls: whether it leads away from the object.
     """
 
-    ends: FloatArray
-    is_internal: BoolArray
+    finger: int
+    is_internal: bool
+    at: FloatArray
+    along: FloatArray
+    length: float
+    pulls: bool
 
 
-def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards: FloatArray) -> Arrows:
+def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards: FloatArray) -> list[Arrow]:
     """Place internal and external forces: outside of the object, ending where one pushes in, beginning where it pulls.
 
     Args:
@@ -41,7 +48,7 @@ def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards
         extent: of the scene [m].
         towards: unit vector to the camera (3,), across which the two of a finger stand side by side.
     """
-    ends, kinds = list[FloatArray](), list[bool]()
+    result = list[Arrow]()
     for is_internal, forces in ((True, frame.internal), (False, frame.external)):
         if forces is None or frame.force is None:
             continue
@@ -54,10 +61,9 @@ def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards
             aside = (1.0 if is_internal else -1.0) * BESIDE * extent * aside / width if width > 0.0 else np.zeros(3)
             pulls = bool(forces[i] @ frame.force[i] < 0.0)
             at = frame.fingertips[i] + aside + (1.0 if pulls else -1.0) * radii[i] * along
-            way = min(sizes[i] * scale, 3.0 * LONGEST * extent) * along
-            ends.append(np.array([at, at + way] if pulls else [at - way, at]))
-            kinds.append(is_internal)
-    return Arrows(np.array(ends).reshape(-1, 2, 3), np.array(kinds, dtype=bool))
+            length = min(float(sizes[i]) * scale, 3.0 * LONGEST * extent)
+            result.append(Arrow(int(i), is_internal, at, along, length, pulls))
+    return result
 
 
 class Scale:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -116,10 +117,13 @@ def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
 
 
 def _scaled(row: MarginRow, change: Change) -> MarginRow:
-    """Give a row with the gain of a change and its limit as it was; for gains together, the more of the two."""
-    factor = max(change.external, change.internal)
-    if row.mode == "internal":
-        factor = change.internal
-    elif row.mode.startswith("external"):
-        factor = change.external
-    return row._replace(gain=row.gain * factor, margin=row.margin / factor if factor > 0.0 else float("inf"))
+    """Give a row with the gain of a change and its limit as it was; of gains together, the larger factor counts."""
+    if not row.mode.startswith(("internal", "external")):
+        factor = max(change.external, change.internal)
+        return row._replace(limit=_over(row.limit, factor), margin=_over(row.margin, factor))
+    factor = change.internal if row.mode == "internal" else change.external
+    return row._replace(gain=row.gain * factor, margin=_over(row.margin, factor))
+
+
+def _over(value: float, factor: float) -> float:
+    return value / factor if factor > 0.0 else math.inf

@@ -34,8 +34,8 @@ def shortfall(verdict: Verdict, present: Verdict) -> str:
     return ""
 
 
-def clamped(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
-    """Lower stiffness that is beyond 0.9 of its limit to that; None where no stiffness above the present one is left.
+def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
+    """Lower stiffness that is beyond 0.9 of its limit to that; None where none is left above that of now.
 
     Args:
         values: by live key, that fall short.
@@ -47,11 +47,17 @@ def clamped(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> di
         mode = MODES.get(general(key))
         if mode is None or not isinstance(value, int | float):
             continue
-        factor = min((row.margin / needed for row, needed in _short(verdict, present) if _grows(row, mode)), default=1.0)
-        lower = float(value) * factor * (1.0 - INSIDE)
-        now = min((row.gain for row in present.rows if row.mode == mode), default=0.0)
-        if factor < 1.0 and not (value > now >= lower * (1.0 - SAME)):
-            less[key] = lower
+        rows = [row for row in present.rows if row.mode == mode]
+        now = min((row.gain for row in rows), default=0.0)
+        most = min((SHARE * row.limit for row in rows), default=math.inf)  # near what hardware has
+        if value <= max(most, now):
+            short = [row.margin / needed for row, needed in _short(verdict, present) if _grows(row, mode)]
+            if not short:
+                continue
+            most = float(value) * min(short)
+        most *= 1.0 - INSIDE
+        if value > most and not value > now >= most * (1.0 - SAME):
+            less[key] = most
     return None if less == dict(values) else less
 
 

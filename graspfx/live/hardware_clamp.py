@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from graspfx.live.clamp import SHARE, clamped, shortfall
+from graspfx.live.clamp import SHARE, lower, shortfall
 from graspfx.live.margins import Margins
 from graspfx.live.stability_verdict import Verdict
 
@@ -49,7 +49,8 @@ class HardwareClamp:
 
     Values have to leave each limit of the certificate, with all gains as they will be, a share of room (`SHARE`), or as
     much as there is now where that is less; a larger stiffness is set to the largest that does, other values are
-    refused. While a certificate is computed the newest order counts, and those that it overtook are refused.
+    refused. Orders that come while a certificate is computed wait and become one, in which the newest value of a key
+    counts; the futures of all of them end with that.
 
     Args:
         run: whose values change.
@@ -61,7 +62,8 @@ class HardwareClamp:
         self._present: dict[str, Any] = {}  # that differ from the scene's
         self._verdict: Verdict | None = None
         self._changed = threading.Condition()
-        self._waiting: tuple[dict[str, Any], Future[Order]] | None = None
+        self._waiting: dict[str, Any] = {}
+        self._futures: list[Future[Order]] = []
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="graspfx hardware clamp", daemon=True)
         self._thread.start()
@@ -69,18 +71,17 @@ class HardwareClamp:
     def set(self, values: Mapping[str, Any]) -> Future[Order]:
         """Order values by live key; nothing waits here."""
         future: Future[Order] = Future()
-        asked = dict(values)
         with self._changed:
-            if self._waiting is not None:
-                before, overtaken = self._waiting
-                asked = before | asked
-                overtaken.set_result(Order(before, {}, f"{_listed(before)}: a newer order has come"))
-            self._waiting = asked, future
-            self._changed.notify_all()
+            if self._closed:
+                future.set_result(_late(values))
+            else:
+                self._waiting |= values
+                self._futures.append(future)
+                self._changed.notify_all()
         return future
 
     def close(self) -> None:
-        """End; an order that still waits is refused."""
+        """End; orders that still wait are refused."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -89,49 +90,55 @@ class HardwareClamp:
     def _work(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closed)
-                if self._waiting is None:
-                    return
-                (asked, future), self._waiting = self._waiting, None
-                if self._closed:
-                    future.set_result(Order(asked, {}, f"{_listed(asked)}: the run has ended"))
-                    return
+                self._changed.wait_for(lambda: self._futures or self._closed)
+                asked, futures = self._waiting, self._futures
+                self._waiting, self._futures = {}, []
+                closed = self._closed
             try:
-                future.set_result(self._carry_out(asked))
+                order = _late(asked) if closed else self._carry_out(asked)
+                for future in futures:
+                    future.set_result(order)
             except Exception as error:  # noqa: BLE001 - raised where the order is waited for
-                future.set_exception(error)
+                for future in futures:
+                    future.set_exception(error)
+            if closed:
+                return
 
     def _carry_out(self, asked: dict[str, Any]) -> Order:
-        present = self._verdict or self._certificate(1)
+        present = self._verdict = self._verdict or self._certificate(self._present)
         if present is None or present.is_stable is None:
-            return self._refusal(asked, "there is no certificate of the values of now" + _why(present))
+            return self._refusal(asked, f"there is no certificate of the values of now{_why(present)}")
         values, first = asked, ""
         for _ in range(ROUNDS):
-            verdict = self._certificate(self._margins.ask(self._present | values))
+            verdict = self._certificate(self._present | values)
             if verdict is None or verdict.is_stable is None:
-                return self._refusal(asked, "there is no certificate of it" + _why(verdict))
+                return self._refusal(asked, f"there is no certificate of it{_why(verdict)}")
             why = shortfall(verdict, present)
             if not why:
                 self._run.set(values).result()
                 self._present |= values
                 self._verdict = verdict
                 return Order(asked, values, "" if values == asked else _clamp_text(asked, values, first))
-            if values is asked:
-                first = why
-            less = clamped(values, verdict, present)
+            first = first or why
+            less = lower(values, verdict, present)
             if less is None:
-                return self._refusal(asked, why)
+                return self._refusal(asked, first)
             values = less
         return self._refusal(asked, f"{first}; no smaller value was certified either")
 
-    def _certificate(self, number: int) -> Verdict | None:
-        """Wait for the full verdict on a request."""
+    def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
+        """Ask for the full verdict on values, and wait for it."""
+        number = self._margins.ask(values, alone=True)
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
 
     def _refusal(self, asked: Mapping[str, Any], why: str) -> Order:
-        self._margins.ask(self._present)
+        self._margins.ask(self._present, alone=True)
         return Order(asked, {}, f"refused: {_listed(asked)}: {why}")
+
+
+def _late(asked: Mapping[str, Any]) -> Order:
+    return Order(asked, {}, f"refused: {_listed(asked)}: the run has ended")
 
 
 def _why(verdict: Verdict | None) -> str:
@@ -139,8 +146,10 @@ def _why(verdict: Verdict | None) -> str:
 
 
 def _listed(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} = {value:.5g}" if isinstance(value, float) else f"{key} = {value}" for key, value in values.items())
+    return ", ".join(
+        f"{key} = {value:.5g}" if isinstance(value, float) else f"{key} = {value}" for key, value in values.items()
+    )
 
 
 def _clamp_text(asked: Mapping[str, Any], values: Mapping[str, Any], why: str) -> str:
-    return f"asked {_listed(asked)}; set {_listed(values)}, {SHARE:g} of the limit: {why}"
+    return f"asked {_listed(asked)}; set {_listed(values)}, at most {SHARE:g} of each limit: as asked, {why}"

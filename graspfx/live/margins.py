@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -58,12 +59,18 @@ class Margins:
         """Number of the process; None before it has begun."""
         return None if self._process is None else self._process.pid
 
-    def ask(self, values: Mapping[str, Any]) -> int:
-        """Ask about the scene with these values, and those of earlier requests for other keys; give its number."""
+    def ask(self, values: Mapping[str, Any], *, alone: bool = False) -> int:
+        """Ask about the scene with these values, and those of earlier requests for other keys; give its number.
+
+        Args:
+            values: by live key.
+            alone: other keys have the scene's own values, whatever was asked before.
+        """
         with self._changed:
-            self._values = self._values | dict(values)
+            self._values = dict(values) if alone else self._values | dict(values)
             self._number += 1
             if self._failure:
+                self._latest = self._failed()
                 return self._number
             self._asked[self._number] = time.perf_counter()
             self._changed.notify_all()
@@ -130,7 +137,12 @@ class Margins:
                     return
                 number, values = self._number, self._values
                 self._sent = number
-            line.send((number, values))
+            try:
+                text = pickle.dumps((number, values))
+            except Exception as error:  # noqa: BLE001 - whatever an object raises that is no data
+                self._take(Verdict(values, False, error=f"values that are no data: {error}", number=number, stage=2))
+                continue
+            line.send_bytes(text)
 
     def _listen(self, line: Connection) -> None:
         """Take verdicts as they come."""
@@ -157,7 +169,10 @@ class Margins:
         """Tell that no certificate will come any more."""
         with self._changed:
             self._failure = self._failure or why
-            self._latest = verdict = Verdict(self._values, False, error=self._failure, number=self._number, stage=2)
+            self._latest = verdict = self._failed()
             self._changed.notify_all()
         if self._tell is not None:
             self._tell(verdict)
+
+    def _failed(self) -> Verdict:
+        return Verdict(self._values, False, error=self._failure, number=self._number, stage=2)

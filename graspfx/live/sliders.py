@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from graspfx.build.build import build
 from graspfx.build.live import GAINS, INERTIA, value_of
@@ -35,7 +35,7 @@ class Slider:
         key: of the scene, live.
         label: in words, with the paper's letter.
         unit: of the value; empty for a coefficient.
-        least, most: ends of the range, which the present value is in, and the stability limit where it is known.
+        least, most: ends of the range, which the present value is in.
         step: between values.
         value: in the scene now.
     """
@@ -54,22 +54,32 @@ class Slider:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-def sliders(scene: Scene, verdict: Verdict | None = None) -> list[Slider]:
+def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of its objects, where they can change.
 
-    Ranges are linear. Those of a stiffness end at 4 times its value or at 1.5 times its limit, whatever is more.
-
-    Args:
-        scene: with the values of now.
-        verdict: that tells the limits of gains; None where they are not computed yet.
+    Ranges are linear, and end at 4 times the value or more; `widened` makes them reach beyond limits.
     """
     result = []
     for candidate, reason in _judged(scene):
         if not reason:
-            least, most = candidate.range(scene, verdict)
-            step = _nice_below((most - least) / STEPS)
-            result.append(Slider(candidate.key, candidate.label, candidate.unit, least, most, step, candidate.value))
+            least, most = candidate.range(scene)
+            result.append(
+                Slider(candidate.key, candidate.label, candidate.unit, least, most, _step(least, most), candidate.value)
+            )
     return result
+
+
+def widened(slider: Slider, verdict: Verdict) -> Slider:
+    """Give the slider of a stiffness a range that ends at 1.5 times its limit, where it ends below the limit."""
+    plain = general(slider.key)
+    if plain not in GAINS or not plain.endswith(".stiffness"):
+        return slider
+    mode = plain.split(".")[1]
+    limit = max((row.limit for row in verdict.rows if row.mode == mode and math.isfinite(row.limit)), default=0.0)
+    if limit < slider.most:
+        return slider
+    most = _nice_above(BEYOND * limit)
+    return replace(slider, most=most, step=_step(slider.least, most))
 
 
 def fixed_keys(scene: Scene) -> dict[str, str]:
@@ -84,7 +94,7 @@ class _Candidate:
     unit: str
     value: float
 
-    def range(self, scene: Scene, verdict: Verdict | None) -> tuple[float, float]:
+    def range(self, scene: Scene) -> tuple[float, float]:
         """Choose the ends of the range."""
         plain, value = general(self.key), self.value
         if plain.endswith(".friction"):
@@ -97,15 +107,7 @@ class _Candidate:
             stiffness = value_of(scene, plain.replace("damping", "stiffness"))
             spring = float(stiffness) if _is_number(stiffness) else 0.0
             return 0.0, _nice_above(max(ABOVE * value, RELAXATION * spring) or 1.0)
-        limit = max((limit for limit in _limits(plain, verdict) if math.isfinite(limit)), default=0.0)
-        return _nice_below(value / 10.0), _nice_above(max(ABOVE * value, BEYOND * limit) or 1.0)
-
-
-def _limits(plain: str, verdict: Verdict | None) -> Iterator[float]:
-    mode = plain.split(".")[1]
-    for row in () if verdict is None else verdict.rows:
-        if row.mode == mode:
-            yield row.limit
+        return _nice_below(value / 10.0), _nice_above(ABOVE * value or 1.0)
 
 
 def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
@@ -151,6 +153,10 @@ def _obstacle(servo: Servo, scene: Scene, key: str, value: float) -> str:
     except GraspFXError as error:
         return str(getattr(error, "do", "") or error)
     return ""
+
+
+def _step(least: float, most: float) -> float:
+    return _nice_below((most - least) / STEPS)
 
 
 def _is_number(value: object) -> bool:

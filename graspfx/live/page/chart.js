@@ -83,7 +83,7 @@ class Chart {
     const k = clamp(Math.floor(time / story.step + 1e-6), 0, F - 1);
     this.lines.forEach((each, i) => {
       const value = each.now[k];
-      this.figures.children[i].querySelector("b").textContent = Number.isNaN(value) ? "–" : `${value.toFixed(3)} N`;
+      this.figures.children[i].querySelector("b").textContent = Number.isNaN(value) ? "–" : `${value.toFixed(3).replace(/^-(0\.0+)$/, "$1")} N`;
     });
   }
 }

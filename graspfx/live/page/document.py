@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import graspfx
+from graspfx.errors import InputError
 from graspfx.live.page.story import story_of
-from graspfx.loop.recording.places import placing, require_vacancy
+from graspfx.loop.recording.places import placing, recording_path, require_vacancy
 from graspfx.loop.recording.record import Recording
 
 FOLDER = Path(__file__).parent
 SCRIPTS = ("numbers.js", "space.js", "chart.js", "page.js")  # in this order
-REMEDY = "choose another name, or write over it with overwrite"
 
 
 def page_text(recording: Recording, folder: Path | None = None) -> str:
@@ -49,24 +49,25 @@ def page_text(recording: Recording, folder: Path | None = None) -> str:
 def write_page(
     recording: Recording, path: str | PathLike[str], *, folder: Path | None = None, overwrite: bool = False
 ) -> Path:
-    """Write a recording's page; the file appears when it is whole.
-
-    Args:
-        recording: of a run.
-        path: of the file.
-        folder: where relative paths of meshes start; that of the scene if None.
-        overwrite: whether a file that is there already is replaced.
-
-    Raises:
-        InputError: a recording without a tick.
-        RecordingError: the file is there already, or cannot be written.
-    """
-    target = Path(path)
+    """Write a recording's page; its docstring is that of `Recording.to_html`, but for `folder`, as in `page_text`."""
+    target = require_page_name(path)
     if not overwrite:
-        require_vacancy([target], REMEDY)
+        require_vacancy([target])
     text = page_text(recording, folder)
     with placing(target) as file:
-        Path(file).write_text(text, encoding="utf-8", newline="\n")
+        file.write_text(text, encoding="utf-8", newline="\n")
+    return target
+
+
+def require_page_name(path: str | PathLike[str]) -> Path:
+    """Require the path of a page.
+
+    Raises:
+        InputError: it is none, or another kind of file.
+    """
+    target = recording_path(path, "path")
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise InputError("path", str(path), "a file that ends in .html")
     return target
 
 

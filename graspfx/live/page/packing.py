@@ -35,8 +35,8 @@ def packed(values: ArrayLike, kind: str = "f4") -> dict[str, str]:
         kind: of numbers, as numpy has it without the order of bytes: "f4", "i1", "u1", "u2" or "u4".
     """
     array = np.asarray(values)
-    if kind == "f4":  # what is too large for it is infinite, and NaN stays NaN
-        with np.errstate(over="ignore"):
+    if kind == "f4":  # what is too large for it is infinite, what is too small is zero, and NaN stays NaN
+        with np.errstate(over="ignore", under="ignore"):
             array = array.astype("<f4")
     return {"kind": kind, "data": b64encode(np.ascontiguousarray(array, dtype=f"<{kind}").tobytes()).decode("ascii")}
 

@@ -267,5 +267,10 @@ start();
 window.graspfx = {
   story, frame, frameAt, go, play, arrows: () => arrows(frameAt(time), seen),
   project: (point) => project(point, seen, find("scene").clientWidth, find("scene").clientHeight),
+  // The place in a chart, in CSS pixels of the window, of a value at a time.
+  chartPlace: (number, value, at) => {
+    const box = charts[number].canvas.getBoundingClientRect(), places = charts[number].places(box.width, box.height);
+    return [box.left + places.x(at), box.top + places.y(value)];
+  },
   get time() { return time; }, get playing() { return playing; }, camera,
 };

@@ -39,6 +39,7 @@ WORDS = {
 ARROWS = 0.2  # room for arrows about fingertips, as a share of the extent
 FAR = 10.0  # extents from the middle, beyond which what has gone astray is not looked at
 CELLS, LINES = 10.0, 10  # cells of the grid along the scene, lines on either side of its middle
+PIXELS = 4.0 / 3.0  # of CSS in a point
 THICK = 1.1  # of arrows, as a share of what pictures have, in which nothing moves
 TYPICAL = 0.995  # share of the forces whose arrows are not longer than the longest
 
@@ -168,8 +169,9 @@ def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -
 
 def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
     """Choose how long the arrow of a newton is [m/N]; 0 where no finger exerts a force."""
-    forces = [each for each in (motion.internal, motion.external) if each is not None] or [motion.force]
-    sizes = np.concatenate([np.linalg.norm(each, axis=2).max(axis=1) for each in forces if each is not None] or [[0.0]])
+    parts = (motion.force,) if motion.internal is None else (motion.internal, motion.external)
+    forces = [np.linalg.norm(each, axis=2).max(axis=1) for each in parts if each is not None]
+    sizes = np.concatenate([*forces, np.zeros(1)])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
     return arrows.LONGEST * scenery.extent / float(np.quantile(sizes, TYPICAL)) if len(sizes) else 0.0
 
@@ -190,7 +192,7 @@ def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:
 
 def _line(name: str, values: FloatArray, colour: str, width: float, dashes: tuple[float, ...]) -> dict[str, Any]:
     return {
-        "name": name, "colour": colour, "width": width, "dashes": list(dashes),
+        "name": name, "colour": colour, "width": round(PIXELS * width, 2), "dashes": list(dashes),
         "now": packed(values[:, 0]), "low": packed(values[:, 1]), "high": packed(values[:, 2]),
     }  # fmt: skip
 

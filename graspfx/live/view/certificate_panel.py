@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from graspfx.errors import InputError
+from graspfx.build.live import numbered, value_of
 from graspfx.live.hardware_clamp import HardwareClamp, Order
 from graspfx.live.margins import Margins
 
@@ -37,17 +37,18 @@ class CertificatePanel:
             self._margins = Margins(self._run.scene, self._take)
             self._clamp = HardwareClamp(self._run, self._margins) if self._run.has_hardware else None
 
-    def order(self, values: Values) -> Future[Values]:
-        """Set live keys; with hardware only what is certified. The future ends with the values that were set."""
+    def order(self, values: Values) -> Future[Order]:
+        """Set live keys; with hardware only what is certified."""
         self.start()
         assert self._margins is not None
-        result: Future[Values] = Future()
         if self._clamp is not None:
-            self._clamp.set(values).add_done_callback(lambda order: self._settle(order, result))
+            order = self._clamp.set(values)
         else:
             self._margins.ask(values)
-            self._run.set(values).add_done_callback(lambda done: self._end(done, values, result))
-        return result
+            order = Future()
+            self._run.set(values).add_done_callback(lambda done: self._finish(order, values, done))
+        order.add_done_callback(lambda _: self._wake())
+        return order
 
     def latest(self) -> Verdict | None:
         """Give the newest verdict; None before the first."""
@@ -60,38 +61,21 @@ class CertificatePanel:
 
     def close(self) -> None:
         """End its process."""
+        if self._margins is not None:
+            self._margins.close()  # first: orders to hardware wait for its verdicts
         if self._clamp is not None:
             self._clamp.close()
-        if self._margins is not None:
-            self._margins.close()
 
     def _take(self, verdict: Verdict) -> None:
         self._news = True
         self._wake()
 
-    def _end(self, done: Future[None], values: Values, result: Future[Values]) -> None:
+    def _finish(self, order: Future[Order], values: Values, done: Future[None]) -> None:
+        """End an order as the run has taken it; a verdict on what it has not taken is none on the run."""
         error = done.exception()
-        if error is not None:
-            result.set_exception(error)
-        else:
-            result.set_result(values)
-        self._wake()
-
-    def _settle(self, order: Future[Order], result: Future[Values]) -> None:
-        error = order.exception()
-        if error is not None:
-            result.set_exception(error)
-        elif order.result().text:
-            outcome = order.result()
-            result.set_exception(_Clamped(outcome))
-        else:
-            result.set_result(order.result().values)
-        self._wake()
-
-
-class _Clamped(InputError):
-    """An order that was not carried out as it was asked."""
-
-    def __init__(self, order: Order) -> None:
-        super().__init__("order", dict(order.asked), "what the certificate allows", order.text)
-        self.order = order
+        if error is None:
+            order.set_result(Order(values, values))
+            return
+        if self._margins is not None:
+            self._margins.ask({key: value_of(self._run.scene, numbered(self._run.scene, key)) for key in values})
+        order.set_exception(error)

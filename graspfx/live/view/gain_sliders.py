@@ -7,11 +7,14 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from graspfx.live.sliders import Slider
+from graspfx.live.sliders import Slider, widened
 from graspfx.live.view.words_on_page import heading
 
 if TYPE_CHECKING:
     import viser
+
+    from graspfx.live.hardware_clamp import Order
+    from graspfx.live.stability_verdict import Verdict
 
 SHORT = {"external stiffness": "external", "internal stiffness": "internal",
          "external damping": "external", "internal damping": "internal"}  # fmt: skip
@@ -23,13 +26,13 @@ class GainSliders:
     Args:
         server: of the page.
         sliders: of the scene.
-        order: sets values by live key; its future ends with the values that are set, or with an error.
+        order: sets values by live key; its future ends with what was set, or with an error.
         remark: shows a sentence to whoever looks on; an empty one takes it away.
     """
 
     def __init__(
         self, server: viser.ViserServer, sliders: list[Slider],
-        order: Callable[[Mapping[str, Any]], Future[Mapping[str, Any]]], remark: Callable[[str], None],
+        order: Callable[[Mapping[str, Any]], Future[Order]], remark: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._order, self._remark = order, remark
         self._lock = threading.Lock()
@@ -45,6 +48,7 @@ class GainSliders:
             )  # fmt: skip
             handle.on_update(self._mover(slider.key))
             self._handles[slider.key] = handle
+        self._sliders = list(sliders)
 
     def _mover(self, key: str) -> Callable[[Any], Any]:
         async def move(event: Any) -> None:  # on the page's own thread: orders stay in their order
@@ -53,6 +57,15 @@ class GainSliders:
 
         return move
 
+    def widen(self, verdict: Verdict) -> None:
+        """Let ranges reach beyond the limits of a verdict in full."""
+        if verdict.is_provisional:
+            return
+        for i, slider in enumerate(self._sliders):
+            wide = self._sliders[i] = widened(slider, verdict)
+            if wide is not slider:
+                self._handles[slider.key].max, self._handles[slider.key].step = wide.most, wide.step
+
     def set(self, key: str, value: float) -> None:
         """Order a value; a slider whose order was changed or refused goes where the number is."""
         with self._lock:
@@ -60,17 +73,18 @@ class GainSliders:
             number = self._newest[key]
         self._order({key: value}).add_done_callback(lambda future: self._settle(key, number, value, future))
 
-    def _settle(self, key: str, number: int, asked: float, future: Future[Mapping[str, Any]]) -> None:
+    def _settle(self, key: str, number: int, asked: float, future: Future[Order]) -> None:
         """Take what has become of an order; a newer one on its way has the last word."""
-        error = None if future.cancelled() else future.exception()
+        error = future.exception()
+        order = None if error is not None else future.result()
         with self._lock:
-            if error is None and not future.cancelled():
-                self.values.update({name: float(value) for name, value in future.result().items()})
+            if order is not None:
+                self.values.update({name: float(each) for name, each in order.values.items()})
             is_newest = number == self._newest[key]
         if error is not None:
             self._remark(str(error))
-        elif is_newest and self.values[key] == asked:
-            self._remark("")
+        elif is_newest and order is not None:
+            self._remark(order.text)
         if is_newest and self.values[key] != asked:
             self._handles[key].value = self.values[key]
 
@@ -79,4 +93,5 @@ def label(slider: Slider) -> str:
     """Shorten a label to a line: letter, what it is of, and unit."""
     words, _, letter = slider.label.rpartition(", ")
     text = f"{SHORT.get(words, words)} {letter}".strip()
-    return f"{text} [{slider.unit}]" if slider.unit else text
+    unit = slider.unit.replace("/", "\u2215").replace(" ", "\u00a0")  # stays in one line
+    return f"{text} [{unit}]" if unit else text

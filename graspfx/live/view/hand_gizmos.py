@@ -13,6 +13,7 @@ from graspfx.live.view.words_on_page import heading
 if TYPE_CHECKING:
     import viser
 
+    from graspfx.live.guides import Guide
     from graspfx.live.live_run import LiveRun
 
 REACH = 2.0  # of a goal from where it starts, in extents
@@ -38,21 +39,21 @@ class HandGizmos:
         self._gizmos: list[Any] = []
         self._squeezes: list[Any] = []
         self._starts = [_spatial(guide.position) for guide in run.guides]
-        if run.guides:
+        if any(_squeezes(guide) for guide in run.guides):
             server.gui.add_html(heading("Hands" if len(run.guides) > 1 else "Hand"))
         for number, guide in enumerate(run.guides):
             gizmo = server.scene.add_transform_controls(
                 f"{PREFIX}{number}", SIZE * scenery.extent, disable_rotations=True, disable_sliders=d == 1,
                 active_axes=(True, d > 1, d > 2), depth_test=False, position=self._starts[number], line_width=2.5,
-                opacity=0.75,
+                opacity=0.5,
             )  # fmt: skip
             gizmo.on_update(self._leader(number))
             self._gizmos.append(gizmo)
             label = f"squeeze of {guide.name} [mm]" if len(run.guides) > 1 else "squeeze [mm]"
-            if len(guide.fingers) > 1 or guide.place is None:
-                least, most = (1e3 * share * scenery.extent for share in (-WIDEST, CLOSEST))
-                step = 10.0 ** np.floor(np.log10((most - least) / 100.0))
-                least, most = (float(step * round(end / step)) for end in (least, most))
+            if _squeezes(guide):
+                size = 1e3 * scenery.extent
+                step = 10.0 ** np.floor(np.log10(size / 200.0))
+                least, most = (float(50.0 * step * round(share * size / (50.0 * step))) for share in (-WIDEST, CLOSEST))
                 slider = server.gui.add_slider(
                     label, least, most, float(step), 0.0,
                     hint="further in towards the object than the scene's own squeeze, or out of it",
@@ -101,6 +102,11 @@ class HandGizmos:
                 self._wake()
 
         return squeeze
+
+
+def _squeezes(guide: Guide) -> bool:
+    """Tell whether a guide is a whole hand's, which can squeeze."""
+    return guide.place is None
 
 
 def _spatial(position: Any) -> Any:

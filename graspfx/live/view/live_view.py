@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -17,6 +17,7 @@ from graspfx.live.view import words_on_page as words
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.gain_sliders import GainSliders
 from graspfx.live.view.hand_gizmos import HandGizmos
+from graspfx.live.view.pace import Pace
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
@@ -53,14 +54,14 @@ class LiveView:
         self.run, self._new_folder, self._tell = run, new_folder, tell
         self._wake, self._wanted = threading.Event(), -1
         self._executor = ThreadPoolExecutor(1, "graspfx-page-orders")
-        self._remark, self._recording, self._last = "", None, None
+        self._remark = ""
         self._recording: Path | None = None
         self._last: Path | None = None
         self._replay: ReplayOnPage | None = None
-        self._pace, self._since = "", (0, 0.0)
+        self._pace = Pace(run.period)
         self._runs, self._fault = run.run_number, ""
         self._scenery = drawn = scenery(run.scene)
-        name = run.scene.source.name
+        name = Path(run.scene.source.name).stem
         self.server: Server = page_server(f"GraspFX  {name}", port, fits=lambda message: self._hands.fits(message))
         viser = self.server.viser
         viser.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(55, 71, 79))
@@ -141,7 +142,9 @@ class LiveView:
         tick, rows = self.run.rows(self.run.tick)
         if not len(rows):
             return None
-        last = history_of(rows[-1:], self.run.layout, self.run.header, changes=self.run.changes, tick=tick + len(rows) - 1)
+        last = history_of(
+            rows[-1:], self.run.layout, self.run.header, changes=self.run.changes, tick=tick + len(rows) - 1
+        )
         return Frames(last, self._scenery.apart)
 
     def _draw(self, frames: Frames, *, charts: bool) -> None:
@@ -156,15 +159,9 @@ class LiveView:
 
     def _texts(self, frames: Frames | None) -> None:
         self._watch()
-        now, tick = time.monotonic(), self.run.tick
         state = "replay" if self._replay is not None else self.run.state
-        before, at = self._since
-        if self.run.state == "running" and 0 <= before < tick and now - at < 3.0:
-            self._pace = f"{(tick - before) * self.run.period / (now - at):.3f} of real time"
-        elif self.run.state != "running":
-            self._pace = ""
-        self._since = (tick, now)
-        lines = [self._pace] if self._pace and self._replay is None else []
+        pace = self._pace.text(self.run.tick, time.monotonic(), is_running=self.run.state == "running")
+        lines = [pace] if pace and self._replay is None else []
         if self.run.has_hardware:
             lines.append("HARDWARE IS ARMED: gains stay within the certificate")
         if self._recording is not None:
@@ -178,6 +175,8 @@ class LiveView:
         self._write(self._note, words.message(self._remark))
         verdict = self._certificate.latest()
         self._write(self._margins, words.margins(verdict))
+        if verdict is not None:
+            self.sliders.widen(verdict)
         unstable = verdict is not None and verdict.is_stable is False
         text = f"FAULT: {self._fault}" if self._fault else ""
         if unstable and not text:
@@ -283,10 +282,3 @@ class LiveView:
             replay.close()
             self._hands.show(True)
             self._charts.clear()
-
-
-def future_of(result: Mapping[str, Any]) -> Future[Mapping[str, Any]]:
-    """Make a future that has its result."""
-    future: Future[Mapping[str, Any]] = Future()
-    future.set_result(result)
-    return future

@@ -38,8 +38,8 @@ def change(value: object) -> bool:
     """Tell whether a value changes the value of a control, and nothing else of it."""
     if not isinstance(value, dict) or list(value) != ["value"]:
         return False
-    scalar = value["value"]
-    return isinstance(scalar, bool | int | float) and math.isfinite(scalar) and abs(scalar) <= 1e12
+    new = value["value"]
+    return name(new) if isinstance(new, str) else isinstance(new, bool | int | float) and math.isfinite(new)
 
 
 GIZMO: Mapping[str, Check] = {"name": name, "owner": lambda value: value == ""}

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-import math
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +34,20 @@ def page_server(label: str, port: int | None = None, *, fits: Callable[[dict[str
         MissingPackageError: no viser.
         InputError: the port is in use.
     """
-    try:
-        import viser
-    except ImportError as error:
-        raise MissingPackageError("viser", "a scene in a browser", HOW) from error
+    require_viser()
+    import viser
+
     return Server(viser, listen(port), label, fits)
+
+
+def require_viser() -> None:
+    """Require that viser is installed, without loading it.
+
+    Raises:
+        MissingPackageError: it is not.
+    """
+    if find_spec("viser") is None:
+        raise MissingPackageError("viser", "a scene in a browser", HOW)
 
 
 class Server:
@@ -92,14 +101,15 @@ class Server:
             return message["name"] in gizmos and (self._fits is None or self._fits(message))
         return True
 
-    def _is_in_range(self, uuid: str, value: float) -> bool:
-        handle = self.viser.gui._gui_input_handle_from_uuid.get(uuid)
-        if handle is None or getattr(handle, "disabled", False):
-            return False
-        if handle._impl.is_button or isinstance(handle._impl.value, bool):
-            return isinstance(value, bool)
-        least, most = getattr(handle, "min", -math.inf), getattr(handle, "max", math.inf)
-        return not isinstance(value, bool) and least <= value <= most
+    def _is_in_range(self, uuid: str, value: bool | float | str) -> bool:
+        """Tell whether a control takes a value: a button group one of its options, a slider what is on it."""
+        handle: Any = self.viser.gui._gui_input_handle_from_uuid.get(uuid)
+        match type(handle).__name__:
+            case "GuiButtonGroupHandle":
+                return value in handle.options
+            case "GuiSliderHandle":
+                return not isinstance(value, bool | str) and handle.min <= value <= handle.max
+        return False
 
     @contextmanager
     def _in_front(self, package: Any) -> Iterator[list[bool]]:

@@ -10,22 +10,18 @@ from numpy.typing import NDArray
 from graspfx.live.arrow_places import Scale, arrows
 from graspfx.live.frame import Frame
 from graspfx.live.scenery import Scenery, Solid
+from graspfx.live.view.force_arrow import ForceArrow, rgb
 from graspfx.show.style import CONTACTS, EXTERNAL, GRID, INTERNAL, PALE
 
 if TYPE_CHECKING:
     import viser
 
 FloatArray = NDArray[np.float64]
-Colour = tuple[int, int, int]
 
+FARTHER = 2.0  # than pictures are seen from: panels take a part of the page, and hands move
+SKY, SUN = 2.0, 1.2  # intensities of light
 OPACITY = 0.62  # of objects: what touches them from behind is seen
 CELLS = 20  # along the floor's grid
-SHAFT, HEAD, LONG = 0.0055, 0.0145, 0.04  # radius of an arrow's shaft, of its head, its length: shares of the extent
-
-
-def rgb(colour: str) -> Colour:
-    """Read "#rrggbb" as three numbers up to 255."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 class SceneTree:
@@ -46,10 +42,11 @@ class SceneTree:
         offset = camera.position - camera.target
         self._towards = offset / np.linalg.norm(offset)
         api.set_up_direction(_triple(scenery.up))
-        start.position, start.look_at = _triple(camera.position), _triple(camera.target)
+        start.position, start.look_at = _triple(camera.target + FARTHER * offset), _triple(camera.target)
         start.up, start.fov = _triple(camera.up), float(np.radians(camera.field))
         start.near, start.far = 1e-3 * scenery.extent, 100.0 * scenery.extent
         api.set_background_image(np.full((1, 1, 3), 252, dtype=np.uint8))
+        self._lights()
         self._objects: dict[str, list[Any]] = {}
         for solid in scenery.solids:
             handle = self._solid(solid)
@@ -62,10 +59,11 @@ class SceneTree:
         ]
         self._colours = [""] * len(self._tips)
         self._tip_places = np.full((len(self._tips), 3), np.nan)
-        self._arrows = api.add_arrows(
-            "/forces", np.zeros((1, 2, 3)), (0, 0, 0), shaft_radius=SHAFT * scenery.extent,
-            head_radius=HEAD * scenery.extent, head_length=LONG * scenery.extent, visible=False,
-        )  # fmt: skip
+        self._arrows = {
+            (i, is_internal): ForceArrow(api, f"/forces/{i}-{kind}", colour, scenery.extent)
+            for i in range(len(scenery.fingers))
+            for is_internal, kind, colour in ((True, "internal", INTERNAL), (False, "external", EXTERNAL))
+        }
         self._last = float("nan")
 
     def show(self, frame: Frame) -> bool:
@@ -84,14 +82,10 @@ class SceneTree:
         self._last = frame.time
         changed = self.scale.follow(frame, elapsed if 0.0 <= elapsed < 1.0 else 0.0)
         scenery = self._scenery
-        ends, is_internal = arrows(frame, self.scale.metres, scenery.radii, scenery.extent, self._towards)
-        if len(ends):
-            colours = np.where(is_internal[:, None], rgb(INTERNAL), rgb(EXTERNAL)).astype(np.uint8)
-            if not np.array_equal(colours, self._arrows.colors):
-                self._arrows.colors = colours
-            self._arrows.points = ends.astype(np.float32)
-        if self._arrows.visible != bool(len(ends)):
-            self._arrows.visible = bool(len(ends))
+        places = arrows(frame, self.scale.metres, scenery.radii, scenery.extent, self._towards)
+        placed = {(each.finger, each.is_internal): each for each in places}
+        for key, arrow in self._arrows.items():
+            arrow.show(placed.get(key))
         return changed
 
     def _solid(self, solid: Solid) -> Any:
@@ -101,6 +95,16 @@ class SceneTree:
             color=rgb(solid.colour), opacity=OPACITY if moves else None, flat_shading=False,
             side="double" if solid.endless else "front", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+
+    def _lights(self) -> None:
+        """Light the scene so that what faces the camera has the colours of figures."""
+        self._api.configure_default_lights(enabled=False, cast_shadow=False)
+        self._api.configure_environment_map(None)
+        self._api.add_light_ambient("/lights/sky", intensity=SKY)
+        over = self._towards + self._scenery.up
+        self._api.add_light_directional(
+            "/lights/sun", intensity=SUN, position=_triple(self._towards + self._scenery.up)
+        )
 
     def _floor(self) -> None:
         """Draw a grid below, or behind what happens in the plane, of round cells."""

@@ -44,7 +44,9 @@ class StripCharts:
         squeeze = _series("squeeze, mean [N]", INTERNAL, None, 2.5)
         self._force_chart = _chart(server, "Force [N]", self._time, self._forces, [squeeze, *pushes])
         own = [_series(name, FINGERS[i % len(FINGERS)], None, 1.5) for i, name in enumerate(fingers)]
-        self._depth_chart = _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
+        self._depth_chart = (
+            _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
+        )
         self._next = -np.inf
 
     def clear(self) -> None:
@@ -73,10 +75,11 @@ class StripCharts:
             _shift(self._depths, 1e3 * np.maximum(0.0, -np.nan_to_num(gap)), steps)
 
     def draw(self) -> None:
-        """Send the charts to the page."""
-        self._force_chart.data = (self._time, *self._forces.copy())
+        """Send the charts to the page, whose abscissa is the run's own time."""
+        time = self._time + (self._next - EVERY if np.isfinite(self._next) else 0.0)
+        self._force_chart.data = (time, *self._forces.copy())
         if self._depth_chart is not None:
-            self._depth_chart.data = (self._time, *self._depths.copy())
+            self._depth_chart.data = (time, *self._depths.copy())
 
 
 def _shift(values: FloatArray, point: FloatArray, steps: int) -> None:
@@ -93,9 +96,10 @@ def _series(label: str, colour: str, dash: list[int] | None, width: float) -> di
 def _chart(
     server: viser.ViserServer, title: str, time: FloatArray, values: FloatArray, series: list[dict[str, Any]]
 ) -> Any:
-    axis = {"stroke": NOTE, "font": "11px sans-serif"}
+    axis = {"stroke": NOTE, "font": "11px sans-serif", "ticks": {"show": False}, "gap": 4}
     return server.gui.add_uplot(
         (time, *values), ({"label": "time [s]"}, *series),  # type: ignore[arg-type]
-        title=title, height=HEIGHT, scales={"x": {"time": False}, "y": {"auto": True}},
-        axes=({**axis, "size": 26}, {**axis, "size": 42}), padding=(6, 12, 0, 0),  # type: ignore[arg-type]
+        title=title, height=HEIGHT, scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+        axes=({**axis, "size": 28}, {**axis, "size": 40}),
+        padding=(8, 12, 0, 0), legend={"live": False},  # type: ignore[arg-type]
     )  # fmt: skip

@@ -54,7 +54,7 @@ def status(state: str, time: float, remarks: Sequence[str]) -> str:
 def margins(verdict: Verdict | None) -> str:
     """Draw a verdict: in words, and each margin as a bar, on which a mark says where stability ends."""
     if verdict is None:
-        return f"<div class=gfx><b>Stability</b> <span class=note>is being computed …</span></div>"
+        return "<div class=gfx><b>Stability</b> <span class=note>is being computed …</span></div>"
     if verdict.is_stable is None:
         return f"<div class=gfx><b>Stability is not known</b><div class=note>{escape(verdict.error)}</div></div>"
     colour = GREEN if verdict.is_stable else RED

@@ -172,6 +172,23 @@ class Recording(Carded, TimedHistory):
         """
         plugins.upward("Recording.to_csv")(self, path, overwrite=overwrite)
 
+    def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and a chart.
+
+        The page stands alone and opens without a network. Frames are 50 to 60 in a second, numbers as recorded, each
+        rounded to 24 bits; the chart has the least and the greatest of every tick.
+
+        Args:
+            path: of the file, which ends in .html; it appears when it is whole.
+            overwrite: whether a file that is there already is replaced.
+
+        Raises:
+            InputError: a recording without a tick, or no path of a page.
+            RecordingError: the file is there already, or cannot be written.
+        """
+        page: Path = plugins.upward("Recording.to_html")(self, path, overwrite=overwrite)
+        return page
+
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
         """Load a recording from a file; also of a run that goes on or was killed, as far as it was written.

@@ -1,0 +1,99 @@
+"""graspfx view: a running scene in the browser, to be looked at and steered; or a recording."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspfx.commands.arguments import add_overrides
+from graspfx.commands.destination import OUT, new_folder
+from graspfx.commands.interrupt import interruptible
+from graspfx.commands.output import SUCCESS, WRONG, note
+from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
+from graspfx.errors import InputError
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+EXAMPLE = """  graspfx view paper-waving
+  graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000
+  graspfx view out/latest --html waving.html"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    text = "a scene's name, the path of a .toml or .py file, or a recording"
+    parser.add_argument("scene", metavar="SCENE_OR_RECORDING", help=text)
+    add_overrides(parser)
+    add_page(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of recordings (out/SCENE, out/SCENE-2, ...)")
+    add_html(parser)
+
+
+def add_page(parser: ArgumentParser) -> None:
+    """Add --port and --seconds."""
+    parser.add_argument("--port", metavar="N", type=int, help="on 127.0.0.1 (the first that is free from 8080 on)")
+    parser.add_argument("--seconds", metavar="S", type=float, help="after which it ends by itself")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.live.view.page_server import require_viser
+
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise InputError("--seconds", options.seconds, "a time above zero")
+    if options.html is None:
+        require_viser()
+    if is_recording(options.scene):
+        with interruptible() as stop:
+            return show_recording(options, stop, _tell)
+    if options.html is not None:
+        return write_run(options)
+    with waiting(f"starting {options.scene}"):
+        scene, notes = _scene(options)
+    note(notes)
+    return _serve(scene, options)
+
+
+def _scene(options: Namespace) -> tuple[Scene, list[str]]:
+    from graspfx.build.resolve import resolve
+    from graspfx.commands.output import doubts
+    from graspfx.scene.load import load
+
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+
+
+def _serve(scene: Scene, options: Namespace) -> int:
+    """Run a scene and serve its page, until asked to stop."""
+    from graspfx.live.live_run import LiveRun
+    from graspfx.live.sliders import sliders
+    from graspfx.live.view.live_view import LiveView
+
+    with interruptible() as stop, waiting(f"starting {options.scene}"):
+        numbers = sliders(scene)
+        run = LiveRun(scene, live=[each.key for each in numbers], guide=_guide(scene))
+        with run, LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell) as page:
+            if run.has_hardware:
+                _tell("hardware is armed: its fingers feel forces from now on; the page's gains stay certified")
+            _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
+            page.serve(stop, options.seconds)
+    return WRONG if run.fault is not None or run.error is not None else SUCCESS
+
+
+def _guide(scene: Scene) -> str:
+    return "hands" if scene.hand else "fingers"
+
+
+def _folder(options: Namespace, scene: Scene) -> Path:
+    """Make the folder of a further recording."""
+    if options.out is None:
+        return new_folder(OUT, Path(scene.source.name).stem)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    return new_folder(options.out.parent, options.out.name)
+
+
+def _tell(text: str) -> None:
+    print(text)
+    sys.stdout.flush()

@@ -1,0 +1,250 @@
+"""A recording on a page of viser: scrubbed, played slower or faster, with the scene and the charts of a running one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from graspfx.errors import InputError
+from graspfx.live.frame import STATES, Frames
+from graspfx.live.scenery import recorded_scenery
+from graspfx.live.view import words_on_page as words
+from graspfx.live.view.page_server import Server, page_server
+from graspfx.live.view.scene_tree import SceneTree
+from graspfx.live.view.strip_charts import EVERY, SECONDS, StripCharts
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.record import Recording
+
+FRAME = 1.0 / 30.0  # from a frame to the next [s]
+IDLE = 0.25  # between two looks for pages [s]
+CHARTS, TEXTS = 0.12, 0.3  # from a drawing of charts, and of texts and the slider, to the next [s]
+SETTLED = 0.15  # after a seek, until charts are filled with what was before [s]
+WIDTH = 340  # of the panels [pixels]
+SPEEDS = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+MOST_VALUES = 12  # of the scene, listed beside
+
+
+class RecordingView:
+    """A page on which a recording is played; of its rows, those are read that are shown.
+
+    Args:
+        recording: of a run, of any length.
+        folder: where relative paths of meshes start; that of the scene if None.
+        port: on 127.0.0.1; by default the first that is free from 8080 on, 0 for any.
+
+    Attributes:
+        server: of the page.
+        time: that is shown [s].
+        playing: whether it goes on by itself.
+        speed: of playing, as a share of real time.
+
+    Raises:
+        InputError: a recording without a tick, or a port in use.
+        MissingPackageError: no viser.
+    """
+
+    def __init__(self, recording: Recording, *, folder: Path | None = None, port: int | None = None) -> None:
+        if not len(recording):
+            raise InputError("recording", 0, "one with at least one tick")
+        self.recording = recording
+        self.time, self.playing, self.speed = 0.0, False, 1.0
+        self._lock = threading.Lock()
+        self._sought, self._stale = -SETTLED, True
+        self._scenery = scene = recorded_scenery(recording.header, recording.layout, folder)
+        name = recording.header.title or Path(recording.header.scene).stem or "a recording"
+        self.server: Server = page_server(f"GraspFX  {name}", port)
+        viser = self.server.viser
+        viser.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(55, 71, 79))
+        side = viser.gui.add_panel()
+        with side.add_tab("Forces"):
+            self._legend = viser.gui.add_html("")
+            has_depth = "gap" in recording.layout.columns
+            self._charts = StripCharts(viser, scene.fingers, recording.layout.dimensions, has_depth)
+        side.dock_left()
+        side.set_width(WIDTH)
+        viser.gui.main_panel.dock_right()
+        viser.gui.main_panel.set_width(WIDTH)
+        viser.gui.add_html(words.PAGE_STYLE)
+        self._status = viser.gui.add_html("")
+        self._slider: Any = viser.gui.add_slider("time [s]", 0.0, max(self.end, 1e-6), self._step, 0.0)
+        self._slider.on_update(self._seek)
+        orders: dict[str, Callable[[], object]] = {
+            "Play": self.play, "Pause": self.pause, "‹": lambda: self.step(-1), "›": lambda: self.step(1),
+            "Begin": lambda: self.go(0.0),
+        }  # fmt: skip
+        speeds: dict[str, Callable[[], object]] = {text: self._chooser(speed) for text, speed in SPEEDS.items()}
+        for label, actions in (("play", orders), ("speed", speeds)):
+            viser.gui.add_button_group(label, tuple(actions)).on_click(self._presser(actions))
+        viser.gui.add_html(_values(recording))
+        self._tree = SceneTree(viser, scene)
+        columns = recording.layout.columns
+        touch = ("stick", "slide") if "status" in columns else ("touch",)
+        self._states = [
+            each for each in STATES if each in ("free", *touch) or (each == "limit" and "saturated" in columns)
+        ]
+        self._write(self._legend, words.legend(self._states, self._tree.scale.text))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.server.stop()
+
+    @property
+    def end(self) -> float:
+        """Time of the last row [s]."""
+        return (len(self.recording) - 1) * self.recording.row_period
+
+    @property
+    def row(self) -> int:
+        """Number of the row that is shown."""
+        return self._row_at(self.time)
+
+    def go(self, time: float) -> None:
+        """Show a time [s]."""
+        with self._lock:
+            self.time = min(max(time, 0.0), self.end)
+            self._sought, self._stale = now(), True
+
+    def play(self) -> None:
+        """Let it go on by itself, from the beginning where it has ended."""
+        if self.time >= self.end:
+            self.go(0.0)
+        self.playing = True
+
+    def pause(self) -> None:
+        """Let it stand still."""
+        self.playing = False
+
+    def step(self, steps: int) -> None:
+        """Show a time some steps of the slider away, and stand still there."""
+        self.pause()
+        self.go(round(self.time / self._step + steps) * self._step)
+
+    def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
+        """Show the recording to whoever looks on, until asked to stop, or for that many seconds."""
+        last = began = now()
+        end = None if seconds is None else began + seconds
+        charts = texts = 0.0
+        shown = -1
+        while not stop() and (end is None or now() < end):
+            began, elapsed = now(), now() - last
+            last = began
+            if not self.server.pages:
+                time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - began)))
+                last, shown = now(), -1
+                continue
+            self._advance(elapsed)
+            if self.row != shown or self._stale:
+                shown = self.row
+                self._draw(shown, charts=began >= charts)
+                if began >= charts:
+                    charts = began + CHARTS
+            if began >= texts:
+                texts = began + TEXTS
+                self._texts()
+            self.server.viser.flush()
+            time.sleep(max(0.0, FRAME - (now() - began)))
+
+    @property
+    def _step(self) -> float:
+        """Time from one place of the slider to the next: a row's, or longer where there are very many [s]."""
+        return max(self.recording.row_period, 1e-3)
+
+    def _row_at(self, time: float) -> int:
+        return min(len(self.recording) - 1, max(0, round(time / self.recording.row_period)))
+
+    def _advance(self, elapsed: float) -> None:
+        with self._lock:
+            if self.playing:
+                self.time = min(self.time + self.speed * min(elapsed, 0.2), self.end)
+                self.playing = self.time < self.end
+
+    def _draw(self, row: int, *, charts: bool) -> None:
+        frames = self._frames(row)
+        with self.server.viser.atomic():
+            if self._tree.show(frames[0]):
+                self._write(self._legend, words.legend(self._states, self._tree.scale.text))
+            if self._stale and now() - self._sought >= SETTLED:
+                self._fill(row)
+                charts = True
+            if not self._stale and self._charts.wants(float(frames.time[0])):
+                self._charts.add(frames)
+            if charts and not self._stale:
+                self._charts.draw()
+
+    def _fill(self, row: int) -> None:
+        """Fill the charts with the seconds before a row."""
+        self._stale = False
+        self._charts.clear()
+        every = max(1, round(EVERY / self.recording.row_period))
+        for k in range(max(row % every, row - int(SECONDS / self.recording.row_period)), row + 1, every):
+            self._charts.add(self._frames(k))
+
+    def _frames(self, row: int) -> Frames:
+        return Frames(self.recording.part(row, row + 1), self._scenery.apart)
+
+    def _texts(self) -> None:
+        seconds = round(self.time, 6)
+        if abs(float(self._slider.value) - seconds) > 0.5 * self._step:
+            self._slider.value = min(seconds, self._slider.max)
+        state = f"plays at {self.speed:g} of real time" if self.playing else "stands still"
+        self._write(self._status, words.status(state, self.time, _remarks(self.recording, self.time)))
+
+    def _write(self, html: Any, content: str) -> None:
+        if html.content != content:
+            html.content = content
+
+    def _chooser(self, speed: float) -> Callable[[], None]:
+        def choose() -> None:
+            self.speed = speed
+
+        return choose
+
+    def _presser(self, actions: dict[str, Callable[[], object]]) -> Callable[[Any], Any]:
+        async def press(event: Any) -> None:
+            if event.client_id is not None:
+                actions[event.target.value]()
+
+        return press
+
+    async def _seek(self, event: Any) -> None:
+        if event.client_id is not None:
+            self.pause()
+            self.go(float(event.target.value))
+
+
+def now() -> float:
+    """Read the clock [s]."""
+    return time.monotonic()
+
+
+def _remarks(recording: Recording, time: float) -> list[str]:
+    """List what has happened in the run up to a time."""
+    T = recording.period
+    changes = [f"{change.key} = {change.value!r} since {change.tick * T:.3f} s" for change in recording.changes
+               if change.tick * T <= time]  # fmt: skip
+    faults = [
+        f"FAULT at {fault.tick * T:.3f} s: {fault.message}" for fault in recording.faults if fault.tick * T <= time
+    ]
+    return [*faults, *changes[-3:]]
+
+
+def _values(recording: Recording) -> str:
+    from html import escape
+
+    from graspfx.live.page.values import values_of
+
+    rows = "".join(
+        f"<div class=row><span>{escape(each['label'])}</span>"
+        f"<span>{escape(each['values'][0][1])} {escape(each['unit'])}</span></div>"
+        for each in values_of(recording)[:MOST_VALUES]
+    )
+    return f"<div class=gfx><b>At the start</b>{rows}</div>"

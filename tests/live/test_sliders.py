@@ -1,0 +1,88 @@
+"""Sliders: which numbers a scene lets change, in which range, and why others stay."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import graspfx as gx
+from graspfx.live.certifier import Certifier
+from graspfx.live.sliders import Slider, fixed_keys, sliders, widened
+
+FRICTION = "coupling.friction"
+SCENES = ("reference-1dof", "paper-waving", "sphere-three-fingers", "mug", "knob", "soft-pads", "two-objects", "carry-bar")
+GAINS = [f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")]
+
+
+def of(scene: gx.Scene) -> dict[str, Slider]:
+    return {slider.key: slider for slider in sliders(scene)}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_slider_moves_a_number_of_a_run(name: str) -> None:
+    """Both ends of each range, and the value in it, are taken by a session with all of them live."""
+    scene = gx.load(name)
+    each = of(scene)
+    assert list(each)[:4] == GAINS
+    for slider in each.values():
+        assert 0.0 <= slider.least <= slider.value <= slider.most
+        assert slider.least < slider.most
+        assert 100 <= (slider.most - slider.least) / slider.step <= 500
+        assert slider.text.startswith(slider.label)
+    with gx.open(scene, live=list(each)) as session:
+        session.step(3)
+        for slider in each.values():
+            for value in (slider.least, slider.most, slider.value):
+                session.set(slider.key, value)
+                session.step(1)
+        assert not session.fault
+
+
+def test_labels_have_words_letter_and_unit() -> None:
+    texts = {slider.key: slider.text for slider in sliders(gx.load("sphere-three-fingers"))}
+    assert texts[GAINS[0]] == "external stiffness, k_ep [N/m]"
+    assert texts[GAINS[3]] == "internal damping, k_id [N s/m]"
+    assert texts[FRICTION] == "friction, µ"
+    assert texts["object.mass"] == "mass, m [kg]"
+    assert texts["object.rotational_viscosity"] == "rotational viscosity, b_w [N m s/rad]"
+
+
+def test_what_cannot_change_says_why() -> None:
+    mug = gx.load("mug")
+    assert "object.density" not in of(mug)
+    assert fixed_keys(mug) == {"object.density": "an object on planes has its mass in another process"}
+    two = gx.load("two-objects")
+    assert "object.0.mass" not in of(two)
+    assert fixed_keys(two)["object.1.viscosity"].startswith("other software moves an object")
+    smooth = gx.load("reference-1dof")
+    assert FRICTION not in of(smooth)
+    assert "memory" in fixed_keys(smooth)[FRICTION]
+    own = gx.load("sphere-three-fingers", {"finger.1.friction": 0.4})
+    assert of(own)["finger.1.friction"].label == "friction of index, µ"
+    booked = gx.load("sphere-three-fingers", {"coupling.passivity": "observe"})
+    assert "ledger" in fixed_keys(booked)["object.mass"]
+
+
+def test_a_gain_that_is_no_number_has_no_slider() -> None:
+    """A matrix, or a gain of each finger, is not moved by one slider: the others are there."""
+    scene = gx.load("sphere-three-fingers", {GAINS[0]: [[200.0, 0.0, 0.0], [0.0, 300.0, 0.0], [0.0, 0.0, 250.0]]})
+    assert GAINS[0] not in of(scene)
+    assert "no single number" in fixed_keys(scene)[GAINS[0]]
+    assert GAINS[2] in of(scene)
+
+
+@pytest.mark.parametrize("name", ["paper-waving", "sphere-three-fingers", "mug"])
+def test_ranges_reach_beyond_limits(name: str) -> None:
+    scene = gx.load(name)
+    verdict = list(Certifier(scene).stages({}))[-1]
+    limits = {row.mode: row.limit for row in verdict.rows}
+    for slider in sliders(scene):
+        wide = widened(slider, verdict)
+        if slider.key in (GAINS[0], GAINS[2]):
+            limit = limits[slider.key.split(".")[1]]
+            assert math.isfinite(limit)
+            assert wide.least <= wide.value <= limit < wide.most
+            assert widened(wide, verdict) is wide
+        else:
+            assert wide is slider
