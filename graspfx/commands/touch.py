@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 EXAMPLE = """  graspfx touch paper-waving
   graspfx touch paper-waving --lan"""
 LOG = "touches.csv"
-SHOWN = "two fingers on the page hold the object; its force is shown, not felt. Ctrl-C ends it"
+INVITATION = "two fingers on the page hold the object; its force is shown, not felt. Ctrl-C ends it"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -59,7 +59,7 @@ def execute(options: Namespace) -> int:
         note(notes)
         with interruptible() as stop, touch:
             _invite(line, gate)
-            print(SHOWN, flush=True)
+            print(INVITATION, flush=True)
             touch.wait(_looks(stop, line, gate, options.seconds))
             fault = touch.fault
     if options.out is not None:

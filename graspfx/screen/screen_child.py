@@ -35,10 +35,10 @@ def main(board: int, answers: int, settings: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has the device, who closes this
     with suppress(OSError):
         os.nice(NICENESS)
-    chosen: dict[str, Any] = json.loads(settings)
+    table: dict[str, Any] = json.loads(settings)
     with os.fdopen(answers, "w", encoding="utf-8") as answer:
         try:
-            screen = _Screen(board, chosen)
+            screen = _Screen(board, table)
         except (GraspFXError, OSError) as error:
             answer.write(f"no {' '.join(str(error).split())}\n")
             return
@@ -49,15 +49,15 @@ def main(board: int, answers: int, settings: str) -> None:
 class _Screen:
     """A page whose fingers are a device's."""
 
-    def __init__(self, board: int, chosen: dict[str, Any]) -> None:
-        fingers, lan = int(chosen["fingers"]), bool(chosen["lan"])
+    def __init__(self, board: int, table: dict[str, Any]) -> None:
+        fingers, lan = int(table["fingers"]), bool(table["lan"])
         self.board, self._fingers, self._lock = Board(board, fingers), fingers, threading.Lock()
-        line = listen(network_address() if lan else "127.0.0.1", chosen["port"])
+        line = listen(network_address() if lan else "127.0.0.1", table["port"])
         gate = gate_for(line, lan=lan)
         if lan:
             address = url(line, gate.renew())
             print(f"{code(address)}\n{address}\ngood for one screen within ten minutes", file=sys.stderr, flush=True)
-        self.server = TouchServer(line, gate, fingers, Box(*chosen["box"]), json.dumps(chosen["scenery"]), self)
+        self.server = TouchServer(line, gate, fingers, Box(*table["box"]), json.dumps(table["scenery"]), self)
         self.server.__enter__()
 
     def press(self, finger: int, place: tuple[float, float]) -> None:

@@ -145,5 +145,5 @@ class TouchScreen:
                 ["on the screen", "#7f7f7f", False],
             ],
         }
-        chosen = {"fingers": self.fingers, "port": self.port, "box": self.box, "lan": self.lan, "scenery": scenery}
-        return json.dumps(chosen)
+        table = {"fingers": self.fingers, "port": self.port, "box": self.box, "lan": self.lan, "scenery": scenery}
+        return json.dumps(table)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 WIDE, HIGH = 2.1, 1.4  # half sides of the box, in extents of the scene
-SHOWN = "The force is shown here, not felt."
+CAVEAT = "The force is shown here, not felt."
 LEGEND = (
     ("squeeze (internal force)", INTERNAL, True),
     ("push (external force)", EXTERNAL, True),
@@ -55,7 +55,7 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
     most = "one finger" if touchable == 1 else f"up to {touchable} fingers"
     return json.dumps({
         "title": title,
-        "hint": f"Touch with {most}. {SHOWN}",
+        "hint": f"Touch with {most}. {CAVEAT}",
         "fault": fault,
         "box": box,
         "touchable": touchable,

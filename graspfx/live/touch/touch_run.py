@@ -156,7 +156,7 @@ class TouchRun:
 
     def _follow(self) -> None:
         """Step goals and send pictures, until the end."""
-        tick, shown = -1, 0.0
+        tick, pictured = -1, 0.0
         while not self._is_over.is_set():
             if self.run.state == "ended" or self.run.fault is not None:
                 if not self._begin_anew():
@@ -167,8 +167,8 @@ class TouchRun:
             if self.run.await_row(tick, 0.05):
                 tick, row = self.run.tick, self.run.row()
                 busy = self.server.has_touches
-                if row is not None and time.monotonic() - shown > (QUICK if busy else SLOW) - 0.5 * STEP:
-                    shown = time.monotonic()
+                if row is not None and time.monotonic() - pictured > (QUICK if busy else SLOW) - 0.5 * STEP:
+                    pictured = time.monotonic()
                     self._show(row, tick)
             self._step()
             self._is_over.wait(max(0.0, STEP - (time.monotonic() - began)))
