@@ -1,4 +1,4 @@
-"""What a touch screen shows of a scene in the plane or on a line: outlines once, and a row of numbers per picture."""
+"""Pictures of a touch screen, of scenes in the plane or on a line: outlines once, a row of numbers for each picture."""
 
 from __future__ import annotations
 
