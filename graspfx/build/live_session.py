@@ -136,7 +136,7 @@ class LiveSession(RealTimeSession):
         Raises:
             InputError: a scene with hardware.
         """
-        self._require_simulations("pause")
+        self.require_no_hardware("pause")
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
@@ -145,7 +145,7 @@ class LiveSession(RealTimeSession):
         Raises:
             InputError: a scene with hardware.
         """
-        self._require_simulations("resume")
+        self.require_no_hardware("resume")
         self.ring.words[Word.HALT] = 0
 
     def advance(self, ticks: int = 1) -> None:
@@ -154,7 +154,7 @@ class LiveSession(RealTimeSession):
         Raises:
             InputError: a scene with hardware, or no whole number above zero.
         """
-        self._require_simulations("step")
+        self.require_no_hardware("step")
         if type(ticks) is not int or ticks < 1:
             raise InputError("ticks", ticks, "a whole number of ticks, one or more")
         words = self.ring.words
@@ -163,9 +163,14 @@ class LiveSession(RealTimeSession):
             time.sleep(2.0 * self.scene.period)  # for a tick that has begun
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
-    def _require_simulations(self, what: str) -> None:
+    def require_no_hardware(self, action: str) -> None:
+        """Require that no device of the scene shows forces to anybody.
+
+        Raises:
+            InputError: one does.
+        """
         if self.servo.hardware:
             raise InputError(
-                what, ", ".join(self.servo.hardware), "a scene of simulations alone",
+                action, ", ".join(self.servo.hardware), "a scene of simulations alone",
                 "hardware shows the force of every tick: let it rest instead",
             )  # fmt: skip

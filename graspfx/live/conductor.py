@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from threading import Condition, Thread
 from typing import Any, NamedTuple
 
@@ -57,7 +58,8 @@ class Conductor:
             self._requests.append(last)
             self._change.notify()
         for each in waiting:
-            each.future.set_exception(_over())
+            if each.future.set_running_or_notify_cancel():
+                each.future.set_exception(_over())
         last.future.result()
         self._thread.join()
 
@@ -83,13 +85,16 @@ class Conductor:
                 self._set(batch)
             if is_last:
                 return
-            self._look()
+            with suppress(Exception):  # such as a warning that somebody has made an error of: it was seen
+                self._look()
 
     def _next(self) -> list[_Request]:
         """Take the next action, or all values before it."""
         batch: list[_Request] = []
         while self._requests and not (batch and (batch[0].action or self._requests[0].action)):
-            batch.append(self._requests.pop(0))
+            request = self._requests.pop(0)
+            if request.future.set_running_or_notify_cancel():
+                batch.append(request)
         return batch
 
     def _set(self, batch: list[_Request]) -> None:

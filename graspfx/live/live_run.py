@@ -261,7 +261,7 @@ class LiveRun:
         Raises:
             InputError: a scene with hardware.
         """
-        self._session._require_simulations("pause")
+        self._session.require_no_hardware("pause")
         self._conductor.do(lambda: self._session.pause())
 
     def resume(self) -> None:
@@ -270,7 +270,7 @@ class LiveRun:
         Raises:
             InputError: a scene with hardware.
         """
-        self._session._require_simulations("resume")
+        self._session.require_no_hardware("resume")
         self._conductor.do(lambda: self._session.resume())
 
     def step(self, ticks: int = 1) -> None:
@@ -279,7 +279,7 @@ class LiveRun:
         Raises:
             InputError: a scene with hardware, or no whole number above zero.
         """
-        self._session._require_simulations("step")
+        self._session.require_no_hardware("step")
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:

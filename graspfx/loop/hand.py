@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,6 @@ from graspfx.loop.motion.motion import Levels, Motion, Rest, floats, lay_out, pa
 from graspfx.loop.motion.state import HandState, JoinedHandsState
 from graspfx.loop.motion.targets import guided_target, joined_guided_target, joined_target, target
 from graspfx.loop.motion.turn import Turn
-
-if TYPE_CHECKING:
-    from graspfx.loop.guided_hand import GuidedHand
 
 FloatArray = NDArray[np.float64]
 
@@ -276,19 +273,20 @@ def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> pla
     return JoinedHands(hands, order)
 
 
-def adopt_block(hand: Hand | JoinedHands | GuidedHand, other: Hand | JoinedHands | GuidedHand) -> None:
+def adopt_block(hand: Any, other: Any) -> None:
     """Copy the block of another hand: targets are worked out from it at every time anew.
 
     Raises:
         InputError: a hand of another structure, or one with motions that are no kernels.
     """
+    followers: Sequence[int] = hand.followers
     same = type(other) is type(hand) and other.state.shape == hand.state.shape
     same = same and np.array_equal(other.structure, hand.structure)
     if not same or not np.array_equal(other.state[other.structure], hand.state[hand.structure]):
         raise InputError("other", other, "a hand with as many motions and turns, of the same kinds")
     if not isinstance(hand, plant.FusedHand):
         raise InputError("hand", hand, "a hand whose motions are all of this package")
-    places = np.array(hand.followers, dtype=np.intp)
+    places = np.array(followers, dtype=np.intp)
     following = hand.state[places]
     hand.state[:] = other.state
     hand.state[places] = following

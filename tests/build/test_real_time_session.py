@@ -135,9 +135,11 @@ def test_hands_and_devices_of_simulations_take_new_numbers_in_real_time() -> Non
 
 def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:
     with board() as wire:
-        scene = boards_scene([wire], PATIENT)
+        table = boards_scene([wire], PATIENT).to_dict()
+        simulated = {"device": {"name": "simulated", "mass": 0.1}, "hand": {"stiffness": 50.0}}
+        table["finger"].append({"start": [0.0, 0.2], "object": "ball0", **simulated})
         with pytest.raises(InputError, match="begins with the hands and the devices that it has"):
-            gx.open(scene, real_time=True, live=["finger.1.hand.stiffness"])
+            gx.open(gx.Scene(**table), real_time=True, live=["finger.1.hand.stiffness"])
     with pytest.raises(InputError, match="a device's mechanics are its own"):
         gx.open("paper-waving", real_time=True, live=["finger.0.device.mass"])
     with pytest.raises(InputError, match="True for the wall's clock"):

@@ -86,7 +86,7 @@ class GoalSender:
         counts = [len(place.entries) for place in places]
         self._starts = np.cumsum([0, *counts]).tolist()
         self._goals = np.concatenate([place.memory[place.entries] for place in places]) if places else np.zeros(0)
-        self._told = self._goals.copy()
+        self._last = self._goals.copy()
         self._number, self._lock = 0, Lock()
 
     def values(self, number: int) -> tuple[FloatArray, float]:
@@ -142,12 +142,12 @@ class GoalSender:
         values: dict[str, Any] = {}
         for i, (table, _) in enumerate(self.keys):
             first, last = self._starts[i], self._starts[i + 1]
-            own, before = goals[first:last], self._told[first:last]
+            own, before = goals[first:last], self._last[first:last]
             if own[:-1].tobytes() != before[:-1].tobytes():
                 values[f"{table}.guide.offset"] = own[:-1].reshape(-1, self._dimensions).tolist()
             if own[-1:].tobytes() != before[-1:].tobytes():
                 values[f"{table}.guide.squeeze"] = float(own[-1])
-        self._told = goals.copy()
+        self._last = goals.copy()
         return values
 
 

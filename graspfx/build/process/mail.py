@@ -45,7 +45,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
         (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
     ]
     if servo.ticks == 0:  # a copy that has not run either has the same numbers: a mesh has a hundred thousand
-        entries = [_news(own[which], which, where, numbers) for which, where, numbers in entries]
+        entries = [_news(own[i], i, where, numbers) for i, where, numbers in entries]
     anew = {id(part): new for part, new in update.parts}
     for j, wiring in ((j, servo.plants[j]) for j in update.plants):
         hand: Any = anew.get(id(wiring.hand), wiring.hand)
@@ -53,14 +53,14 @@ def letter_of(servo: Servo, update: Update) -> Letter:
         if not is_carried(hand) or (id(wiring.plant) in anew and not isinstance(plant, CarriedPlant)):
             raise _refusal(update.values)
         hold = Hold(hand, plant)
-        entries += [(len(own) + 3 * j + which, where, numbers) for which, where, numbers in hold.numbers()]
+        entries += [(len(own) + 3 * j + i, where, numbers) for i, where, numbers in hold.numbers()]
     return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)
 
 
-def _news(memory: FloatArray, which: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
+def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
     """Leave out numbers that a memory has already, to the bit."""
     differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
-    return which, where[differ], numbers[differ]
+    return number, where[differ], numbers[differ]
 
 
 def _refusal(values: Mapping[str, Any]) -> InputError:

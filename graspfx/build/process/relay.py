@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -53,8 +53,9 @@ class Relay:
         Raises:
             RecordingError: the recorder cannot take it.
         """
-        self._fetch_notes()
-        self._fetch_goals()
+        changes = [*self._changes(), *self._goal_changes()]
+        for tick, values in sorted(changes, key=lambda change: change[0]):
+            self._recorder.change(tick, values)
         if self._recorder.backlog > BACKLOG:
             return
         head, first = int(self._ring.words[Word.HEAD]), self.ticks
@@ -91,18 +92,19 @@ class Relay:
         self._recorder.take(count)
         self._recorder.drain()
 
-    def _fetch_goals(self) -> None:
-        """Record the goals that were taken since the last time; who comes 16384 ticks late has lost some."""
+    def _goal_changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
+        """List the goals that were taken since the last time; who comes 16384 of them late has lost some."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
             row = self._ring.goal_log[number % SLOTS]
             if self._name_goals is not None and (values := self._name_goals(row[1:])):
-                self._recorder.change(int(row[0]), values)
+                yield int(row[0]), values
         self._goals = count
 
-    def _fetch_notes(self) -> None:
+    def _changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
+        """List the changes of keys since the last time; faults that were noted meanwhile are recorded."""
         for kind, tick, content in self._ring.notes.news():
             if kind == "fault":
                 self.note_fault(tick, content)
             else:
-                self._recorder.change(tick, self.letters.pop(content[LETTER]) if LETTER in content else content)
+                yield tick, self.letters.pop(content[LETTER]) if LETTER in content else content

@@ -121,6 +121,40 @@ def test_notes_are_there_however_a_process_ends(pair: tuple[Ring, Ring], layout:
     assert [tuple(change) for change in rec.outcome.changes] == [(4, "coupling.friction", 0.5), (5, "rest", "stop")]
 
 
+def test_notes_go_round(pair: tuple[Ring, Ring], layout: Layout) -> None:
+    """A slider that is dragged for an hour leaves more notes than there is room for at once; none is lost."""
+    ours, theirs = pair
+    servo, recorder, rng = RingRecorder(theirs), Recorder(layout, Header(0.001)), np.random.default_rng(0)
+    relay, count = Relay(ours, recorder), 0
+    while theirs.words[Word.NOTES] < 3.3 * NOTES:
+        for _ in range(int(rng.integers(1, 60))):
+            servo.change(count, {"rest": "x" * int(rng.integers(0, 300))})
+            count += 1
+        relay.fetch()
+    assert [change.tick for change in recorder.changes] == list(range(count))
+
+
+def test_goals_are_told_once_each_in_order(layout: Layout) -> None:
+    """Also over the end of their log; who comes too late has the last ones."""
+    file = create(layout.width, 3)
+    ours, theirs = Ring(file, layout.width, 1, 3), Ring(file, layout.width, 1, 3)
+    os.close(file)
+    recorder = Recorder(layout, Header(0.001))
+    relay = Relay(ours, recorder, goals=lambda goals: {"goal": goals.tolist()})
+    for first in range(0, 3 * SLOTS, SLOTS // 2):
+        for k in range(first, first + SLOTS // 2):
+            theirs.goal_log[k % SLOTS] = k, k, 2 * k, -k
+        theirs.words[Word.GOALS] = first + SLOTS // 2
+        relay.fetch()
+    assert [change.tick for change in recorder.changes] == list(range(3 * SLOTS))
+    assert recorder.changes[-1].value == [3 * SLOTS - 1, 6 * SLOTS - 2, 1 - 3 * SLOTS]
+    ours.goals[1] = 7.0
+    assert theirs.goals.tolist() == [[0.0] * 3, [7.0] * 3]
+    theirs.words[Word.GOALS] += 2 * SLOTS
+    relay.fetch()
+    assert len(recorder.changes) == 4 * SLOTS - 1
+
+
 def test_a_letter_is_read_as_it_was_written() -> None:
     place = memoryview(bytearray(1 << 12))
     entries = [
@@ -128,9 +162,9 @@ def test_a_letter_is_read_as_it_was_written() -> None:
         (0, np.zeros(0, np.intp), np.zeros(0)),
         (1, np.array([3], np.intp), np.array([2.5])),
     ]
-    letters.write(Letter(entries, [1, 0]), place)
+    letters.write(Letter(entries, [1, 0], [2]), place)
     letter = letters.read(place)
-    assert letter.objects == [1, 0]
+    assert (letter.objects, letter.plants) == ([1, 0], [2])
     for (memory, places, numbers), (m, p, n) in zip(entries, letter.entries, strict=True):
         assert (memory, places.tolist(), numbers.tobytes()) == (m, p.tolist(), n.tobytes())
     with pytest.raises(InputError, match="bytes at most"):
