@@ -17,7 +17,7 @@ WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures map face fast test durations coverage lint types contracts clean
+.PHONY: help demo pictures screenshots map face fast test durations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -51,6 +51,9 @@ pictures: demo ## draw every figure of the docs: of the demo, scenes, explanatio
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
 				--overwrite --out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
+
+screenshots: $(WORK_READY) ## draw the pages that browsers show, where there is a Chromium
+	$(INTERPRETER) -m tests.support.screenshots
 
 map: $(WORK_READY) ## draw the map of rooms from the code
 	$(INTERPRETER) -m tests.support.rooms > docs/development/map.md

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.analysis.pushing import condensed
 from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.certificate.rest.resting import Grip
-from graspfx.coupling import block
+from graspfx.coupling.block import FRAME
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.split import Split
@@ -104,7 +104,7 @@ def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Flo
 
 def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
     """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
-    frames = g.rows[:, block.FRAME : block.FRAME + 9].reshape(-1, 3, 3)
+    frames = g.rows[:, FRAME : FRAME + 9].reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from graspfx.commands.arguments import add_overrides
 from graspfx.commands.destination import OUT, new_folder
@@ -50,40 +51,36 @@ def execute(options: Namespace) -> int:
             return show_recording(options, stop, _tell)
     if options.html is not None:
         return write_run(options)
-    with waiting(f"starting {options.scene}"):
-        scene, notes = _scene(options)
-    note(notes)
-    return _serve(scene, options)
-
-
-def _scene(options: Namespace) -> tuple[Scene, list[str]]:
     from graspfx.build.resolve import resolve
     from graspfx.commands.output import doubts
     from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+    with waiting(f"checking {options.scene}"):
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        parts = resolve(scene)
+        notes = [*parts.mesh_notes, *doubts(scene)]
+    note(notes)
+    loose = "fingers" if not parts.hardware else None  # a finger is led by itself only where nobody has it in his hand
+    return _serve(scene, "hands" if scene.hand else loose, options)
 
 
-def _serve(scene: Scene, options: Namespace) -> int:
+def _serve(scene: Scene, guide: Literal["hands", "fingers"] | None, options: Namespace) -> int:
     """Run a scene and serve its page, until asked to stop."""
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import sliders
     from graspfx.live.view.live_view import LiveView
 
-    with interruptible() as stop, waiting(f"starting {options.scene}"):
-        numbers = sliders(scene)
-        run = LiveRun(scene, live=[each.key for each in numbers], guide=_guide(scene))
-        with run, LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell) as page:
-            if run.has_hardware:
-                _tell("hardware is armed: its fingers feel forces from now on; the page's gains stay certified")
-            _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
-            page.serve(stop, options.seconds)
-    return WRONG if run.fault is not None or run.error is not None else SUCCESS
-
-
-def _guide(scene: Scene) -> str:
-    return "hands" if scene.hand else "fingers"
+    with interruptible() as stop, ExitStack() as stack:
+        with waiting(f"starting {options.scene}"):
+            numbers = sliders(scene)
+            run = stack.enter_context(LiveRun(scene, live=[each.key for each in numbers], guide=guide))
+            view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
+            page = stack.enter_context(view)
+        if run.has_hardware:
+            _tell("HARDWARE IS ARMED: its fingers feel forces; the page's gains stay within the certificate")
+        _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
+        page.serve(stop, options.seconds)
+        return WRONG if run.fault is not None or run.cause else SUCCESS
 
 
 def _folder(options: Namespace, scene: Scene) -> Path:

@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 LONGEST = 0.42  # as a share of the extent, of an arrow
 SHORTEST = 0.04  # as a share of the longest: below this a force is no arrow
-BESIDE = 0.011  # from an arrow's line to where it is drawn, as a share of the extent
+BESIDE = 0.014  # from an arrow's line to where it is drawn, as a share of the extent
 NICE = (1.0, 2.0, 5.0)
 LEAST_FORCE, MOST_FORCE = 1e-6, 1e6  # that an arrow of full length stands for [N]
 

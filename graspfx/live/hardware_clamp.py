@@ -29,12 +29,12 @@ class Order:
     """An order to hardware, as it was carried out.
 
     Attributes:
-        asked: values by live key.
+        request: values by live key, as they were ordered.
         values: that were set; none where the order was refused.
         text: what was asked, what was set, and why; empty where it was set as asked.
     """
 
-    asked: Mapping[str, Any]
+    request: Mapping[str, Any]
     values: Mapping[str, Any]
     text: str = ""
 
@@ -91,11 +91,11 @@ class HardwareClamp:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._futures or self._closed)
-                asked, futures = self._waiting, self._futures
+                request, futures = self._waiting, self._futures
                 self._waiting, self._futures = {}, []
                 closed = self._closed
             try:
-                order = _late(asked) if closed else self._carry_out(asked)
+                order = _late(request) if closed else self._carry_out(request)
                 for future in futures:
                     future.set_result(order)
             except Exception as error:  # noqa: BLE001 - raised where the order is waited for
@@ -104,27 +104,27 @@ class HardwareClamp:
             if closed:
                 return
 
-    def _carry_out(self, asked: dict[str, Any]) -> Order:
+    def _carry_out(self, request: dict[str, Any]) -> Order:
         present = self._verdict = self._verdict or self._certificate(self._present)
         if present is None or present.is_stable is None:
-            return self._refusal(asked, f"there is no certificate of the values of now{_why(present)}")
-        values, first = asked, ""
+            return self._refusal(request, f"there is no certificate of the values of now{_why(present)}")
+        values, first = request, ""
         for _ in range(ROUNDS):
             verdict = self._certificate(self._present | values)
             if verdict is None or verdict.is_stable is None:
-                return self._refusal(asked, f"there is no certificate of it{_why(verdict)}")
+                return self._refusal(request, f"there is no certificate of it{_why(verdict)}")
             why = shortfall(verdict, present)
             if not why:
                 self._run.set(values).result()
                 self._present |= values
                 self._verdict = verdict
-                return Order(asked, values, "" if values == asked else _clamp_text(asked, values, first))
+                return Order(request, values, "" if values == request else _clamp_text(request, values, first))
             first = first or why
             less = lower(values, verdict, present)
             if less is None:
-                return self._refusal(asked, first)
+                return self._refusal(request, first)
             values = less
-        return self._refusal(asked, f"{first}; no smaller value was certified either")
+        return self._refusal(request, f"{first}; no smaller value was certified either")
 
     def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
         """Ask for the full verdict on values, and wait for it."""
@@ -132,13 +132,13 @@ class HardwareClamp:
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
 
-    def _refusal(self, asked: Mapping[str, Any], why: str) -> Order:
+    def _refusal(self, request: Mapping[str, Any], why: str) -> Order:
         self._margins.ask(self._present, alone=True)
-        return Order(asked, {}, f"refused: {_listed(asked)}: {why}")
+        return Order(request, {}, f"refused: {_listed(request)}: {why}")
 
 
-def _late(asked: Mapping[str, Any]) -> Order:
-    return Order(asked, {}, f"refused: {_listed(asked)}: the run has ended")
+def _late(request: Mapping[str, Any]) -> Order:
+    return Order(request, {}, f"refused: {_listed(request)}: the run has ended")
 
 
 def _why(verdict: Verdict | None) -> str:
@@ -151,5 +151,5 @@ def _listed(values: Mapping[str, Any]) -> str:
     )
 
 
-def _clamp_text(asked: Mapping[str, Any], values: Mapping[str, Any], why: str) -> str:
-    return f"asked {_listed(asked)}; set {_listed(values)}, at most {SHARE:g} of each limit: as asked, {why}"
+def _clamp_text(request: Mapping[str, Any], values: Mapping[str, Any], why: str) -> str:
+    return f"asked {_listed(request)}; set {_listed(values)}, at most {SHARE:g} of each limit: as asked, {why}"

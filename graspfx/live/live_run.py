@@ -19,7 +19,7 @@ from graspfx.live.conductor import Conductor
 from graspfx.live.guides import Guide, guided_scene, guides_of
 from graspfx.live.letting_go import Release
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
-from graspfx.loop.recording.header import SPLIT, Header, KeyChange, RunFault
+from graspfx.loop.recording.header import Header, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.places import NAME, recording_path, require_vacancy_of
 from graspfx.loop.recording.two_parts import Split
@@ -108,11 +108,6 @@ class LiveRun:
     def header(self) -> Header:
         """Header that a recording of this run has."""
         return self._session.header
-
-    @property
-    def changes(self) -> tuple[KeyChange, ...]:
-        """Changes of how forces divide into their two parts, so far in this run."""
-        return tuple(KeyChange(tick, SPLIT, split) for tick, split in self._session._splits[1:])
 
     @property
     def period(self) -> float:

@@ -45,9 +45,9 @@ def listen(port: int | None = None) -> socket.socket:
 def refusal(headers: Mapping[str, str], *, is_socket: bool) -> str:
     """Say why a request is not one of this machine's own page; an empty text if it is.
 
-    A browser names the site that it believes to talk to (Host), and the site whose page asks (Origin). A page of another
-    site has its own Origin, and one whose name was made to lead to 127.0.0.1 (DNS rebinding) has its own Host. Through
-    a tunnel (`ssh -L`) the port may be another.
+    A browser names the site that it believes to talk to (Host), and the site whose page asks (Origin). A page of
+    another site has its own Origin, and one whose name was made to lead to 127.0.0.1 (DNS rebinding) its own Host.
+    Through a tunnel (`ssh -L`) the port may be another.
 
     Args:
         headers: of the request.

@@ -19,7 +19,7 @@ from graspfx.live.stability_verdict import Verdict
 from graspfx.scene.model import Scene
 
 CHILD = "graspfx.live.margins_child"
-GONE = "the process that computes certificates has ended"
+NO_PROCESS = "the process that computes certificates has ended"
 
 
 class Margins:
@@ -39,7 +39,7 @@ class Margins:
         self._changed = threading.Condition()
         self._values: dict[str, Any] = {}
         self._number, self._sent = 1, 0
-        self._asked = {1: time.perf_counter()}
+        self._begins = {1: time.perf_counter()}
         self._latest: Verdict | None = None
         self._closed, self._failure = False, ""
         self._process: Popen[bytes] | None = None
@@ -72,7 +72,7 @@ class Margins:
             if self._failure:
                 self._latest = self._failed()
                 return self._number
-            self._asked[self._number] = time.perf_counter()
+            self._begins[self._number] = time.perf_counter()
             self._changed.notify_all()
             return self._number
 
@@ -122,7 +122,7 @@ class Margins:
             line.send_bytes(errand)
             self._send(line)
         except OSError:
-            self._fail(GONE)
+            self._fail(NO_PROCESS)
         finally:
             process.kill()
             process.wait()
@@ -151,15 +151,15 @@ class Margins:
                 self._take(line.recv())
         except (EOFError, OSError):
             if not self._closed:
-                self._fail(GONE)
+                self._fail(NO_PROCESS)
 
     def _take(self, verdict: Verdict) -> None:
         with self._changed:
             latest = self._latest
             if latest is not None and (verdict.number, verdict.stage) <= (latest.number, latest.stage):
                 return
-            verdict = replace(verdict, seconds=time.perf_counter() - self._asked[verdict.number])
-            self._asked = {number: at for number, at in self._asked.items() if number >= verdict.number}
+            verdict = replace(verdict, seconds=time.perf_counter() - self._begins[verdict.number])
+            self._begins = {number: at for number, at in self._begins.items() if number >= verdict.number}
             self._latest = verdict
             self._changed.notify_all()
         if self._tell is not None:

@@ -7,7 +7,6 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
@@ -49,7 +48,7 @@ class _Answers:
     def __init__(self, certifier: Certifier, line: Connection) -> None:
         self._certifier, self._line = certifier, line
         self._changed = threading.Condition()
-        self._number, self._values = 0, dict[str, Any]()
+        self._number, self._done, self._values = 0, 0, dict[str, Any]()
         self._sending = threading.Lock()
 
     def serve(self) -> None:
@@ -68,18 +67,15 @@ class _Answers:
 
     def _certify(self) -> None:
         """Compute full verdicts."""
-        done = 0
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._number > done)
-                done, values = self._number, self._values
-            self._certify_one(done, values)
-
-    def _certify_one(self, number: int, values: Mapping[str, Any]) -> None:
-        for verdict in self._certifier.stages(values):
-            if self._number != number:
-                return
-            self._send(number, verdict)
+                self._changed.wait_for(lambda: self._number > self._done)
+                number, values = self._number, self._values
+                self._done = number
+            for verdict in self._certifier.stages(values):
+                if self._number != number:
+                    break  # its linearisation stays, for provisional verdicts
+                self._send(number, verdict)
 
     def _send(self, number: int, verdict: Verdict) -> None:
         with self._sending:

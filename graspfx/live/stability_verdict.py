@@ -1,4 +1,4 @@
-"""What is known about the stability of a scene with some values: provisional at once, in full as it comes."""
+"""Verdicts on the stability of a scene with some values: provisional at once, in full as they come."""
 
 from __future__ import annotations
 

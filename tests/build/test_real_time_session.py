@@ -144,3 +144,15 @@ def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:
         gx.open("paper-waving", real_time=True, live=["finger.0.device.mass"])
     with pytest.raises(InputError, match="True for the wall's clock"):
         gx.open(LINE, real_time=1)  # type: ignore[call-overload]
+
+
+def test_simulations_bear_a_program_that_is_busy() -> None:
+    """It gives no sign of life for twice as long as a hand on hardware would wait; no tick is held up by that."""
+    with gx.open(LINE, real_time=True) as session:
+        assert session.wait(0.1)
+        with session._remote.guard.lock:
+            time.sleep(1.0)
+        assert session.wait(0.1)
+    assert session.recording.outcome.complete
+    assert session.recording.outcome.lost == 0
+    assert session.recording.time[-1] > 1.0

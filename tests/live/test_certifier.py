@@ -74,7 +74,10 @@ def test_a_provisional_radius_is_the_full_one_to_stated_digits(
     after = full(certifier, values)
     assert before.spectral_radius == pytest.approx(after.spectral_radius, abs=error)
     assert before.is_stable == after.is_stable
-    gains = [[row.gain for row in verdict.rows if row.mode.startswith(("internal", "external"))] for verdict in (before, after)]
+    gains = [
+        [row.gain for row in verdict.rows if row.mode.startswith(("internal", "external"))]
+        for verdict in (before, after)
+    ]
     assert gains[0] == pytest.approx(gains[1])
 
 

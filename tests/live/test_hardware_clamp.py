@@ -1,4 +1,4 @@
-"""New gains on their way to hardware: what is certified passes, what is beyond is clamped or refused, and it is said."""
+"""New gains on their way to hardware: what is certified passes, the rest is clamped or refused, and that is said."""
 
 from __future__ import annotations
 

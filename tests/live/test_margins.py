@@ -1,4 +1,4 @@
-"""The process that certifies what sliders say: the newest request first, no request waits, and none outlives its asker."""
+"""The process that certifies what sliders say: the newest request first, no request waits, nothing is left behind."""
 
 from __future__ import annotations
 

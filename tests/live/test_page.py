@@ -70,7 +70,7 @@ def near(pixels: Pixels, x: float, y: float, reach: int = 4) -> Pixels:
 
 @pytest.mark.parametrize("name", SECONDS)
 def test_a_page_shows_what_the_recording_says(browser: Browser, tmp_path: Path, name: str) -> None:
-    """Of each scene: numbers to the bit of a float, arrows and fingertips where and in the colours they should be."""
+    """Numbers are right to the bit of a float; arrows are where they should be, in their colours and lengths."""
     run = played(name)
     page = opened(browser, tmp_path, run)
     frames = Frames(run, recorded_scenery(run.header, run.layout).apart)

@@ -11,7 +11,16 @@ from graspfx.live.certifier import Certifier
 from graspfx.live.sliders import Slider, fixed_keys, sliders, widened
 
 FRICTION = "coupling.friction"
-SCENES = ("reference-1dof", "paper-waving", "sphere-three-fingers", "mug", "knob", "soft-pads", "two-objects", "carry-bar")
+SCENES = (
+    "reference-1dof",
+    "paper-waving",
+    "sphere-three-fingers",
+    "mug",
+    "knob",
+    "soft-pads",
+    "two-objects",
+    "carry-bar",
+)
 GAINS = [f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")]
 
 

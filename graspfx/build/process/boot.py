@@ -1,4 +1,4 @@
-"""Start of a process beside this one: a fresh interpreter that imports this package, and not the program that begins it."""
+"""Start of a process beside this one: a fresh interpreter that imports this package, and never the main program."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from graspfx.loop.servo import Servo
 from graspfx.loop.update import Steerable, Update
 
 SILENCE = 500_000_000  # of the other process, after which it is no more [ns]
+SIMULATED_SILENCE = 10_000_000_000  # where no hand feels anything: a page and a browser may take all of a machine [ns]
 LETTER = "letter"  # in place of keys: the number of the letter whose values hold
 NO_RECORDER = "the process that records gives no sign of life"
 
@@ -41,6 +42,7 @@ class Orders:
         self._holds = [Hold(each.hand, each.plant) for each in servo.plants]
         self._memories = [*memories(servo), *(memory for hold in self._holds for memory in hold.memories)]
         self._number = int(self._words[Word.MAIL])
+        self._silence = SILENCE if servo.hardware else SIMULATED_SILENCE
         self._goals = GoalTaker(ring, servo) if ring.goals.size else None
         self.cause = ""
 
@@ -58,7 +60,7 @@ class Orders:
         words[Word.SKIPPED] = self._pacer.skipped
         if words[Word.STOP]:
             return True
-        if time.monotonic_ns() - words[Word.BEAT] > SILENCE:
+        if time.monotonic_ns() - words[Word.BEAT] > self._silence:
             self.cause = NO_RECORDER
             return True
         return False

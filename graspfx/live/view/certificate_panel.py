@@ -1,4 +1,4 @@
-"""The certificate beside the sliders: begun with the first page, asked at each order, a gate where there is hardware."""
+"""The certificate beside the sliders: begun with the first page, asked at each order, a gate to hardware."""
 
 from __future__ import annotations
 

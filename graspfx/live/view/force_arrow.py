@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from graspfx.live.arrow_places import Arrow
 
-SHAFT, HEAD, LONG = 0.0065, 0.016, 0.045  # radius of a shaft, of a head, length of a head: shares of the extent
+SHAFT, HEAD, LONG = 0.009, 0.022, 0.05  # radius of a shaft, of a head, length of a head: shares of the extent
 MOST_HEAD = 0.6  # of an arrow's length
 ROUGH = 0.01  # of a length: a smaller change is not drawn
 

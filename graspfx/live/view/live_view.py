@@ -22,6 +22,7 @@ from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
+from graspfx.loop.recording.header import SPLIT, KeyChange
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -73,9 +74,9 @@ class LiveView:
         self._banner = viser.gui.add_html(words.banner("", panel=False))
         self._buttons(viser)
         self._note = viser.gui.add_html("<div></div>")
-        self._certificate = CertificatePanel(run, self._changed)
+        self.certificate = CertificatePanel(run, self._changed)
         self._hands = HandGizmos(viser, drawn, run, self._changed)
-        self.sliders = GainSliders(viser, sliders, self._certificate.order, self._say)
+        self.sliders = GainSliders(viser, sliders, self.certificate.order, self._say)
         self._margins = viser.gui.add_html(words.margins(None))
         self._tree = SceneTree(viser, drawn)
         self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
@@ -92,7 +93,7 @@ class LiveView:
         """Let every page go, and end what computes for them; the run goes on."""
         self.server.stop()
         self._executor.shutdown(wait=True, cancel_futures=True)
-        self._certificate.close()
+        self.certificate.close()
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
         """Show the run to whoever looks on, until asked to stop, or for that many seconds."""
@@ -104,7 +105,7 @@ class LiveView:
                 time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
                 continue
             began = time.monotonic()
-            self._certificate.start()
+            self.certificate.start()
             try:
                 frames = self._frames()
             except GraspFXError as error:  # as of a run that begins anew while it is looked at
@@ -114,7 +115,7 @@ class LiveView:
                 self._draw(frames, charts=began >= next_charts)
             if began >= next_charts:
                 next_charts = began + CHARTS
-            if began >= next_texts or self._certificate.has_news():
+            if began >= next_texts or self.certificate.has_news():
                 next_texts = began + TEXTS
                 self._texts(frames)
             self.server.viser.flush()
@@ -142,10 +143,9 @@ class LiveView:
         tick, rows = self.run.rows(self.run.tick)
         if not len(rows):
             return None
-        last = history_of(
-            rows[-1:], self.run.layout, self.run.header, changes=self.run.changes, tick=tick + len(rows) - 1
-        )
-        return Frames(last, self._scenery.apart)
+        run, tick = self.run, tick + len(rows) - 1
+        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
+        return Frames(history_of(rows[-1:], run.layout, run.header, changes=splits, tick=tick), self._scenery.apart)
 
     def _draw(self, frames: Frames, *, charts: bool) -> None:
         frame: Frame = frames[0]
@@ -173,10 +173,10 @@ class LiveView:
         seconds = float(frames.time[-1]) if frames is not None else self.run.time
         self._write(self._status, words.status(state, seconds, lines))
         self._write(self._note, words.message(self._remark))
-        verdict = self._certificate.latest()
-        self._write(self._margins, words.margins(verdict))
+        verdict = self.certificate.latest()
         if verdict is not None:
             self.sliders.widen(verdict)
+        self._write(self._margins, words.margins(verdict))
         unstable = verdict is not None and verdict.is_stable is False
         text = f"FAULT: {self._fault}" if self._fault else ""
         if unstable and not text:
@@ -190,7 +190,7 @@ class LiveView:
             self._hands.restart()
             self._charts.clear()
         fault = self.run.fault
-        text = str(fault.message) if fault is not None else str(self.run.error or "")
+        text = str(fault.message) if fault is not None else self.run.cause
         if text and text != self._fault:
             self._tell(f"fault: {text}")
         self._fault = text

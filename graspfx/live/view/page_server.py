@@ -1,4 +1,4 @@
-"""The server of the page: viser's, on a port of 127.0.0.1 only, behind the gate, and without its tunnel to the world."""
+"""The server of the page: viser's, on a port of 127.0.0.1 only, behind the gate, without its tunnel to the world."""
 
 from __future__ import annotations
 

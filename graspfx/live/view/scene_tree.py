@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 FARTHER = 2.0  # than pictures are seen from: panels take a part of the page, and hands move
 SKY, SUN = 2.0, 1.2  # intensities of light
-OPACITY = 0.62  # of objects: what touches them from behind is seen
+OPACITY = 0.45  # of objects: what touches them from behind is seen
 CELLS = 20  # along the floor's grid
 
 
@@ -102,9 +102,7 @@ class SceneTree:
         self._api.configure_environment_map(None)
         self._api.add_light_ambient("/lights/sky", intensity=SKY)
         over = self._towards + self._scenery.up
-        self._api.add_light_directional(
-            "/lights/sun", intensity=SUN, position=_triple(self._towards + self._scenery.up)
-        )
+        self._api.add_light_directional("/lights/sun", intensity=SUN, position=_triple(over))
 
     def _floor(self) -> None:
         """Draw a grid below, or behind what happens in the plane, of round cells."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from graspfx.show.style import CONTACTS, EXTERNAL, INK, INTERNAL, NOTE
+from graspfx.show.style import CONTACTS, EXTERNAL, GRID, INK, INTERNAL
 
 if TYPE_CHECKING:
     from graspfx.live.stability_verdict import MarginRow, Verdict
@@ -16,11 +16,12 @@ RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # of verdicts; forces have 
 STATES = {
     "free": "free", "touch": "touches", "stick": "sticks", "slide": "slides", "limit": "at its force limit",
 }  # fmt: skip
-PAGE_STYLE = (  # a banner across the page; who has no graphics processor need not be told by the page
-    "<style>.webgl-software-rendering{display:none!important}"
+PAGE_STYLE = (
+    "<style>"
     ".gfx{font:13px/1.45 system-ui,sans-serif;padding:2px 12px;color:#1a1a1a}.gfx b{font-weight:600}"
     ".gfx .note{color:#555}.gfx .dot{display:inline-block;width:11px;height:11px;border-radius:50%;margin:0 5px -1px 0;"
-    "border:1px solid #0003}.gfx .bar{position:relative;height:9px;background:#eceff1;border-radius:5px;margin:1px 0 7px}"
+    "border:1px solid #0003}.gfx .bar{position:relative;height:9px;background:#eceff1;border-radius:5px;"
+    "margin:1px 0 7px}"
     ".gfx .bar i{position:absolute;left:0;top:0;bottom:0;border-radius:5px}.gfx .bar u{position:absolute;top:-2px;"
     "bottom:-2px;width:2px;background:#1a1a1a}.gfx .row{display:flex;justify-content:space-between}</style>"
 )
@@ -48,7 +49,8 @@ def status(state: str, time: float, remarks: Sequence[str]) -> str:
     """Say how the run goes on."""
     words = {"running": "runs in real time", "paused": "is paused", "ended": "has ended", "replay": "is replayed"}
     lines = "".join(f"<div class=note>{escape(each)}</div>" for each in remarks)
-    return f"<div class=gfx><div class=row><b>{words.get(state, escape(state))}</b><span>{time:.1f} s</span></div>{lines}</div>"
+    head = f"<div class=row><b>{words.get(state, escape(state))}</b><span>{time:.1f} s</span></div>"
+    return f"<div class=gfx>{head}{lines}</div>"
 
 
 def margins(verdict: Verdict | None) -> str:
@@ -62,7 +64,8 @@ def margins(verdict: Verdict | None) -> str:
     how = "provisional, the full one is being computed" if verdict.is_provisional else "full"
     head = (
         f"<div style='background:{colour};color:#fff;border-radius:5px;padding:4px 9px;margin:2px 0 6px'>"
-        f"<b>{word}</b><div style='font-size:11px;opacity:.9'>{how}; spectral radius {verdict.spectral_radius:.5f}</div></div>"
+        f"<b>{word}</b><div style='font-size:11px;opacity:.9'>{how}; spectral radius {verdict.spectral_radius:.5f}"
+        "</div></div>"
     )
     opacity = ";opacity:.55" if verdict.is_provisional else ""
     rows = "".join(_row(row) for row in verdict.rows)
@@ -113,4 +116,5 @@ def message(text: str, colour: str = AMBER) -> str:
 
 def heading(text: str) -> str:
     """Head a part of the panel."""
-    return f"<div class=gfx style='color:{NOTE};border-top:1px solid #e4e4e4;padding-top:6px'><b style='color:{INK}'>{escape(text)}</b></div>"
+    style = f"color:{INK};border-top:1px solid {GRID};padding-top:6px"
+    return f"<div class=gfx style='{style}'><b>{escape(text)}</b></div>"

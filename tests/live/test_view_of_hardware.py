@@ -1,0 +1,76 @@
+"""The page of a scene with hardware: sliders go where the certificate lets them, and the recording has just that."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.live.clamp import INSIDE, SHARE
+from graspfx.live.live_run import LiveRun
+from graspfx.live.sliders import sliders
+from tests.support.chromium import chromium
+from tests.support.hardware import wait_until
+from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled
+
+viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'graspfx[view]'")
+
+KIP, KID = "coupling.internal.stiffness", "coupling.internal.damping"
+MECHANICS = {"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}}
+TEXT = "document.body.innerText"
+
+
+def test_sliders_of_an_armed_board(tmp_path: Path) -> None:
+    """A browser looks on: a gain goes up, is clamped, is refused; the recording replays to the bit."""
+    from graspfx.live.view.live_view import LiveView
+
+    with board() as wire, chromium() as browser:
+        scene = boards_scene([wire], PATIENT, **MECHANICS)
+        numbers = [slider for slider in sliders(scene) if slider.key in (KIP, KID)]
+        run = settled(lambda: LiveRun(scene, live=[slider.key for slider in numbers]))
+        with run, LiveView(run, numbers, lambda: tmp_path / "run", port=0, tell=lambda _: None) as page:
+            ended = threading.Event()
+            server = threading.Thread(target=page.serve, args=(ended.is_set,))
+            server.start()
+            try:
+                shown = browser.open(page.server.url)
+
+                def says(text: str) -> Callable[[], bool]:
+                    return lambda: text in shown.evaluate(TEXT)
+
+                wait_until(says("HARDWARE IS ARMED"))
+                wait_until(says("spectral radius"))
+                settled(page._record)
+                wire.place(np.array(PRESSED))
+                wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
+                page.sliders.set(KIP, 75.0)
+                wait_until(lambda: page.sliders.values[KIP] == 75.0)
+                page.sliders.set(KIP, 480.0)
+                wait_until(says("at most 0.9 of each limit"))
+                clamped = page.sliders.values[KIP]
+                assert page.sliders._handles[KIP].value == clamped
+                page.sliders.set(KID, 400.0)
+                wait_until(says("refused: coupling.internal.damping = 400"))
+                assert page.sliders._handles[KID].value == page.sliders.values[KID] == 0.0
+                assert not shown.console_errors
+                time.sleep(0.1)
+                wire.home()
+                settled(page._stop)
+            finally:
+                ended.set()
+                server.join()
+            internal = run.scene.coupling.internal
+    recording = gx.Recording.load(tmp_path / "run")
+    assert [(change.key, change.value) for change in recording.changes] == [(KIP, 75.0), (KIP, clamped)]
+    assert (internal.stiffness, internal.damping) == (clamped, 0.0)
+    limit = next(row.limit for row in gx.certify(scene.replace({KIP: clamped}))[0].limits if row.mode == "internal")
+    assert SHARE * limit * (1.0 - 2.0 * INSIDE) < clamped < SHARE * limit
+    again = gx.replay(recording)
+    for name in ("finger_force", "displayed_force", "touching"):
+        assert np.array_equal(getattr(again, name), getattr(recording, name)), name
+    assert recording.displayed_force.any()

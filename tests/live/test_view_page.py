@@ -1,0 +1,171 @@
+"""The page of a running scene in a browser: its picture, hands on it, orders from it, and what two of them see."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.live.view.live_view import LiveView
+from graspfx.loop.recording.record import Recording
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
+from tests.support.chromium import Browser, Page, chromium
+from tests.support.view_page import PLAIN, SLOW, STIFFNESS, live_view, near, place, until, vermilion
+
+pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
+
+ARROW = "document.querySelectorAll('.mantine-Slider-root').length > 1"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("view")
+
+
+@pytest.fixture(scope="module")
+def view(browser: Browser, folder: Path) -> Iterator[LiveView]:
+    with live_view("paper-waving", folder) as view:
+        yield view
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, view: LiveView) -> Page:
+    return opened(browser, view)
+
+
+def opened(browser: Browser, view: LiveView, width: int = 1200, height: int = 560) -> Page:
+    count = len(view.server.viser.get_clients())
+    page = browser.open(view.server.url, width, height, before=SLOW)
+    page.evaluate(PLAIN)
+    page.wait_for(ARROW)
+    assert until(lambda: len(view.server.viser.get_clients()) > count)
+    time.sleep(0.4)
+    return page
+
+
+def press(page: Page, text: str) -> None:
+    """Press the button that has this text."""
+    page.evaluate(f"[...document.querySelectorAll('button')].find(b => b.textContent === '{text}').click()")
+
+
+def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page, view: LiveView, folder: Path) -> None:
+    canvas = slice(345, 855)  # between the panels
+
+    def shows_squeeze_and_states() -> bool:
+        middle = page.screenshot()[:, canvas]
+        return near(middle, INTERNAL, 50).sum() > 60 and near(middle, CONTACTS["touch"], 95).sum() > 40
+
+    assert until(shows_squeeze_and_states)
+    assert until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
+    chart = page.screenshot(folder / "page.png")[:, :340]
+    assert near(chart, INTERNAL, 20).sum() > 200
+    assert near(chart, EXTERNAL, 20).sum() > 100
+    assert page.console_errors == []
+    assert {url.replace("ws:", "http:").rstrip("/") for url in page.requests} == {view.server.url}
+    text = page.evaluate("document.body.innerText")
+    for words in ("squeeze (internal)", "push (external)", "touches", "runs in real time", "mm long"):
+        assert words in text
+    page.wait_for("document.body.innerText.includes('spectral radius')", 60.0)
+
+
+def test_a_gizmo_that_is_dragged_leads_the_fingers_and_they_stay_there_when_its_client_leaves(
+    browser: Browser, page: Page, view: LiveView
+) -> None:
+    other = opened(browser, view, 900, 320)
+    size = 0.34 * view._scenery.extent
+    start = np.append(view.run.guides[1].position, 0.0)
+    along = np.array([0.0, 1.0, 0.0])
+    grip, end = (place(other, view, start + share * size * along) for share in (0.7, 1.2))
+    other.mouse("mouseMoved", *grip, button="none", buttons=0)
+    time.sleep(0.3)
+    other.mouse("mousePressed", *grip)
+    for share in np.linspace(0.0, 1.0, 8):
+        other.mouse("mouseMoved", *(np.array(grip) + share * (np.array(end) - np.array(grip))))
+        time.sleep(0.03)
+    led = until(lambda: view._hands._gizmos[1].position[1] > 0.3 * size)
+    other.close()  # in mid-drag
+    assert led
+    goal = float(view._hands._gizmos[1].position[1])
+    assert until(lambda: view.server.pages == 1)
+    time.sleep(0.5)
+    names = view.run.layout.columns
+    row = view.run.row()
+    assert row is not None
+    finger = row[names["true_position"].where].reshape(names["true_position"].shape)[1]
+    assert finger[1] > 0.3 * goal  # the object and its friction hold the finger back
+    assert view.run.state == "running"
+    tick = view.run.tick
+    assert view.run.await_row(tick + 10, 5.0)
+    view.run.guide(1, np.zeros(2))
+
+
+def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_clients_see_it(
+    browser: Browser, page: Page, view: LiveView, folder: Path
+) -> None:
+    other = opened(browser, view, 900, 320)
+    press(page, "Record")
+    assert until(lambda: view._recording, 30.0)
+    before = view.run.tick
+    number = "[...document.querySelectorAll('input')].map(each => each.value)"
+    rail = page.evaluate(
+        "(() => { const r = [...document.querySelectorAll('.mantine-Slider-root')];"
+        " const b = r[r.length - 1].getBoundingClientRect(); return [b.left, b.top, b.width, b.height] })()"
+    )
+    page.click(rail[0] + 0.5 * rail[2], rail[1] + 0.5 * rail[3])
+    value = until(lambda: view.sliders.values[STIFFNESS] != 30.0 and view.sliders.values[STIFFNESS])
+    assert value
+    assert until(lambda: view.run.scene.coupling.external.stiffness == value)
+    assert until(lambda: f"{value:g}" in other.evaluate(number))
+    assert f"{value:g}" in page.evaluate(number)
+    handle = view.sliders._handles[STIFFNESS]
+    assert handle.value == value
+    after = view.run.tick
+    press(other, "Stop")
+    assert until(lambda: view._last, 30.0)
+    recording = Recording.load(view._last)
+    ticks = [change.tick for change in recording.changes if change.key == STIFFNESS and change.value == value]
+    assert len(ticks) == 1
+    assert before - 5 <= ticks[0] <= after
+    again = gx.replay(recording)
+    assert np.array_equal(again.finger_force, recording.finger_force)
+    press(other, "Replay")
+    page.wait_for("document.body.innerText.includes('is replayed')")
+    press(page, "Live")
+    page.wait_for("document.body.innerText.includes('runs in real time')")
+    other.close()
+
+
+def test_pause_step_and_reset(page: Page, view: LiveView) -> None:
+    press(page, "Pause")
+    assert until(lambda: view.run.state == "paused")
+    time.sleep(0.1)
+    tick = view.run.tick
+    press(page, "Step")
+    assert until(lambda: view.run.tick == tick + 10)
+    time.sleep(0.1)
+    assert view.run.tick == tick + 10
+    press(page, "Reset")
+    assert until(lambda: view.run.run_number > 2 and view.run.state == "running", 30.0)
+    page.wait_for("document.body.innerText.includes('runs in real time')")
+
+
+def test_gains_beyond_the_limit_redden_the_page_before_anybody_waits(page: Page, view: LiveView, folder: Path) -> None:
+    slider = view.sliders._handles[STIFFNESS]
+    view.sliders.set(STIFFNESS, slider.max)
+    page.wait_for("document.body.innerText.includes('UNSTABLE')", 20.0)
+    time.sleep(0.4)
+    pixels = page.screenshot(folder / "unstable.png")
+    assert near(pixels[:38], "#b3001b", 20).mean() > 0.6  # the banner
+    assert near(pixels[60:, :320], "#ffe3e6", 12).mean() > 0.3  # the panels
+    view.sliders.set(STIFFNESS, 30.0)
+    page.wait_for("!document.body.innerText.includes('UNSTABLE')", 20.0)

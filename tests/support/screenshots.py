@@ -1,0 +1,86 @@
+"""Pictures of the pages in docs/pictures, by a headless Chromium: `python -m tests.support.screenshots [NAME ...]`."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import graspfx as gx
+from graspfx.live.live_run import LiveRun
+from graspfx.live.sliders import sliders
+from graspfx.live.view.live_view import LiveView
+from tests.support.chromium import Browser, chromium, program
+from tests.support.rooms import ROOT
+from tests.support.view_page import PLAIN, serving, until
+
+PICTURES = ROOT / "docs" / "pictures"
+WIDTH, HEIGHT = 1280, 800
+LARGEST = 300_000  # bytes of a picture
+
+
+def view_mug(browser: Browser, file: Path) -> None:
+    """Show a mug in a hand of five fingers."""
+    _view(browser, file, "mug", {})
+
+
+def view_unstable(browser: Browser, file: Path) -> None:
+    """Show gains beyond their limit, before anything shakes."""
+    _view(browser, file, "sphere-three-fingers", {}, beyond="coupling.internal.stiffness")
+
+
+def _view(browser: Browser, file: Path, name: str, values: Mapping[str, object], beyond: str = "") -> None:
+    scene = gx.load(name, dict(values))
+    numbers = sliders(scene)
+    with (
+        TemporaryDirectory() as folder,
+        LiveRun(scene, live=[each.key for each in numbers], guide="hands") as run,
+        LiveView(run, numbers, lambda: Path(folder), port=0, tell=lambda _: None) as view,
+        serving(view),
+    ):
+        page = browser.open(view.server.url, WIDTH, HEIGHT)
+        page.evaluate(PLAIN)
+        page.wait_for("document.body.innerText.includes('full; spectral radius')", 120.0)
+        until(lambda: run.time > 8.0)
+        if beyond:
+            verdict = view.certificate.latest()
+            limits = [row.limit for row in verdict.rows if row.mode == "internal"] if verdict is not None else []
+            view.sliders.set(beyond, 1.02 * min(limits))
+            page.wait_for("document.body.innerText.includes('UNSTABLE')", 60.0)
+        time.sleep(1.5)
+        page.screenshot(file)
+        page.close()
+
+
+PAGES: dict[str, Callable[[Browser, Path], None]] = {"view-mug": view_mug, "view-unstable": view_unstable}
+
+
+def thin(file: Path) -> None:
+    """Write a picture in few colours, where it is too large for a document."""
+    from PIL import Image
+
+    image = Image.open(file).convert("RGB")
+    image.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(file, optimize=True)
+
+
+def main(names: list[str]) -> int:
+    """Draw the pages of these names, or all; say which browser is missing."""
+    if program() is None:
+        print(f"no Chromium here (GRASPFX_CHROMIUM={os.environ.get('GRASPFX_CHROMIUM', '')}): no picture of a page")
+        return 0
+    with chromium() as browser:
+        for name in names or PAGES:
+            file = PICTURES / f"{name}.png"
+            PAGES[name](browser, file)
+            thin(file)
+            print(f"{file}: {file.stat().st_size // 1000} kB")
+            if file.stat().st_size > LARGEST:
+                return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
