@@ -212,7 +212,7 @@ class TouchServer:
         client.last = self.last = order.number
         if not client.budget.take(now) and order.kind != Kind.LIFT:
             return "rate"
-        client.heard = now
+        client.silence = 0.0
         if order.kind == Kind.ALIVE:
             return "taken"
         if order.kind == Kind.LIFT:
@@ -237,12 +237,15 @@ class TouchServer:
             self.counts[f"let go: {reason}"] += 1
 
     async def _watch(self) -> None:
-        """Let fingers go whose screen has fallen silent."""
+        """Let fingers go whose screen has fallen silent; time in which nobody listened here is no silence."""
+        before = time.monotonic()
         while True:
             await asyncio.sleep(LOOK)
             now = time.monotonic()
+            passed, before = min(now - before, 2.0 * LOOK), now
             for client in self._clients.values():
-                if now - client.heard > SILENCE:
+                client.silence += passed
+                if client.silence > SILENCE:
                     self._release_all(client, "silence")
 
     def _set_scenery(self, scenery: str) -> None:
@@ -276,7 +279,7 @@ class _Client:
     Attributes:
         number: its own.
         last: number of its last order.
-        heard: when that came [s].
+        silence: since the last order that was followed or could have been [s].
         dropped: orders of it that were not followed.
         turn: messages of it.
         news: whether there is a picture or a scenery that it has not been sent.
@@ -284,7 +287,7 @@ class _Client:
     """
 
     def __init__(self, number: int) -> None:
-        self.number, self.last, self.heard, self.dropped, self.turn = number, 0, 0.0, 0, 0
+        self.number, self.last, self.silence, self.dropped, self.turn = number, 0, 0.0, 0, 0
         self.news = asyncio.Event()
         self.news.set()
         self.has_scenery = False
