@@ -66,9 +66,10 @@ def touch_cube(browser: Browser, file: Path) -> None:
         page = browser.open(url(line), 1024, 720, phone=True)
         page.wait_for("window.graspfx().picture !== null")
         while not page.evaluate("window.graspfx().touches.length"):  # lost where the first drawings take too long
-            page.touch([], "touchEnd")
             page.touch([page.evaluate(f"window.graspfx().place({x}, 0.0)") for x in (-0.025, 0.025)], "touchStart")
             time.sleep(1.0)
+            if not page.evaluate("window.graspfx().touches.length"):
+                page.touch([], "touchEnd")
         for k in range(1, 60):
             half, right = 0.025 - 0.01 * min(1.0, k / 10), 0.002 * max(0, k - 25)
             places = [page.evaluate(f"window.graspfx().place({right + side * half}, 0.0)") for side in (-1.0, 1.0)]
