@@ -37,6 +37,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
     "view": "show a running scene in the browser, to be steered; or a recording",
+    "touch": "run a scene whose fingers follow fingers on a touch screen; forces are shown, not felt",
 }
 NEW = 20_000  # objects between two looks for cycles: imports make as many that stay, of which 700 are too few
 

@@ -49,6 +49,8 @@ from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
 from graspfx.program_lock import ProgramLock
+from graspfx.screen.approach import approach
+from graspfx.screen.touch_screen import TouchScreen
 from graspfx.serial_port import SerialPort
 
 __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
@@ -107,8 +109,10 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "BodyState",
     "fill_body",
     "Guest",
-    # motion behind an input that comes in steps
+    # motion behind an input that comes in steps, and a touch screen's page
     "Follower",
+    "approach",
+    "TouchScreen",
     # velocity from positions
     "VelocityEstimate",
     "estimate",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices._inputs.events import DROPPED, KEY, REPORT, SYNC, Event, EventPort, is_down
-from graspfx.protocols import DeviceError, Features, Follower, InputError, finite
+from graspfx.protocols import DeviceError, Features, Follower, InputError, approach, finite
 
 FloatArray = NDArray[np.float64]
 
@@ -87,9 +87,7 @@ class Pointer(ABC):
         duration, self._time = min(now - self._time, LONGEST), now
         self._move(self._goal, duration)
         np.clip(self._goal, *self._box, out=self._goal)
-        way = self._goal - self._target
-        far, most = float(np.linalg.norm(way)), self.speed * duration
-        self._target += way if far <= most else way * (most / far)
+        approach(self._target, self._goal, self.speed * duration)
         self._follower.follow(self._target, duration)
         return self._position, self._velocity, now - self._began
 

@@ -15,7 +15,9 @@ import graspfx as gx
 from graspfx.live.live_run import LiveRun
 from graspfx.live.recording_view import RecordingView
 from graspfx.live.sliders import sliders
+from graspfx.live.touch.touch_run import TouchRun
 from graspfx.live.view.live_view import LiveView
+from graspfx.screen.touch_address import gate_for, listen, url
 from tests.support.chromium import Browser, chromium, program
 from tests.support.rooms import ROOT
 from tests.support.view_page import PLAIN, serving, until
@@ -78,6 +80,29 @@ def _page(browser: Browser, file: Path, name: str, time: float, width: int, heig
         page.close()
 
 
+def touch_cube(browser: Browser, file: Path) -> None:
+    """Show two touches that hold the paper's cube and carry it to the right."""
+    with (
+        listen("127.0.0.1", 0) as line,
+        TouchRun(gx.load("paper-waving"), line, gate_for(line, lan=False)) as touch,
+    ):
+        page = browser.open(url(line), 1024, 720, phone=True)
+        page.wait_for("window.graspfx().picture !== null")
+        while not page.evaluate("window.graspfx().touches.length"):  # lost where the first drawings take too long
+            page.touch([page.evaluate(f"window.graspfx().place({x}, 0.0)") for x in (-0.025, 0.025)], "touchStart")
+            time.sleep(1.0)
+            if not page.evaluate("window.graspfx().touches.length"):
+                page.touch([], "touchEnd")
+        for k in range(1, 60):
+            half, right = 0.025 - 0.01 * min(1.0, k / 10), 0.002 * max(0, k - 25)
+            places = [page.evaluate(f"window.graspfx().place({right + side * half}, 0.0)") for side in (-1.0, 1.0)]
+            page.touch(places, "touchMove")
+            if k == 25:
+                until(lambda: touch.run.time > 6.0, 60.0)
+        page.screenshot(file)
+        page.close()
+
+
 def view_recording(browser: Browser, file: Path) -> None:
     """Show a recording on the page of viser."""
     done = threading.Event()
@@ -99,8 +124,8 @@ def view_recording(browser: Browser, file: Path) -> None:
 
 
 PAGES: dict[str, Callable[[Browser, Path], None]] = {
-    "view-mug": view_mug, "view-unstable": view_unstable, "view-recording": view_recording, "page-mug": page_mug,
-    "page-waving-phone": page_waving_phone,
+    "touch": touch_cube, "view-mug": view_mug, "view-unstable": view_unstable, "view-recording": view_recording,
+    "page-mug": page_mug, "page-waving-phone": page_waving_phone,
 }  # fmt: skip
 
 

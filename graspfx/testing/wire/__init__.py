@@ -8,6 +8,7 @@ from graspfx.testing.wire.force_dimension_wire import ForceDimensionWire
 from graspfx.testing.wire.inverse_wire import InverseWire
 from graspfx.testing.wire.open_haptics_wire import OpenHapticsWire
 from graspfx.testing.wire.rig_wire import RigWire
+from graspfx.testing.wire.screen_wire import ScreenWire
 from graspfx.testing.wire.serial_wire import SerialWire
 from graspfx.testing.wire.wire import FAILURES, Failure, Wire
 
@@ -20,6 +21,7 @@ __all__ = [
     "InverseWire",
     "OpenHapticsWire",
     "RigWire",
+    "ScreenWire",
     "SerialWire",
     "Wire",
 ]

@@ -1,0 +1,65 @@
+"""A touch screen as fingers without force: a page in a browser, and each touch leads the nearest finger.
+
+For people without hardware: the force is shown on the page, not felt. The page is served by a process of its own, on
+this machine alone or, with `lan`, to a tablet that has scanned its code. Needs the package websockets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from graspfx.devices._inputs.pointer import box
+from graspfx.devices._settings import number, whole
+from graspfx.devices.touch_screen.touch_fingers import TouchFingers
+from graspfx.protocols import SMALLEST, InputError, TouchScreen, finite
+
+__all__ = ["TouchFingers", "connect"]
+
+MOST_FINGERS = 10
+
+
+def connect(
+    *,
+    port: int = 8765,
+    fingers: int = 2,
+    dimensions: int = 2,
+    workspace: Sequence[Sequence[float]] | None = None,
+    start: Sequence[Sequence[float]] | None = None,
+    lag: float = 0.01,
+    speed: float = 0.5,
+    lan: bool = False,
+) -> TouchFingers:
+    """Connect a touch screen.
+
+    Args:
+        port: of its page, http://127.0.0.1:8765.
+        fingers: how many there are, a channel each.
+        dimensions: of the scene, 1 or 2.
+        workspace: corners in which fingers stay, (2, d) [m]; 0.1 m to every side if not given.
+        start: of the fingers when it is opened, (k, d) [m]; side by side in the middle of the workspace if not given.
+        lag: of a finger behind its touch; twice that where it moves steadily [s].
+        speed: the largest of a finger [m/s].
+        lan: whether a tablet in the network is let in, by a code that is printed.
+
+    Raises:
+        MissingPackageError: when it is opened: websockets is not installed, which `pip install graspfx[touch]` brings.
+    """
+    if dimensions not in (1, 2) or isinstance(dimensions, bool):
+        raise InputError("dimensions", dimensions, "1 or 2: a screen has no depth")
+    count, corners = whole("fingers", fingers, 1, MOST_FINGERS), box(workspace, 0.1, dimensions)
+    if not isinstance(lan, bool):
+        raise InputError("lan", lan, "true or false")
+    low, high = corners
+    if start is None:
+        places = np.tile(0.5 * (low + high), (count, 1))
+        places[:, 0] = low[0] + (high[0] - low[0]) * (np.arange(count) + 1.0) / (count + 1.0)
+    else:
+        expected = f"places of {count} fingers of {dimensions} coordinates within the workspace [m]"
+        places = finite("start", start, expected)
+        if places.shape != (count, dimensions) or not ((low <= places) & (places <= high)).all():
+            raise InputError("start", start, expected)
+    bottom, top = (low[1], high[1]) if dimensions == 2 else (-0.25 * (high[0] - low[0]), 0.25 * (high[0] - low[0]))
+    screen = TouchScreen(fingers=count, port=whole("port", port, 0, 65535), box=(low[0], bottom, high[0], top), lan=lan)
+    return TouchFingers(screen, corners, places, number("lag", lag, 1e-4, 1.0), number("speed", speed, SMALLEST, 5.0))

@@ -1,0 +1,132 @@
+"""Fingers that follow touches on a screen: there while they are touched, and out of the object when they are not."""
+
+from __future__ import annotations
+
+import time
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.protocols import DeviceError, Features, Follower, InputError, TouchScreen, approach
+
+FloatArray = NDArray[np.float64]
+
+LONGEST = 0.1  # between two readings that counts: after more the target has not moved on [s]
+BACK = 0.1  # speed at which a finger that was lifted gives way to its force [m/s]
+
+
+class TouchFingers:
+    """Fingers without force: they display none, whatever is written; the page shows it.
+
+    A touch is a goal. The target goes there at `speed` at most, and the finger follows it, critically damped. A finger
+    that is lifted, or whose screen is lost, stays, and gives way along the force that it would display until there is
+    none. Its switch is closed while it is touched.
+
+    Args:
+        screen: that is touched.
+        workspace: corners, (2, d) [m].
+        start: of the fingers when it is opened, (k, d) [m].
+        lag: of a finger behind its target; twice that where it moves steadily [s].
+        speed: the largest of a target [m/s].
+    """
+
+    def __init__(self, screen: TouchScreen, workspace: FloatArray, start: FloatArray, lag: float, speed: float) -> None:
+        self.screen, self.speed = screen, speed
+        self._box, self._start = workspace, start
+        self._target = start.copy()
+        self._follower = Follower(lag, start)
+        self._position, self._velocity = self._follower.position, self._follower.velocity
+        self._forces = np.zeros_like(start)
+        self._raw: FloatArray = np.zeros(5 + 3 * len(start))
+        self._switches = 0
+        self._is_open = False
+
+    @property
+    def features(self) -> Features:
+        k, d = self._start.shape
+        return Features(
+            fingers=k,
+            dimensions=d,
+            workspace=(self._box[0].copy(), self._box[1].copy()),
+            continuous_force=0.0,
+            switches=k,
+        )
+
+    @property
+    def switches(self) -> int:
+        """Fingers that are on the screen, as bits."""
+        return self._switches
+
+    @property
+    def raw(self) -> FloatArray:
+        """Counts of the page and touches, (5 + 3 k,).
+
+        Orders taken, dropped and lost, number of the last, screens; of each finger whether it is touched, and x, y [m].
+        """
+        return self._raw
+
+    def open(self, period: float) -> None:
+        self.close()
+        self.screen.open()
+        self._target[:] = self._start
+        self._follower.place(self._start)
+        self._forces[:] = 0.0
+        self._began = self._time = time.perf_counter()
+        self._is_open = True
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Give positions (k, d) [m], velocities (k, d) [m/s] and time [s]."""
+        self._opened()
+        touches = self.screen.touches()
+        now = time.perf_counter()
+        duration, self._time = min(now - self._time, LONGEST), now
+        d = self._start.shape[1]
+        self._switches = 0
+        for i, (is_down, x, y, _) in enumerate(touches.fingers.tolist()):
+            if is_down:
+                self._switches |= 1 << i
+                approach(self._target[i], np.clip((x, y)[:d], *self._box), self.speed * duration)
+            else:
+                self._give_way(i, duration)
+        self._follower.follow(self._target, duration)
+        self._raw[:5], self._raw[5:] = touches.counts, touches.fingers[:, :3].ravel()
+        return self._position, self._velocity, now - self._began
+
+    def write(self, forces: FloatArray) -> None:
+        """Check the forces, and show them on the page."""
+        self._opened()
+        if np.shape(forces) != self._position.shape:
+            raise InputError("forces", forces, f"an array of shape {self._position.shape}, a row for each finger")
+        if not np.isfinite(forces).all():
+            self.stop()
+            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is none")
+        self._forces[:] = forces
+        self.screen.show(self._position, self._forces)
+
+    def stop(self) -> None:
+        """Show no force."""
+        self._forces[:] = 0.0
+        self.screen.show(self._position, self._forces)
+
+    def close(self) -> None:
+        self._is_open = False
+        self._switches = 0
+        self.screen.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _give_way(self, i: int, duration: float) -> None:
+        """Move a finger's target along the force that it would display."""
+        size = float(np.linalg.norm(self._forces[i]))
+        if size:
+            away = self._target[i] + self._forces[i] / size
+            approach(self._target[i], np.clip(away, *self._box), BACK * duration)
+
+    def _opened(self) -> None:
+        if not self._is_open:
+            raise DeviceError("the touch screen is not open: call open(period) first")

@@ -1,0 +1,101 @@
+"""graspfx touch: a scene runs, and fingers on a touch screen move its fingers; the force is shown, not felt."""
+
+from __future__ import annotations
+
+import select
+import sys
+import time
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from graspfx.commands.arguments import add_scene
+from graspfx.commands.destination import add_destination, require_room, require_room_of
+from graspfx.commands.interrupt import interruptible
+from graspfx.commands.output import SUCCESS, WRONG, doubts, name_files, note
+from graspfx.errors import InputError
+from graspfx.loop.recording.places import NAME
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from socket import socket
+
+    from graspfx.scene.model import Scene
+    from graspfx.screen.touch_gate import Gate
+
+EXAMPLE = """  graspfx touch paper-waving
+  graspfx touch paper-waving --lan"""
+LOG = "touches.csv"
+INVITATION = "two fingers on the page hold the object; its force is shown, not felt. Ctrl-C ends it"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(parser)
+    lan = "serve a tablet in the same network: by a code that is printed, each good for one screen"
+    parser.add_argument("--lan", action="store_true", help=lan)
+    parser.add_argument("--port", metavar="N", type=int, help="of the page (the first that is free from 8765 on)")
+    parser.add_argument("--seconds", metavar="S", type=float, help="after which it ends by itself")
+    add_destination(parser, "DIR", f"folder of {NAME} and {LOG}; nothing is recorded if not given")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.live.touch.touch_run import TouchRun
+    from graspfx.screen.touch_address import LOOPBACK, code, gate_for, listen, network_address
+    from graspfx.screen.touch_server import require_websockets
+
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise InputError("--seconds", options.seconds, "a time above zero")
+    require_websockets()
+    if options.lan:
+        code("")  # so that what is missing is said before the scene begins
+    if options.out is not None:
+        require_room_of(options, options.out / NAME)
+        require_room(options, [options.out / LOG])
+    with listen(network_address() if options.lan else LOOPBACK, options.port) as line:
+        gate = gate_for(line, lan=options.lan)
+        with waiting(f"starting {options.scene}"):
+            scene, notes = _scene(options)
+            touch = TouchRun(scene, line, gate, out=options.out, overwrite=options.overwrite)
+        note(notes)
+        with interruptible() as stop, touch:
+            _invite(line, gate)
+            print(INVITATION, flush=True)
+            touch.wait(_looks(stop, line, gate, options.seconds))
+            fault = touch.fault
+    if options.out is not None:
+        name_files([options.out / NAME, options.out / LOG])
+    if fault:
+        print(fault, file=sys.stderr)
+    return WRONG if fault else SUCCESS
+
+
+def _scene(options: Namespace) -> tuple[Scene, list[str]]:
+    from graspfx.build.resolve import resolve
+    from graspfx.scene.load import load
+
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+
+
+def _invite(line: socket, gate: Gate) -> None:
+    """Print the page's address; in a network with a token, which is good for one screen, and as a code."""
+    from graspfx.screen.touch_address import code, url
+
+    if not gate.locked:
+        print(url(line), flush=True)
+        return
+    address = url(line, gate.renew())
+    print(f"{code(address)}\n{address}\ngood for one screen within ten minutes; Enter prints another", flush=True)
+
+
+def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:
+    """Make what tells whether to end; with an open terminal Enter prints another code meanwhile."""
+    end = None if seconds is None else time.monotonic() + seconds
+    is_open = gate.locked and sys.stdin is not None and sys.stdin.isatty()
+
+    def look() -> bool:
+        if is_open and select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline():
+            _invite(line, gate)
+        return stop() or (end is not None and time.monotonic() > end)
+
+    return look

@@ -1,0 +1,119 @@
+"""Pictures of a touch screen, of scenes in the plane or on a line: outlines once, a row of numbers for each picture."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.live.frame import STATES, Frame, Frames
+from graspfx.live.scenery import Scenery, Solid
+from graspfx.screen.touch_orders import Box
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
+
+if TYPE_CHECKING:
+    from graspfx.live.frame import Pose
+    from graspfx.show.modes import Modes
+
+FloatArray = NDArray[np.float64]
+
+WIDE, HIGH = 2.1, 1.4  # half sides of the box, in extents of the scene
+CAVEAT = "The force is shown here, not felt."
+LEGEND = (
+    ("squeeze (internal force)", INTERNAL, True),
+    ("push (external force)", EXTERNAL, True),
+    ("free", CONTACTS["free"], False),
+    ("touches or sticks", CONTACTS["stick"], False),
+    ("slides", CONTACTS["slide"], False),
+    ("at its limit", CONTACTS["limit"], False),
+)
+
+
+def box_of(scenery: Scenery) -> Box:
+    """Choose where the scene may be touched: around its middle, wide enough to carry its objects about."""
+    x, y = float(scenery.middle[0]), float(scenery.middle[1])
+    half, high = WIDE * scenery.extent, HIGH * scenery.extent
+    return Box(x - half, y - high, x + half, y + high)
+
+
+def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable: int, box: Box, fault: str = "") -> str:
+    """Write what the page draws besides its pictures, as JSON.
+
+    Args:
+        scenery: of the scene.
+        title: over the page.
+        fingers: numbers of the fingers in the order of the page.
+        touchable: how many of them, the first ones, can be touched.
+        box: in which they can.
+        fault: of the run; none if empty.
+    """
+    objects = [each for each in scenery.solids if each.object is not None]
+    most = "one finger" if touchable == 1 else f"up to {touchable} fingers"
+    return json.dumps({
+        "title": title,
+        "hint": f"Touch with {most}. {CAVEAT}",
+        "fault": fault,
+        "box": box,
+        "touchable": touchable,
+        "fingers": [
+            {"name": scenery.fingers[i], "colour": scenery.colours[i], "radius": float(scenery.radii[i])}
+            for i in fingers
+        ],
+        "objects": [_shape(each) for each in objects],
+        "obstacles": [_shape(each) for each in scenery.solids if each.object is None],
+        "states": [CONTACTS[state] for state in STATES],
+        "internal": INTERNAL,
+        "external": EXTERNAL,
+        "legend": LEGEND,
+    })  # fmt: skip
+
+
+def picture(frames: Frames, scenery: Scenery, fingers: Sequence[int]) -> bytes:
+    """Write the last of some frames: tick, time, squeeze, push, poses (x, y, angle), and seven numbers of each finger.
+
+    Those are place, internal force, external force and state. Numbers that are not there are NaN.
+    """
+    frame = frames[-1]
+    squeeze, push = _modes(frames.modes)
+    numbers = [float(frame.tick), frame.time, squeeze, push]
+    for solid in scenery.solids:
+        if solid.object is not None:
+            numbers += _pose(frame.objects.get(solid.object))
+    for i in fingers:
+        numbers += [*_planar(frame.fingertips, i), *_planar(frame.internal, i), *_planar(frame.external, i)]
+        numbers.append(float(STATES.index(frame.states[i])))
+    return np.array(numbers).tobytes()
+
+
+def fingertips(frame: Frame, dimensions: int) -> FloatArray:
+    """Give where fingertips are (n, d) [m]."""
+    return frame.fingertips[:, :dimensions]
+
+
+def _shape(solid: Solid) -> dict[str, Any]:
+    """Give the outline of a slab: its corners before the plane, which come first."""
+    outline = solid.vertices[: len(solid.vertices) // 2, :2]
+    return {"name": solid.name, "colour": solid.colour, "loops": [outline.round(9).tolist()]}
+
+
+def _pose(pose: Pose | None) -> list[float]:
+    if pose is None:
+        return [math.nan] * 3
+    angle = 2.0 * math.atan2(float(pose.wxyz[3]), float(pose.wxyz[0]))
+    return [float(pose.position[0]), float(pose.position[1]), angle]
+
+
+def _planar(values: FloatArray | None, i: int) -> list[float]:
+    return [0.0, 0.0] if values is None else values[i, :2].tolist()
+
+
+def _modes(modes: Mapping[str, Modes]) -> tuple[float, float]:
+    """Give the squeeze and the size of the push of the object that is squeezed most, or else pushed most [N]."""
+    values = [(float(each.mean_squeeze[-1]), float(np.linalg.norm(each.push[-1]))) for each in modes.values()]
+    squeezes = [squeeze for squeeze, _ in values if math.isfinite(squeeze)]
+    pushes = [push for _, push in values if math.isfinite(push)]
+    return max(squeezes, default=math.nan), max(pushes, default=math.nan)

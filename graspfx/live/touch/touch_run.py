@@ -1,0 +1,223 @@
+"""A scene that runs and whose fingers a touch screen leads: orders become goals, rows become pictures."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from socket import socket
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import GraspFXError, InputError
+from graspfx.live.frame import Frames, history_of
+from graspfx.live.live_run import LiveRun
+from graspfx.live.scenery import scenery
+from graspfx.live.touch.goal_walk import GoalWalk
+from graspfx.live.touch.touch_log import TouchLog
+from graspfx.live.touch.touch_picture import box_of, description, fingertips, picture
+from graspfx.live.touch.touched_scene import touched_scene
+from graspfx.screen.touch_orders import MOST_FINGERS, Order
+from graspfx.screen.touch_server import TouchServer
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.screen.touch_gate import Gate
+
+FloatArray = NDArray[np.float64]
+
+SPEED = 0.5  # of a goal, the largest [m/s]
+QUICK, SLOW = 0.004, 0.033  # between two pictures while fingers are touched, and else [s]
+STEP = 0.002  # between two steps of goals [s]
+AGAIN = 0.25  # after which a finger that was let go and still touches withdraws further [s]
+PAUSE = 2.0  # with the reason of its end shown, before a scene begins anew [s]
+
+
+class TouchRun:
+    """A scene that runs while a touch screen leads its fingers; a context manager.
+
+    Args:
+        scene: on a line or in the plane, of simulated fingers that hands hold.
+        line: a socket that listens.
+        gate: before the page.
+        speed: the largest of a goal [m/s].
+        out: a folder for the recording and the log of orders; None for neither.
+        overwrite: whether they may be written over others.
+
+    Attributes:
+        run: the run.
+        server: of the page.
+        log: of orders.
+
+    Raises:
+        InputError: a scene in space, or without a finger that could be led.
+        MissingPackageError: websockets is not installed.
+    """
+
+    def __init__(
+        self, scene: Scene, line: socket, gate: Gate, *, speed: float = SPEED, out: str | PathLike[str] | None = None,
+        overwrite: bool = False,
+    ) -> None:  # fmt: skip
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise InputError("speed", speed, "a finite speed above zero [m/s]")
+        still = touched_scene(scene)
+        self._out = None if out is None else Path(out)
+        self._scenery = scenery(still)
+        self.box = box_of(self._scenery)
+        self.log = TouchLog(is_on=out is not None)
+        self.run = LiveRun(still, out=out, guide="fingers")
+        try:
+            guides = self.run.guides
+            if not 0 < len(guides) <= MOST_FINGERS:
+                raise InputError("scene", still.title, f"one to {MOST_FINGERS} fingers that a hand of springs holds")
+            led = [guide.fingers[0] for guide in guides]
+            self._fingers = [*led, *(i for i in range(len(self.run.layout.fingers)) if i not in led)]
+            self._walks = [GoalWalk(speed) for _ in guides]
+            self._released = [0.0] * len(guides)  # when a finger that may still touch was let go last; 0: none such
+            self._lock = threading.Lock()
+            self._tips = np.array([guide.position for guide in guides])
+            self._dimensions = self._tips.shape[1]
+            self._fault = ""
+            self.server = TouchServer(line, gate, len(guides), self.box, self._described(), self, self._note)
+        except BaseException:
+            self.run.close()
+            raise
+        self._is_over, self._is_closed = threading.Event(), False
+        self._thread = threading.Thread(target=self._follow, name="pictures", daemon=True)
+
+    def __enter__(self) -> Self:
+        try:
+            self.server.__enter__()
+        except BaseException:
+            self.run.close()
+            raise
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the page and the run, and write the log of orders; a second time nothing happens."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self.server.__exit__()
+        self._is_over.set()
+        self._thread.join()
+        self.run.close()
+        if self._out is not None:
+            self.log.save(self._out)
+
+    def wait(self, look: Callable[[], bool]) -> None:
+        """Wait until `look` is true, or the run has ended for good."""
+        while not look() and not self._is_over.wait(0.1):
+            pass
+
+    @property
+    def fault(self) -> str:
+        """Why the run has ended; nothing while it goes on."""
+        return self._fault
+
+    # Orders: in the server's thread -------------------------------------------------------------------------------
+
+    def press(self, finger: int, place: tuple[float, float]) -> None:
+        """Lead a finger to a place."""
+        now = time.monotonic()
+        with self._lock:
+            self._released[finger] = 0.0
+            aim = np.array(place[: self._dimensions])
+            self._send(finger, self._walks[finger].aim(aim, self._tips[finger], now))
+
+    def lift(self, finger: int) -> None:
+        """Let a finger go."""
+        with self._lock:
+            self._walks[finger].end()
+            self._let_go(finger)
+
+    def _let_go(self, finger: int) -> None:
+        self._released[finger] = time.monotonic()
+        if self.run.state != "ended":
+            self.run.let_go(finger)
+
+    def _send(self, finger: int, goal: FloatArray) -> None:
+        if self.run.state != "ended":
+            self.run.guide(finger, goal - self.run.guides[finger].position)
+
+    def _note(self, client: int, order: Order, fate: str) -> None:
+        self.log.note(client, order, self.run.tick, fate)
+
+    # Pictures: in a thread of its own -----------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        """Step goals and send pictures, until the end."""
+        tick, pictured = -1, 0.0
+        while not self._is_over.is_set():
+            if self.run.state == "ended" or self.run.fault is not None:
+                if not self._begin_anew():
+                    return
+                tick = -1
+                continue
+            began = time.monotonic()
+            if self.run.await_row(tick, 0.05):
+                tick, row = self.run.tick, self.run.row()
+                busy = self.server.has_touches
+                if row is not None and time.monotonic() - pictured > (QUICK if busy else SLOW) - 0.5 * STEP:
+                    pictured = time.monotonic()
+                    self._show(row, tick)
+            self._step()
+            self._is_over.wait(max(0.0, STEP - (time.monotonic() - began)))
+
+    def _show(self, row: FloatArray, tick: int) -> None:
+        frames = Frames(history_of(row[None], self.run.layout, self.run.header, tick=tick), self._scenery.apart)
+        frame = frames[0]
+        with self._lock:
+            self._tips = fingertips(frame, self._dimensions)[self._fingers].copy()
+            now = time.monotonic()
+            for finger, since in enumerate(self._released):
+                if since and now - since > AGAIN:
+                    if frame.touching[self._fingers[finger]]:
+                        self._let_go(finger)
+                    else:
+                        self._released[finger] = 0.0
+        self.server.show(picture(frames, self._scenery, self._fingers))
+
+    def _step(self) -> None:
+        with self._lock:
+            now = time.monotonic()
+            for finger, walk in enumerate(self._walks):
+                goal = walk.step(now)
+                if goal is not None:
+                    self._send(finger, goal)
+
+    def _begin_anew(self) -> bool:
+        """Say on the page why the run ended, and begin anew; with a recording, or hardware, it has ended for good."""
+        self._fault = str(self.run.fault or self.run.error or "the run has ended")
+        self.server.describe(self._described())
+        with self._lock:
+            for walk in self._walks:
+                walk.end()
+        if self._is_over.wait(PAUSE):
+            return False
+        if self._out is not None or self.run.has_hardware:
+            self._is_over.set()
+            return False
+        try:
+            self.run.reset()
+        except GraspFXError as error:
+            self._fault = str(error)
+            self._is_over.set()
+            return False
+        self._fault = ""
+        self.server.describe(self._described())
+        return True
+
+    def _described(self) -> str:
+        scene = self.run.scene
+        title = scene.title or Path(scene.source.name).stem
+        return description(self._scenery, title, self._fingers, len(self._walks), self.box, self._fault)

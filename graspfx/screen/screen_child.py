@@ -1,0 +1,106 @@
+"""The process that serves a touch screen's page for a device: it has the sockets, and no part in the loop."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from graspfx.errors import GraspFXError
+from graspfx.screen.screen_board import Board
+from graspfx.screen.touch_address import code, gate_for, listen, network_address, url
+from graspfx.screen.touch_orders import Box
+from graspfx.screen.touch_server import TouchServer
+
+PICTURES = 0.016  # between two [s]
+NICENESS = 5
+
+
+def main(board: int, answers: int, settings: str) -> None:
+    """Serve a page until the device closes this process's input, or is no more.
+
+    Args:
+        board: descriptor of the memory that is shared with the device.
+        answers: descriptor of a pipe, to which a line says that the page is served, or why it is not.
+        settings: fingers, port, box, lan and scenery, as JSON.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has the device, who closes this
+    with suppress(OSError):
+        os.nice(NICENESS)
+    table: dict[str, Any] = json.loads(settings)
+    with os.fdopen(answers, "w", encoding="utf-8") as answer:
+        try:
+            screen = _Screen(board, table)
+        except (GraspFXError, OSError) as error:
+            answer.write(f"no {' '.join(str(error).split())}\n")
+            return
+        answer.write(f"yes {url(screen.server.line)}\n")
+    screen.serve()
+
+
+class _Screen:
+    """A page whose fingers are a device's."""
+
+    def __init__(self, board: int, table: dict[str, Any]) -> None:
+        fingers, lan = int(table["fingers"]), bool(table["lan"])
+        self.board, self._fingers, self._lock = Board(board, fingers), fingers, threading.Lock()
+        line = listen(network_address() if lan else "127.0.0.1", table["port"])
+        gate = gate_for(line, lan=lan)
+        if lan:
+            address = url(line, gate.renew())
+            print(f"{code(address)}\n{address}\ngood for one screen within ten minutes", file=sys.stderr, flush=True)
+        self.server = TouchServer(line, gate, fingers, Box(*table["box"]), json.dumps(table["scenery"]), self)
+        self.server.__enter__()
+
+    def press(self, finger: int, place: tuple[float, float]) -> None:
+        """Note that a finger is at a place."""
+        self._note(finger, 1.0, place)
+
+    def lift(self, finger: int) -> None:
+        """Note that a finger went up."""
+        self._note(finger, 0.0, None)
+
+    def _note(self, finger: int, is_down: float, place: tuple[float, float] | None) -> None:
+        with self._lock, self.board.writing() as (head, fingers):
+            own = fingers[finger]
+            if is_down and not own[0]:
+                own[3] += 1.0
+            own[0] = is_down
+            if place is not None:
+                own[1:3] = place
+            self._count(head)
+
+    def _count(self, head: Any) -> None:
+        counts = self.server.counts
+        dropped = sum(counts[reason] for reason in ("length", "kind", "finger", "place", "number", "rate", "claim"))
+        head[:6] = time.monotonic(), counts["taken"], dropped, counts["lost"], self.server.last, self.server.clients
+
+    def serve(self) -> None:
+        """Send pictures, and be alive on the board, until the input ends."""
+        try:
+            while not select.select([sys.stdin], [], [], PICTURES)[0] or os.read(0, 1):
+                with self._lock, self.board.writing() as (head, _):
+                    self._count(head)
+                state = self.board.state()
+                if state is not None and self.server.clients:
+                    now, fingers = state
+                    self.server.show(_picture(now, fingers, self.board.touches()))
+        finally:
+            self.server.__exit__(None, None, None)
+
+
+def _picture(now: float, fingers: Any, touches: Any) -> bytes:
+    """Write a picture as that of a scene: no objects, no squeeze, and of each finger its whole force."""
+    size = float(np.linalg.norm(fingers[:, 2:4], axis=1).max())
+    rows = np.zeros((len(fingers), 7))
+    rows[:, 0:2], rows[:, 4:6] = fingers[:, :2], fingers[:, 2:4]
+    rows[:, 6] = 0.0 if touches is None else touches.fingers[:, 0]
+    return np.concatenate([[now, now, np.nan, size], rows.ravel()]).tobytes()

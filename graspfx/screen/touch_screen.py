@@ -1,0 +1,149 @@
+"""A touch screen as a device's driver sees it: fingers that are there or not, read without a wait."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspfx
+from graspfx.errors import DeviceError
+from graspfx.screen.screen_board import Board, Touches, create
+from graspfx.screen.touch_orders import Box
+from graspfx.screen.touch_server import require_websockets
+
+FloatArray = NDArray[np.float64]
+
+TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.screen.screen_child import main; main({arguments})"
+PATIENCE = 10.0  # for the page to be served [s]
+FAREWELL = 1.0  # for its process to end [s]
+DEAF = 0.5  # since the server's last sign of life, after which no finger counts as on the screen [s]
+LOOK = 0.02  # between two looks whether its process is alive [s]
+COLOURS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
+INK = "#1a1a1a"
+
+
+class TouchScreen:
+    """A page on a touch screen, served by a process of its own: no socket shares this process's interpreter.
+
+    Args:
+        fingers: how many it moves.
+        port: of the page.
+        box: in which fingers are touched [m].
+        lan: whether a tablet in the network is let in, by a code that is printed.
+
+    Attributes:
+        address: of the page, once it is open.
+    """
+
+    def __init__(self, *, fingers: int, port: int, box: Sequence[float], lan: bool) -> None:
+        self.fingers, self.port, self.box, self.lan = fingers, port, Box(*box), lan
+        self.address = ""
+        self._process: subprocess.Popen[bytes] | None = None
+        self._board: Board | None = None
+        self._last: Touches | None = None
+        self._looked = 0.0
+
+    def open(self) -> None:
+        """Serve the page, afresh if it is open.
+
+        Raises:
+            MissingPackageError: websockets is not installed, or segno with `lan`.
+            DeviceError: it cannot be served: another program has the port.
+        """
+        self.close()
+        require_websockets()
+        file = create()
+        ours, theirs = os.pipe()
+        try:
+            self._board = Board(file, self.fingers)
+            home = str(Path(graspfx.__file__).parents[1])
+            path = [*sys.path, *([] if home in sys.path else [home])]
+            text = TEXT.format(path=path, arguments=f"{file}, {theirs}, {self._settings()!r}")
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", text], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                pass_fds=(theirs, file), process_group=0,
+            )  # fmt: skip
+        except OSError as error:
+            os.close(ours)
+            raise DeviceError(f"the page's process does not start: {error}") from error
+        finally:
+            os.close(theirs)
+            os.close(file)
+        with os.fdopen(ours, "rb") as answer:
+            ready = select.select([answer], [], [], PATIENCE)[0]
+            line = answer.readline().decode().strip() if ready else ""
+        if not line.startswith("yes "):
+            self.close()
+            raise DeviceError(f"the touch screen's page is not served: {line.removeprefix('no ') or 'no answer'}")
+        self.address, self._last = line.removeprefix("yes "), None
+
+    def touches(self) -> Touches:
+        """Read what is touched; nothing is while the server gives no sign of life.
+
+        Raises:
+            DeviceError: its process has ended.
+        """
+        assert self._board is not None
+        now = time.monotonic()
+        if now - self._looked > LOOK:
+            self._looked = now
+            if self._process is None or self._process.poll() is not None:
+                raise DeviceError(f"the process that serves {self.address or 'the page'} has ended")
+        touches = self._board.touches() or self._last or Touches(now, np.zeros(5), np.zeros((self.fingers, 4)))
+        if now - touches.time > DEAF:
+            touches.fingers[:, 0] = 0.0
+        self._last = touches
+        return touches
+
+    def show(self, positions: FloatArray, forces: FloatArray) -> None:
+        """Show positions (k, d) [m] and forces (k, d) [N] on the page, d up to 2."""
+        if self._board is not None:
+            self._board.show(time.monotonic(), positions[:, :2], forces[:, :2])
+
+    def close(self) -> None:
+        """End the page; returns also when it has ended, and twice."""
+        process, self._process, self._board = self._process, None, None
+        if process is None:
+            return
+        with suppress(OSError):
+            if process.stdin is not None:
+                process.stdin.close()
+        try:
+            process.wait(FAREWELL)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def _settings(self) -> str:
+        most = "one finger" if self.fingers == 1 else f"up to {self.fingers} fingers"
+        colours = [COLOURS[i % len(COLOURS)] for i in range(self.fingers)]
+        scenery = {
+            "title": "Touch screen",
+            "hint": f"Touch with {most}. The force is shown here, not felt.",
+            "fault": "",
+            "box": self.box,
+            "touchable": self.fingers,
+            "fingers": [{"name": f"finger {i}", "colour": colour, "radius": 0.0} for i, colour in enumerate(colours)],
+            "objects": [],
+            "obstacles": [],
+            "states": ["#b8b8b8", "#7f7f7f"],
+            "internal": "",
+            "external": INK,
+            "legend": [
+                ["force on the finger", INK, True],
+                ["free", "#b8b8b8", False],
+                ["on the screen", "#7f7f7f", False],
+            ],
+        }
+        table = {"fingers": self.fingers, "port": self.port, "box": self.box, "lan": self.lan, "scenery": scenery}
+        return json.dumps(table)

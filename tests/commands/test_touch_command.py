@@ -1,0 +1,49 @@
+"""`graspfx touch`: a page on this machine, a code for a tablet, and scenes that a screen cannot lead."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from graspfx.__main__ import main
+from graspfx.loop.recording.record import Recording
+from graspfx.screen import touch_address
+
+pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
+
+SCENE = ["touch", "paper-waving", "--set", "engine=interpreted", "--port", "0"]
+
+
+def test_it_serves_a_page_and_records(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SCENE, "--seconds", "0.5", "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert re.match(r"http://127\.0\.0\.1:\d+/\n", text)
+    assert "the force is shown, not felt" in text.replace("its force", "the force")
+    recording = Recording.load(tmp_path / "recording.h5")
+    assert len(recording) > 50 and not recording.faults
+    assert (tmp_path / "touches.csv").read_text("utf-8") == "client,number,kind,finger,x,y,tick,fate\n"
+    assert main([*SCENE, "--out", str(tmp_path)]) == 2  # over nothing that is there
+
+
+def test_a_tablet_gets_a_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("segno", reason="it draws the code: pip install 'graspfx[touch]'")
+    monkeypatch.setattr(touch_address, "network_address", lambda: "127.0.0.1")  # this machine may be in no network
+    assert main([*SCENE, "--lan", "--seconds", "0.2"]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"^http://127\.0\.0\.1:\d+/\?token=[\w-]{32}$", text, re.MULTILINE)
+    assert sum("▀" in line or "█" in line or "▄" in line for line in text.splitlines()) > 10
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["touch", "sphere-three-fingers"], "a touch screen has no depth"),
+        (["touch", "paper-waving", "--port", "70000"], "a port from 0"),
+        (["touch", "paper-waving", "--seconds", "0"], "a time above zero"),
+    ],
+)
+def test_others_are_refused(words: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert text in capsys.readouterr().err

@@ -1,0 +1,234 @@
+"""Fingers on a touch screen hold the paper's cube: a scene that runs, its page in a browser, and hands on it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.live.touch.touch_run import TouchRun
+from graspfx.loop.recording.record import Recording
+from graspfx.screen.touch_address import gate_for, listen, url
+from graspfx.show.style import EXTERNAL, INTERNAL
+from tests.support.chromium import Browser, Page, chromium
+
+SQUEEZE = 0.01  # of each touch inside its face [m]
+HALF = 0.025  # of the cube [m]
+SERIES = 60.0 * 70.0 / (60.0 + 70.0)  # hand and internal coupling: f = k_h k_i/(k_h + k_i) s [N/m]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as program:
+        yield program
+
+
+@pytest.fixture(scope="module")
+def touch(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TouchRun]:
+    scene = gx.load("paper-waving", {"engine": "interpreted"})
+    with listen("127.0.0.1", 0) as line:
+        gate = gate_for(line, lan=False)
+        with TouchRun(scene, line, gate, out=tmp_path_factory.mktemp("touch")) as run:
+            yield run
+        assert run.fault == ""
+
+
+@pytest.fixture
+def page(browser: Browser, touch: TouchRun) -> Iterator[Page]:
+    """Open the page on a small tablet, with nobody's finger on anything."""
+    until(lambda: not touch.server.clients and free(touch) and rests(touch))
+    page = browser.open(url(touch.server.line), 560, 420, phone=True)
+    page.wait_for("window.graspfx().picture !== null")
+    yield page
+    assert page.console_errors == []
+    own = url(touch.server.line)
+    assert {each.replace("ws://", "http://") for each in page.requests} <= {own, f"{own}socket"}
+    page.close()
+
+
+def until(what: Callable[[], object], longest: float = 10.0) -> None:
+    end = time.monotonic() + longest
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def column(touch: TouchRun, name: str) -> np.ndarray:
+    row, place = touch.run.row(), touch.run.layout.columns[name]
+    assert row is not None
+    return row[place.where].reshape(place.shape)
+
+
+def last_forces(touch: TouchRun) -> np.ndarray:
+    """Give the sizes of the forces in the last 0.4 s (80, 2) [N]."""
+    place = touch.run.layout.columns["finger_force"]
+    rows = touch.run.rows(touch.run.tick - 80)[1][:, place.where]
+    return np.linalg.norm(rows.reshape(-1, *place.shape), axis=2)
+
+
+def free(touch: TouchRun) -> bool:
+    return bool(np.abs(column(touch, "finger_force")).max() < 1e-3)  # encoders count in steps
+
+
+def rests(touch: TouchRun) -> bool:
+    return bool(np.linalg.norm(column(touch, "objects/object/velocity")) < 1e-3)
+
+
+def at(page: Page, *places: tuple[float, float]) -> list[tuple[float, float]]:
+    """Say where on the page places of the scene are [CSS pixels]."""
+    return [tuple(page.evaluate(f"window.graspfx().place({x}, {y})")) for x, y in places]
+
+
+def pinch(page: Page, x: float, y: float, depth: float, steps: int = 6) -> None:
+    """Put two touches on the faces of a cube, and close them."""
+    page.touch(at(page, (x - HALF, y), (x + HALF, y)), "touchStart")
+    for k in range(1, steps + 1):
+        s = HALF - depth * k / steps
+        page.touch(at(page, (x - s, y), (x + s, y)), "touchMove")
+
+
+def middle(touch: TouchRun) -> tuple[float, float]:
+    x, y = column(touch, "objects/object/position").tolist()
+    return x, y
+
+
+def share(pixels: Any, colour: str) -> float:
+    """Give the share of a picture that has about a colour."""
+    rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
+    return float((np.abs(pixels.astype(int) - rgb).max(axis=2) < 12).mean())
+
+
+def test_two_touches_hold_the_cube(page: Page, touch: TouchRun) -> None:
+    """The force is that of hand and coupling in series, the page draws it, and two touches that go carry the cube."""
+    x, y = middle(touch)
+    picture = page.screenshot()
+    assert share(picture, "#c3d2e0") > 0.01  # the cube
+    assert share(picture[60:300], INTERNAL) == 0.0
+    pinch(page, x, y, SQUEEZE)
+    (left, _), (right, _) = sorted((each["x"], each["y"]) for each in page.evaluate("window.graspfx().touches"))
+    depth = HALF - 0.5 * (right - left)  # to a part of a pixel that the browser rounds
+    assert depth == pytest.approx(SQUEEZE, rel=0.01)
+    held = SERIES * depth
+    until(lambda: np.abs(last_forces(touch) - held).max() < 1e-3 * held)
+    force = column(touch, "finger_force")
+    assert force[0, 0] > 0.0 > force[1, 0]
+    picture = page.screenshot()
+    assert share(picture[60:300], INTERNAL) > 0.001  # two arrows
+    assert share(picture[60:300], EXTERNAL) < 2e-4
+    assert share(picture[310:390], INTERNAL) > 0.001  # the chart
+    for k in range(1, 11):
+        s = HALF - SQUEEZE
+        page.touch(at(page, (x - s + 0.004 * k, y + 0.002 * k), (x + s + 0.004 * k, y + 0.002 * k)), "touchMove")
+    until(lambda: np.allclose(middle(touch), (x + 0.04, y + 0.02), rtol=0.0, atol=5e-4))
+    until(lambda: np.abs(last_forces(touch) - held).max() < 0.02 * held)
+    page.touch([], "touchEnd")
+    until(lambda: free(touch), 2.0)
+    assert page.evaluate("window.graspfx().touches.length") == 0
+
+
+def test_a_touch_far_away_brings_its_finger_without_a_jump(page: Page, touch: TouchRun) -> None:
+    """The goal goes at half a metre a second, and the fingertip overshoots it as 0.15 kg on 60 N/m and 1.2 N s/m do.
+
+    At most 0.5 m/s (1 + exp(-zeta pi / sqrt(1 - zeta^2))) = 0.77 m/s, zeta = 0.2. With a goal that leaps 85 mm the
+    follower alone would go at 0.0854 m / (0.02 s e) = 1.6 m/s.
+    """
+    tips = column(touch, "true_position")
+    left = int(np.argmin(tips[:, 0]))
+    began = touch.run.tick
+    target = (tips[left, 0] - 0.08, tips[left, 1] + 0.03)
+    page.touch(at(page, target), "touchStart")
+    until(lambda: np.linalg.norm(column(touch, "true_position")[left] - target) < 1e-3)
+    _, rows = touch.run.rows(began)
+    place = touch.run.layout.columns["true_position"]
+    motion = rows[:, place.where].reshape(-1, *place.shape)[:, left]
+    speed = np.linalg.norm(np.diff(motion, axis=0), axis=1) / touch.run.period
+    assert 0.3 < speed.max() < 0.8
+    page.touch([], "touchEnd")
+
+
+def test_whoever_leaves_lets_go(browser: Browser, page: Page, touch: TouchRun) -> None:
+    """A page that loses the focus, or is closed with fingers on it; another screen watches meanwhile."""
+    x, y = middle(touch)
+    other = browser.open(url(touch.server.line), 560, 420, phone=True)
+    other.wait_for("window.graspfx().picture !== null")
+    pinch(other, x, y, 0.006)
+    until(lambda: column(touch, "touching").all())
+    page.wait_for("window.graspfx().picture.claimed === 3")
+    page.touch(at(page, (x, y)), "touchStart")  # of fingers that another screen has
+    assert page.evaluate("window.graspfx().touches.length") == 0
+    page.touch([], "touchEnd")
+    other.evaluate("window.dispatchEvent(new Event('blur'))")
+    until(lambda: free(touch) and rests(touch), 2.0)
+    other.touch([], "touchEnd")
+    x, y = middle(touch)
+    pinch(other, x, y, 0.006)
+    until(lambda: column(touch, "touching").all())
+    other.close()
+    until(lambda: free(touch), 2.0)
+
+
+def test_a_mouse_has_a_second_finger(browser: Browser, page: Page, touch: TouchRun) -> None:
+    """Shift mirrors the other finger, so that both squeeze; without it that stays; Space carries it along."""
+    page.resize(560, 420)
+    x, y = middle(touch)
+    start = at(page, (x - HALF, y), (x - HALF + 0.008, y), (x - HALF + 0.028, y))
+    shift = {"key": "Shift", "code": "ShiftLeft", "modifiers": 8}
+    page.mouse("mouseMoved", *start[0], button="none", buttons=0)
+    page.send("Input.dispatchKeyEvent", {"type": "keyDown", **shift})
+    for kind, place in (("mousePressed", start[0]), ("mouseMoved", start[1])):
+        page.send("Input.dispatchMouseEvent", {
+            "type": kind, "x": place[0], "y": place[1], "button": "left", "buttons": 1, "clickCount": 1, "modifiers": 8
+        })  # fmt: skip
+    page.send("Input.dispatchKeyEvent", {"type": "keyUp", **shift, "modifiers": 0})
+    until(lambda: column(touch, "touching").all())
+    until(
+        lambda: column(touch, "finger_force")[:, 0].min() < -0.15 and column(touch, "finger_force")[:, 0].max() > 0.15
+    )
+    page.send("Input.dispatchKeyEvent", {"type": "keyDown", "key": " ", "code": "Space"})
+    page.mouse("mouseMoved", *start[2])
+    until(lambda: middle(touch)[0] > x + 0.015 and column(touch, "touching").all() and rests(touch))
+    page.send("Input.dispatchKeyEvent", {"type": "keyUp", "key": " ", "code": "Space"})
+    page.mouse("mouseReleased", *start[2])
+    until(lambda: free(touch), 2.0)
+
+
+def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
+    for width, height, scale in ((390, 700, 2.0), (700, 360, 2.0)):
+        page.resize(width, height, scale=scale, phone=True)
+        page.wait_for(f"document.getElementById('scene').width === {width * scale:.0f}")
+        tips = column(touch, "true_position")
+        goal = (tips[0, 0] - 0.01, tips[0, 1])
+        page.touch(at(page, goal), "touchStart")
+        until(lambda goal=goal: np.linalg.norm(column(touch, "true_position")[0] - goal) < 1e-3)  # type: ignore[misc]
+        page.touch([], "touchEnd")
+
+
+def test_no_order_is_lost_and_the_recording_has_them(browser: Browser, touch: TouchRun) -> None:
+    """Every message of a page is in the log once, in its order; what it asked for last is in the recording."""
+    until(lambda: not touch.server.clients and free(touch) and rests(touch))
+    touch.log.entries.clear()
+    page = browser.open(url(touch.server.line), 420, 320, phone=True)
+    page.wait_for("window.graspfx().picture !== null")
+    pinch(page, *middle(touch), 0.008, steps=20)
+    until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
+    sent = page.evaluate("window.graspfx().sent")
+    time.sleep(0.5)  # for goals on their way
+    touch.close()
+    page.close()
+    assert touch.server.counts["lost"] == 0
+    numbers = [entry.order.number for entry in touch.log.entries]
+    assert numbers == list(range(1, numbers[-1] + 1)) and numbers[-1] >= sent[-1][0]
+    assert set(touch.log.fates()) <= {"applied", "superseded"}
+    assert touch._out is not None
+    lines = (touch._out / "touches.csv").read_text("utf-8").splitlines()
+    assert len(lines) == len(numbers) + 1 and lines[0] == "client,number,kind,finger,x,y,tick,fate"
+    recording = Recording.load(touch._out / "recording.h5")
+    last = {finger: place for _, _, kind, finger, *place in sent if kind in (1, 2)}
+    for finger, guide in enumerate(touch.run.guides):
+        values = [each.value for each in recording.changes if each.key == f"finger.{finger}.hand.guide.offset"]
+        goal = np.array(last[finger]) - guide.position
+        assert min(np.abs(np.array(value).ravel() - goal).max() for value in values) < 1e-12
