@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from graspfx.errors import InputError
 
-LOOK = 0.05  # between two looks at the run [s]
+LOOK = 0.1  # between two looks at the run [s]
 
 
 class _Request(NamedTuple):
