@@ -58,7 +58,9 @@ def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards
             along = forces[i] / sizes[i]
             sideways = np.cross(towards, frame.force[i])
             width = float(np.linalg.norm(sideways))
-            sideways = (1.0 if is_internal else -1.0) * BESIDE * extent * sideways / width if width > 0.0 else np.zeros(3)
+            sideways = (
+                (1.0 if is_internal else -1.0) * BESIDE * extent * sideways / width if width > 0.0 else np.zeros(3)
+            )
             pulls = bool(forces[i] @ frame.force[i] < 0.0)
             at = frame.fingertips[i] + sideways + (1.0 if pulls else -1.0) * radii[i] * along
             length = min(float(sizes[i]) * scale, 3.0 * LONGEST * extent)
