@@ -133,18 +133,18 @@ class RecordingView:
         last = began = now()
         end = None if seconds is None else began + seconds
         charts = texts = 0.0
-        shown = -1
+        drawn = -1
         while not stop() and (end is None or now() < end):
             began, elapsed = now(), now() - last
             last = began
             if not self.server.pages:
                 time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - began)))
-                last, shown = now(), -1
+                last, drawn = now(), -1
                 continue
             self._advance(elapsed)
-            if self.row != shown or self._stale:
-                shown = self.row
-                self._draw(shown, charts=began >= charts)
+            if self.row != drawn or self._stale:
+                drawn = self.row
+                self._draw(drawn, charts=began >= charts)
                 if began >= charts:
                     charts = began + CHARTS
             if began >= texts:
@@ -240,7 +240,7 @@ def _remarks(recording: Recording, time: float) -> list[str]:
 def _values(recording: Recording) -> str:
     from html import escape
 
-    from graspfx.live.page.values import values_of
+    from graspfx.live.page.listed_values import values_of
 
     rows = "".join(
         f"<div class=row><span>{escape(each['label'])}</span>"

@@ -80,7 +80,7 @@ class Viewpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Scenery:
-    """What is drawn of a scene besides frames.
+    """All that is drawn of a scene besides frames.
 
     Attributes:
         solids: objects and obstacles.

@@ -17,10 +17,10 @@ import graspfx as gx
 from graspfx.errors import InputError, RecordingError
 from graspfx.live.frame import Frames
 from graspfx.live.page.document import in_script, page_text, write_page
-from graspfx.live.page.motion import motion_of
+from graspfx.live.page.listed_values import value_at, values_of
 from graspfx.live.page.packing import RESOLUTION, packed
+from graspfx.live.page.played_frames import motion_of
 from graspfx.live.page.story import story_of
-from graspfx.live.page.values import value_at, values_of
 from graspfx.loop.recording.header import KeyChange, Outcome
 from graspfx.loop.recording.record import Recording
 from tests.support.played import SECONDS, played
@@ -101,13 +101,13 @@ def test_a_long_recording_is_read_in_parts_to_the_same_numbers(tmp_path: Path, m
     run = played("sphere-three-fingers")
     run.save(tmp_path / "recording.h5")
     whole = story_of(run)
-    monkeypatch.setattr("graspfx.live.page.motion.WHOLE", 0)
+    monkeypatch.setattr("graspfx.live.page.played_frames.WHOLE", 0)
     monkeypatch.setattr("graspfx.loop.recording.history.BLOCK", 8 * run.layout.width * 37)
     assert story_of(Recording.load(tmp_path / "recording.h5")) == whole
 
 
 def test_an_hour_has_fewer_frames_in_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("graspfx.live.page.motion.MOST", 50)
+    monkeypatch.setattr("graspfx.live.page.played_frames.MOST", 50)
     story = story_of(waving(N=1000))
     assert (story["frames"], story["step"]) == (50, pytest.approx(0.1))
 

@@ -38,7 +38,7 @@ def served(view: RecordingView) -> Iterator[None]:
 
 
 def test_a_recording_is_scrubbed_and_played(tmp_path: Path) -> None:
-    """Of a file only the rows that are shown are read; arrows of a squeeze are there while there is one."""
+    """Arrows of a squeeze are there while there is one; of a file only the rows that are shown are read."""
     played("paper-waving").save(tmp_path / "recording.h5")
     run = Recording.load(tmp_path / "recording.h5")
     with RecordingView(run, port=0) as view, served(view), chromium() as browser:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import graspfx as gx
 from graspfx.live.live_run import LiveRun
+from graspfx.live.recording_view import RecordingView
 from graspfx.live.sliders import sliders
 from graspfx.live.view.live_view import LiveView
 from tests.support.chromium import Browser, chromium, program
@@ -55,11 +58,54 @@ def _view(browser: Browser, file: Path, name: str, values: Mapping[str, object],
         page.close()
 
 
-PAGES: dict[str, Callable[[Browser, Path], None]] = {"view-mug": view_mug, "view-unstable": view_unstable}
+def page_mug(browser: Browser, file: Path) -> None:
+    """Show the page of a recording, while the mug is tilted."""
+    _page(browser, file, "mug", 1.7, WIDTH, 1000)
+
+
+def page_waving_phone(browser: Browser, file: Path) -> None:
+    """Show the page of a recording as a phone does, dark."""
+    _page(browser, file, "paper-waving", 1.4, 390, 844, scale=2.0, phone=True, dark=True)
+
+
+def _page(browser: Browser, file: Path, name: str, time: float, width: int, height: int, **choices: Any) -> None:
+    with TemporaryDirectory() as folder:
+        path = gx.run(name).to_html(Path(folder) / f"{name}.html")
+        page = browser.open(f"{path.as_uri()}#t={time}", width, height, **choices)
+        page.wait_for(f"graspfx.time > {time - 0.1}")
+        page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        page.screenshot(file)
+        page.close()
+
+
+def view_recording(browser: Browser, file: Path) -> None:
+    """Show a recording on the page of viser."""
+    done = threading.Event()
+    with RecordingView(gx.run("sphere-three-fingers"), port=0) as view:
+        thread = threading.Thread(target=view.serve, args=(done.is_set,))
+        thread.start()
+        try:
+            page = browser.open(view.server.url, WIDTH, HEIGHT)
+            page.evaluate(PLAIN)
+            page.wait_for("document.body.innerText.includes('stands still')", 60.0)
+            view.go(1.2)
+            page.wait_for("document.body.innerText.includes('1.2 s')", 60.0)
+            time.sleep(1.5)
+            page.screenshot(file)
+            page.close()
+        finally:
+            done.set()
+            thread.join(10.0)
+
+
+PAGES: dict[str, Callable[[Browser, Path], None]] = {
+    "view-mug": view_mug, "view-unstable": view_unstable, "view-recording": view_recording, "page-mug": page_mug,
+    "page-waving-phone": page_waving_phone,
+}  # fmt: skip
 
 
 def thin(file: Path) -> None:
-    """Write a picture in few colours."""
+    """Write a picture in few colours, of which not all are the right ones."""
     from PIL import Image
 
     image = Image.open(file).convert("RGB")

@@ -263,7 +263,7 @@ function start() {
 }
 start();
 
-// For whoever wants the numbers: graspfx.frame(k) in the browser's console.
+// For whoever wants the numbers, in the browser's console.
 window.graspfx = {
   story, frame, frameAt, go, play, arrows: () => arrows(frameAt(time), seen),
   project: (point) => project(point, seen, find("scene").clientWidth, find("scene").clientHeight),

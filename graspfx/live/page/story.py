@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import graspfx
 from graspfx.errors import InputError
 from graspfx.live.frame import STATES
-from graspfx.live.page.motion import Motion, motion_of
+from graspfx.live.page.listed_values import values_of
 from graspfx.live.page.packing import RESOLUTION, packed, packed_solid
-from graspfx.live.page.values import values_of
+from graspfx.live.page.played_frames import Motion, motion_of
 from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
 from graspfx.loop.recording.record import Recording
 from graspfx.show.modes import Modes
