@@ -56,11 +56,13 @@ def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards
         seen = np.isfinite(sizes) & (sizes * scale > SHORTEST * LONGEST * extent)
         for i in np.flatnonzero(seen & np.isfinite(frame.fingertips).all(axis=1)):
             along = forces[i] / sizes[i]
-            aside = np.cross(towards, frame.force[i])
-            width = float(np.linalg.norm(aside))
-            aside = (1.0 if is_internal else -1.0) * BESIDE * extent * aside / width if width > 0.0 else np.zeros(3)
+            sideways = np.cross(towards, frame.force[i])
+            width = float(np.linalg.norm(sideways))
+            sideways = (
+                (1.0 if is_internal else -1.0) * BESIDE * extent * sideways / width if width > 0.0 else np.zeros(3)
+            )
             pulls = bool(forces[i] @ frame.force[i] < 0.0)
-            at = frame.fingertips[i] + aside + (1.0 if pulls else -1.0) * radii[i] * along
+            at = frame.fingertips[i] + sideways + (1.0 if pulls else -1.0) * radii[i] * along
             length = min(float(sizes[i]) * scale, 3.0 * LONGEST * extent)
             result.append(Arrow(int(i), is_internal, at, along, length, pulls))
     return result

@@ -14,7 +14,8 @@ from graspfx.__main__ import COMMANDS, main, parse
 from graspfx.commands.completion import SCRIPTS, answers
 
 POSITIONALS = {
-    name: ["x"] for name in ("run", "check", "stability", "plot", "picture", "replay", "touch", "export", "calibrate")
+    name: ["x"]
+    for name in ("run", "check", "stability", "plot", "picture", "replay", "touch", "export", "calibrate", "view")
 }  # that they need
 ROOT = Path(__file__).parents[2]
 PROBE = """

@@ -36,7 +36,7 @@ CAMERA = {
 
 
 class Orders(list[Any]):
-    """What controls of a page were told."""
+    """Values that controls of a page received."""
 
 
 @pytest.fixture
@@ -256,7 +256,7 @@ def test_every_message_has_its_check() -> None:
 
 
 def test_a_page_that_does_not_read_slows_nobody_and_takes_no_memory(server: Server) -> None:
-    """Of 1500 frames of 30 kB the page that reads gets the last; those of the other one are left out."""
+    """A page that reads gets the last of 1500 frames of 30 kB; those of the other one are left out."""
     from websockets.sync.client import connect
 
     text = server.viser.gui.add_html("")

@@ -75,7 +75,7 @@ class GainSliders:
             number = self._newest[key]
         self._order({key: value}).add_done_callback(lambda future: self._settle(key, number, value, future))
 
-    def _settle(self, key: str, number: int, asked: float, future: Future[Order]) -> None:
+    def _settle(self, key: str, number: int, order_value: float, future: Future[Order]) -> None:
         """Take what has become of an order; a newer one on its way has the last word."""
         error = future.exception()
         order = None if error is not None else future.result()
@@ -87,7 +87,7 @@ class GainSliders:
             self._remark(str(error))
         elif is_newest and order is not None:
             self._remark(order.text)
-        if is_newest and self.values[key] != asked:
+        if is_newest and self.values[key] != order_value:
             self._handles[key].value = self.values[key]
 
 

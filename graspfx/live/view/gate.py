@@ -30,7 +30,7 @@ POLICY = (  # whatever the page loads is in it, and no other site shows it in a 
 
 
 class Gate:
-    """What every connection passes through.
+    """A gate that every connection passes through.
 
     Args:
         accepts: whether a message, in order by itself, fits the controls that there are.

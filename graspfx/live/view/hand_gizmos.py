@@ -23,7 +23,7 @@ PREFIX = "/hands/"
 
 
 class HandGizmos:
-    """What leads the hands of a run.
+    """Gizmos and sliders that lead the hands of a run.
 
     Args:
         server: of the page.

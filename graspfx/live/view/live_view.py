@@ -17,7 +17,7 @@ from graspfx.live.view import words_on_page as words
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.gain_sliders import GainSliders
 from graspfx.live.view.hand_gizmos import HandGizmos
-from graspfx.live.view.pace import Pace
+from graspfx.live.view.pace_of_run import Pace
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
@@ -32,7 +32,7 @@ FRAME = 1.0 / 30.0  # from a frame to the next while nobody gives orders [s]
 SHORTEST = 0.008  # from a frame to the next after an order [s]
 CHARTS, TEXTS = 0.12, 0.5  # from a drawing of charts, and of texts, to the next [s]
 IDLE = 0.25  # between two looks for pages [s]
-TAKEN = 2  # ticks after an order until a row follows from it
+EFFECT = 2  # ticks after an order until a row follows from it
 WIDTH = 340  # of the panels [pixels]
 STEP = 10  # ticks of a press of Step
 
@@ -53,7 +53,7 @@ class LiveView:
         tell: Callable[[str], object] = print,
     ) -> None:  # fmt: skip
         self.run, self._new_folder, self._tell = run, new_folder, tell
-        self._wake, self._wanted = threading.Event(), -1
+        self._wake, self._awaited = threading.Event(), -1
         self._executor = ThreadPoolExecutor(1, "graspfx-page-orders")
         self._remark = ""
         self._recording: Path | None = None
@@ -130,11 +130,11 @@ class LiveView:
             return
         time.sleep(max(0.0, SHORTEST - (time.monotonic() - began)))
         self._wake.clear()
-        self.run.await_row(self._wanted, FRAME)
+        self.run.await_row(self._awaited, FRAME)
 
     def _changed(self) -> None:
         """Let the next frame come with the row that follows from an order."""
-        self._wanted = self.run.tick + TAKEN
+        self._awaited = self.run.tick + EFFECT
         self._wake.set()
 
     def _frames(self) -> Frames | None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import viser
 
 HOW = "pip install 'graspfx[view]', or '.[view]' in a checkout"
-LOGGER = "graspfx.view"  # of the sockets: heard by who listens to it, else silent
+LOGGER = "graspfx page"  # of the sockets: heard by who listens to it, else silent
 
 
 def page_server(label: str, port: int | None = None, *, fits: Callable[[dict[str, Any]], bool] | None = None) -> Server:

@@ -28,7 +28,7 @@ class ReplayOnPage:
         self.recording = Recording.load(file)
         self.file, self._apart = file, apart
         self.end = float(self.recording.end)
-        self._at, self._wall, self._moved = 0.0, time.perf_counter(), 0.0
+        self._at, self._wall, self._refreshed = 0.0, time.perf_counter(), 0.0
         self._playing = True
         self._slider: Any = server.gui.add_slider("replay [s]", 0.0, max(self.end, 1e-3), 1e-3, 0.0)
         self._slider.on_update(self._seek)
@@ -40,8 +40,8 @@ class ReplayOnPage:
             self._at += now - self._wall
             if self._at >= self.end:
                 self._at = 0.0
-            if now - self._moved > REFRESH:
-                self._slider.value, self._moved = round(self._at, 3), now
+            if now - self._refreshed > REFRESH:
+                self._slider.value, self._refreshed = round(self._at, 3), now
         self._wall = now
         count = len(self.recording)
         k = min(count - 1, int(self._at / self.end * count)) if self.end > 0.0 else 0

@@ -25,7 +25,7 @@ CELLS = 20  # along the floor's grid
 
 
 class SceneTree:
-    """What is drawn in space.
+    """A scene as it is drawn in space.
 
     Args:
         server: of the page.
