@@ -16,9 +16,9 @@ from collections.abc import Callable
 from types import FunctionType
 
 from graspfx.compile.unfold.expression import Expression, NotUnfoldable
-from graspfx.compile.unfold.stage_frame import Frame
 from graspfx.compile.unfold.rewrite import rewrite
 from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.stage_frame import Frame
 from graspfx.compile.unfold.writer import Line, Names, Writer
 from graspfx.errors import InputError
 
