@@ -42,7 +42,7 @@ def page(browser: Browser, touch: TouchRun) -> Iterator[Page]:
     """Open the page on a small tablet, with nobody's finger on anything."""
     until(lambda: not touch.server.clients and free(touch) and rests(touch))
     page = browser.open(url(touch.server.line), 560, 420, phone=True)
-    page.wait_for("window.graspfx().picture !== null")
+    page.wait_for("window.graspfx().drawn.length > 10")  # first drawings take long: no silence
     yield page
     assert page.console_errors == []
     own = url(touch.server.line)
