@@ -14,7 +14,7 @@ from graspfx.live.view.live_view import LiveView
 from graspfx.loop.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
-from tests.support.view_page import PLAIN, SLOW, STIFFNESS, live_view, near, place, until, vermilion
+from tests.support.view_page import PLAIN, SLOW, STIFFNESS, is_in_place, live_view, near, place, until, vermilion
 
 pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
 
@@ -49,6 +49,7 @@ def opened(browser: Browser, view: LiveView, width: int = 1200, height: int = 56
     page.evaluate(PLAIN)
     page.wait_for(ARROW)
     assert until(lambda: len(view.server.viser.get_clients()) > count)
+    assert until(lambda: is_in_place(view))
     time.sleep(0.4)
     return page
 

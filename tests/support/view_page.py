@@ -81,6 +81,13 @@ def place(page: Page, view: LiveView, point: ArrayLike) -> tuple[float, float]:
     return x + 0.5 * w + focal * right / away, y + 0.5 * h + focal * down / away
 
 
+def is_in_place(view: LiveView) -> bool:
+    """Tell whether the newest page looks from where it should: viser's own camera is some metres away at first."""
+    camera = list(view.server.viser.get_clients().values())[-1].camera
+    start = np.asarray(view.server.viser.initial_camera.position)
+    return bool(np.linalg.norm(camera.position - start) < 1e-3)
+
+
 def near(pixels: Pixels, colour: str, tolerance: int = 60) -> NDArray[np.bool_]:
     """Mark the pixels that have about a colour, (h, w)."""
     target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
