@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
@@ -217,9 +218,10 @@ def test_a_person_shows_axes_and_zero(tmp_path: Path) -> None:
 
 def patiently(attempt: Callable[[], Calibration]) -> Calibration:
     """Try again where a busy machine has not let the emulator answer in time."""
-    for _ in range(3):
+    for seconds in (0.0, 0.5, 1.0, 2.0, 4.0, 4.0):
         with suppress(DeviceError):
             return attempt()
+        time.sleep(seconds)
     return attempt()
 
 
