@@ -303,7 +303,7 @@ class LiveRun:
         """
         out = self._out
         if out is None:
-            raise InputError("run", self, "a run that is recorded", "record(folder) begins one")
+            raise InputError("run", "one without a recording", "a run that is recorded", "record(folder) begins one")
         self._conductor.do(lambda: self._renew(None)).result()
         return out
 
