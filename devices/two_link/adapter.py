@@ -104,7 +104,8 @@ class TwoLinkArm(ABC):
         if not r:
             away, r = np.array([0.0, 1.0]), 1.0
         size = min(max(r, low + room), high - room)
-        return base + away * (size / r) if size != r else base + away
+        nearest: FloatArray = base + away * (size / r)
+        return nearest
 
     @property
     def largest_force(self) -> FloatArray:
