@@ -19,7 +19,7 @@ HOST = "127.0.0.1"
 NAMES = frozenset({HOST, "localhost"})
 MOST = 100  # ports to try
 ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # nothing else comes into a page's policy
-TOLD = ("Host", "Origin", "Cookie")  # headers that say who asks
+IDENTITY = ("Host", "Origin", "Cookie")  # headers that say who asks
 
 
 def listen_at(host: str, port: int | None, first: int, name: str = "port") -> socket.socket:
@@ -59,7 +59,7 @@ def single(headers: Any) -> Mapping[str, str] | None:
         headers: of a request, whose names are of any case, with `get_all`.
     """
     values: dict[str, str] = {}
-    for name in TOLD:
+    for name in IDENTITY:
         every = headers.get_all(name)
         if len(every) > 1:
             return None

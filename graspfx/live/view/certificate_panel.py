@@ -32,7 +32,7 @@ class CertificatePanel:
         self._clamp: HardwareClamp | None = None
         self._news = False
         self._lock, self._waiting = threading.Lock(), 0
-        self._asked: dict[str, Any] = {}  # values of the newest request, by key
+        self._request: dict[str, Any] = {}  # values of the newest request, by key
 
     def start(self) -> None:
         """Begin to compute, where this has not begun."""
@@ -49,7 +49,7 @@ class CertificatePanel:
         else:
             with self._lock:
                 self._waiting += 1
-                self._asked |= values
+                self._request |= values
                 self._margins.ask(values)
             order = Future()
             self._run.set(values).add_done_callback(lambda done: self._finish(order, values, done))
@@ -98,7 +98,7 @@ class CertificatePanel:
             if self._waiting or self._margins is None:
                 return
             scene = self._run.scene
-            now = {key: value_of(scene, numbered(scene, key)) for key in self._asked}
-            if now != self._asked:
-                self._asked = now
+            now = {key: value_of(scene, numbered(scene, key)) for key in self._request}
+            if now != self._request:
+                self._request = now
                 self._margins.ask(now)
