@@ -89,6 +89,24 @@ class TwoLinkArm(ABC):
             delay=self._delay,
         )
 
+    def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
+        """Give the place (2,) nearest to another one whose distance from the base is within the arm's reach [m].
+
+        Args:
+            finger: number, 0.
+            place: (2,) [m].
+            room: left to both ends of the reach, no more than half way between them [m].
+        """
+        base, (low, high) = np.array(self.arm.base), self.arm.reach
+        room = min(room, 0.5 * (high - low))
+        away = np.asarray(place, dtype=float) - base
+        r = float(np.hypot(*away))
+        if not r:
+            away, r = np.array([0.0, 1.0]), 1.0
+        size = min(max(r, low + room), high - room)
+        nearest: FloatArray = base + away * (size / r)
+        return nearest
+
     @property
     def largest_force(self) -> FloatArray:
         """Largest force that the motors reach in every direction where the finger was read last, (1,) [N].

@@ -14,7 +14,7 @@ from graspfx.build.process.goals import GoalSender, GuideKeys
 from graspfx.build.real_time_session import RealTimeSession
 from graspfx.build.resolve import resolve
 from graspfx.errors import InputError
-from graspfx.loop.realtime.ring import Phase, Ring, Word
+from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.header import Header
@@ -64,6 +64,9 @@ class LiveSession(RealTimeSession):
         super()._look(first, count)
         if not self._is_recorded:
             self._recorder.changes.clear()  # nobody asks for them, and a day has many
+            oldest = first + count - SLOTS  # tick of the oldest row that is still there
+            while len(self._splits) > 1 and self._splits[1][0] <= oldest:
+                del self._splits[0]
 
     @property
     def ring(self) -> Ring:
@@ -112,8 +115,8 @@ class LiveSession(RealTimeSession):
     def _require_going(self) -> None:
         self._require_open()
         if not self.look():
-            cause = self._remote.outcome["cause"]
-            raise InputError("run", self, "a run that goes on", f"it has ended: {cause}")
+            cause = self._remote.outcome["cause"] or "it was closed"
+            raise InputError("run", f"one that has ended: {cause}", "a run that goes on", "begin a new one")
         while not self.tick and not self._waits_to_begin and self.look():
             time.sleep(0.001)
 

@@ -40,7 +40,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     from graspfx.live.touch.touch_run import TouchRun
-    from graspfx.screen.touch_address import LOOPBACK, code, gate_for, listen, network_address
+    from graspfx.screen.own_page import HOST
+    from graspfx.screen.touch_address import code, gate_for, listen, network_address
     from graspfx.screen.touch_server import require_websockets
 
     if options.seconds is not None and not options.seconds > 0.0:
@@ -51,7 +52,7 @@ def execute(options: Namespace) -> int:
     if options.out is not None:
         require_room_of(options, options.out / NAME)
         require_room(options, [options.out / LOG])
-    with listen(network_address() if options.lan else LOOPBACK, options.port) as line:
+    with listen(network_address() if options.lan else HOST, options.port) as line:
         gate = gate_for(line, lan=options.lan)
         with waiting(f"starting {options.scene}"):
             scene, notes = _scene(options)

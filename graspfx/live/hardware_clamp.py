@@ -115,7 +115,11 @@ class HardwareClamp:
                 return self._refusal(request, f"there is no certificate of it{_why(verdict)}")
             why = shortfall(verdict, present)
             if not why:
-                self._run.set(values).result()
+                try:
+                    self._run.set(values).result()
+                except Exception:
+                    self._margins.ask(self._present, alone=True)  # a verdict on values that were not taken is none
+                    raise
                 self._present |= values
                 self._verdict = verdict
                 return Order(request, values, "" if values == request else _clamp_text(request, values, first))

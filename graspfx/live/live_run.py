@@ -303,12 +303,13 @@ class LiveRun:
         """
         out = self._out
         if out is None:
-            raise InputError("run", self, "a run that is recorded", "record(folder) begins one")
+            raise InputError("run", "one without a recording", "a run that is recorded", "record(folder) begins one")
         self._conductor.do(lambda: self._renew(None)).result()
         return out
 
     def _renew(self, out: str | PathLike[str] | None) -> None:
         """Begin a new run; what the former one ended in is raised afterwards where it was recorded."""
+        self._require_sound_hardware()
         if out is not None:
             require_vacancy_of(recording_path(out, "folder") / NAME)
         was_recorded, failure = self._out is not None, None
@@ -324,6 +325,18 @@ class LiveRun:
         self.run_number += 1
         if was_recorded and failure is not None:
             raise failure
+
+    def _require_sound_hardware(self) -> None:
+        """Require that no hardware has ended in a fault: a button of a page does not arm it again.
+
+        Raises:
+            InputError: it has; its recording is closed with this object.
+        """
+        if not self.has_hardware or (self.fault is None and not self._session.outcome.get("cause")):
+            return
+        why = self.fault.message if self.fault is not None else self.cause
+        do = "see to the device, end the program, and begin anew"
+        raise InputError("run", f"hardware that has ended: {why}", "a run without fault", do)
 
     def rest(self) -> None:
         """Let every force decay to zero, and stay there; wait until it is."""

@@ -165,6 +165,14 @@ class LimitedDevice(Protocol):
 
 
 @runtime_checkable
+class RangedDevice(Protocol):
+    """A device whose fingers reach less than the box of `features.workspace`."""
+
+    def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
+        """Give the place (d,) nearest to another one that a finger reaches, `room` inside the end of its reach [m]."""
+        ...
+
+
 class SwitchedDevice(Protocol):
     """A device with switches: buttons, pedals, a switch that its user's hand closes."""
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import socket
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.screen.own_page import NAMES, listen_at
 from graspfx.screen.touch_gate import TOKEN, Gate
 
-LOOPBACK = "127.0.0.1"
-NAMES = frozenset({LOOPBACK, "localhost"})
-FIRST, MOST = 8765, 100  # ports to try
+FIRST = 8765  # port to try
 ELSEWHERE = "192.0.2.1", 9  # an address of no machine (RFC 5737): the way to it tells this one's own
 
 
@@ -25,21 +23,7 @@ def listen(host: str, port: int | None = None) -> socket.socket:
     Raises:
         InputError: it is in use, or not a program's to have.
     """
-    if port is not None and not 0 <= port < 1 << 16:
-        raise InputError("port", port, "a port from 0 (any that is free) to 65535")
-    for number in range(FIRST, FIRST + MOST) if port is None else (port,):
-        line = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            line.bind((host, number))
-            line.listen(16)
-        except OSError as error:
-            line.close()
-            if port is None and error.errno in (errno.EADDRINUSE, errno.EACCES):
-                continue
-            raise InputError("port", number, "a port that is free", str(error.strerror)) from error
-        return line
-    raise InputError("port", f"{FIRST} to {FIRST + MOST - 1}", "a port that is free", "all are in use")
+    return listen_at(host, port, FIRST)
 
 
 def network_address() -> str:

@@ -9,7 +9,6 @@ socket and every later request must bring.
 from __future__ import annotations
 
 import hmac
-import re
 import secrets
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -18,13 +17,14 @@ from http.cookies import CookieError, SimpleCookie
 from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
+from graspfx.screen.own_page import refusal
+
 LIFE = 600.0  # of a token [s]
 COOKIE = "graspfx-touch"
 TOKEN = "token"
 TRIES, PER = 5, 60.0  # wrong tokens of a peer, and the time in which they are forgotten [s]
 MOST_PEERS = 1000  # whose wrong tokens are counted
 MOST_SESSIONS = 32
-ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # nothing else comes into the page's policy
 
 
 class Bucket:
@@ -94,11 +94,8 @@ class Gate:
             peer: address from which it comes.
             is_socket: whether it opens a WebSocket, for which every browser tells the Origin.
         """
-        host, origin = headers.get("Host", ""), headers.get("Origin")
-        if not self._is_ours(host):
-            return Admission(HTTPStatus.FORBIDDEN, "this page is served under its own address only")
-        if (origin is None and is_socket) or (origin is not None and origin != f"http://{host}"):
-            return Admission(HTTPStatus.FORBIDDEN, "orders are taken from this server's own page only")
+        if reason := refusal(headers, is_socket=is_socket, names=self.names, port=self.port):
+            return Admission(HTTPStatus.FORBIDDEN, reason)
         if not self.locked or self._has_session(headers.get("Cookie", "")):
             return Admission(HTTPStatus.OK)
         now = self._clock()
@@ -114,10 +111,6 @@ class Gate:
                 del self._wrong[next(iter(self._wrong))]
         wrong.take(now)
         return Admission(HTTPStatus.FORBIDDEN, "scan the code that the terminal shows; each is good for one screen")
-
-    def _is_ours(self, host: str) -> bool:
-        match = ADDRESS.fullmatch(host)
-        return match is not None and match[1].lower() in self.names and self.port in (0, int(match[2] or 80))
 
     def _has_session(self, header: str) -> bool:
         try:

@@ -13,9 +13,10 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from graspfx.errors import DeviceError, MissingPackageError
+from graspfx.screen.own_page import single
 from graspfx.screen.touch_claims import Claims
 from graspfx.screen.touch_gate import Bucket, Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
@@ -152,7 +153,7 @@ class TouchServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request with a page or a refusal; None lets a WebSocket through."""
-        headers = _single(request.headers)
+        headers = single(request.headers)
         path = request.path.partition("?")[0]
         if headers is None:
             return _response(HTTPStatus.BAD_REQUEST, b"a header stands twice\n")
@@ -292,18 +293,6 @@ class _Client:
         self.news.set()
         self.has_scenery = False
         self.budget = Bucket(RATE, BURST)
-
-
-def _single(headers: Any) -> Mapping[str, str] | None:
-    """Read headers of which each stands once; None where one does not that says who asks."""
-    values: dict[str, str] = {}
-    for name in ("Host", "Origin", "Cookie"):
-        every = headers.get_all(name)
-        if len(every) > 1:
-            return None
-        if every:
-            values[name] = every[0]
-    return values
 
 
 def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = None) -> Response:

@@ -173,6 +173,14 @@ def test_what_a_run_refuses_is_raised_and_counts_as_not_set(gate: Gate) -> None:
     assert late.text.endswith("the run has ended")
 
 
+def test_a_verdict_is_on_what_the_run_has_after_it_refused_a_value(gate: Gate) -> None:
+    gate.run.error = InputError("run", "closed", "a run that goes on")
+    with pytest.raises(InputError):
+        gate.order({KEP: 300.0})
+    margins = gate.clamp._margins
+    wait_until(lambda: (verdict := margins.latest()) is not None and not verdict.values)
+
+
 def test_the_end_of_the_certificates_is_the_end_of_changes() -> None:
     margins = Margins(gx.load("sphere-three-fingers"))
     gate = Gate(margins)

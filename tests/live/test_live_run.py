@@ -231,3 +231,19 @@ def test_hardware_pauses_for_nobody() -> None:
             run.set({"coupling.internal.stiffness": 60.0}).result(10.0)
             run.rest()
             assert run.state == "ended"
+
+
+def test_hardware_that_ended_in_a_fault_is_not_armed_by_a_button(tmp_path: Path) -> None:
+    """A fault is for whoever holds the device to look at: neither a recording nor its end begins a new run."""
+    with board() as wire:
+        scene = boards_scene([wire], PATIENT)
+        with settled(lambda: LiveRun(scene, live=["coupling.internal.stiffness"])) as run:
+            assert run.await_row(0, 10.0)
+            run._session._relay.note_fault(run.tick, "the finger was too fast")
+            session = run._session
+            for act in (lambda: run.record(tmp_path), run.reset):
+                with pytest.raises(InputError, match="hardware that has ended: the finger was too fast"):
+                    act()
+            assert run._session is session
+            assert run.run_number == 0
+            assert not list(tmp_path.iterdir())

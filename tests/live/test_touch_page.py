@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,18 +22,25 @@ HALF = 0.025  # of the cube [m]
 SERIES = 60.0 * 70.0 / (60.0 + 70.0)  # hand and internal coupling: f = k_h k_i/(k_h + k_i) s [N/m]
 
 
+QUICK = """(() => {
+  const drawn = window.graspfx().drawn.slice(-6).map(each => each[1]);
+  return performance.now() - drawn[0] < 1000;
+})()"""  # six pictures in the last second
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as program:
         yield program
 
 
-@pytest.fixture(scope="module")
-def touch(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TouchRun]:
+@pytest.fixture
+def touch(tmp_path: Path) -> Iterator[TouchRun]:
+    """Run the scene anew for each test: cube and fingers are where they start."""
     scene = gx.load("paper-waving", {"engine": "interpreted"})
     with listen("127.0.0.1", 0) as line:
         gate = gate_for(line, lan=False)
-        with TouchRun(scene, line, gate, out=tmp_path_factory.mktemp("touch")) as run:
+        with TouchRun(scene, line, gate, out=tmp_path) as run:
             yield run
         assert run.fault == ""
 
@@ -40,14 +48,32 @@ def touch(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 @pytest.fixture
 def page(browser: Browser, touch: TouchRun) -> Iterator[Page]:
     """Open the page on a small tablet, with nobody's finger on anything."""
-    until(lambda: not touch.server.clients and free(touch) and rests(touch))
-    page = browser.open(url(touch.server.line), 560, 420, phone=True)
-    page.wait_for("window.graspfx().drawn.length > 10")  # first drawings take long: no silence
+    page = ready(browser, touch)
     yield page
-    assert page.console_errors == []
     own = url(touch.server.line)
-    assert {each.replace("ws://", "http://") for each in page.requests} <= {own, f"{own}socket"}
-    page.close()
+    try:
+        assert page.console_errors == []
+        assert {each.replace("ws://", "http://") for each in page.requests} <= {own, f"{own}socket"}
+    finally:
+        page.close()
+
+
+@pytest.fixture(autouse=True)
+def no_page_is_left(browser: Browser, touch: TouchRun) -> Iterator[None]:
+    """Begin with no page and end with none, also after a test that failed with one open."""
+    yield
+    for left in list(browser._pages.values()):
+        left.close()
+    until(lambda: not touch.server.clients)
+
+
+def ready(browser: Browser, touch: TouchRun, width: int = 560, height: int = 420) -> Page:
+    """Open a page that draws as fast as it will: its first pictures take longer than a screen may be silent."""
+    page = browser.open(url(touch.server.line), width, height, phone=True)
+    page.wait_for("window.graspfx().drawn.length > 10", 60.0)
+    page.wait_for(QUICK, 60.0)
+    until(lambda: free(touch) and rests(touch))
+    return page
 
 
 def until(what: Callable[[], object], longest: float = 10.0) -> None:
@@ -153,8 +179,7 @@ def test_a_touch_far_away_brings_its_finger_without_a_jump(page: Page, touch: To
 def test_whoever_leaves_lets_go(browser: Browser, page: Page, touch: TouchRun) -> None:
     """A page that loses the focus, or is closed with fingers on it; another screen watches meanwhile."""
     x, y = middle(touch)
-    other = browser.open(url(touch.server.line), 560, 420, phone=True)
-    other.wait_for("window.graspfx().picture !== null")
+    other = ready(browser, touch)
     pinch(other, x, y, 0.006)
     until(lambda: column(touch, "touching").all())
     page.wait_for("window.graspfx().picture.claimed === 3")
@@ -209,10 +234,8 @@ def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
 
 def test_no_order_is_lost_and_the_recording_has_them(browser: Browser, touch: TouchRun) -> None:
     """Every message of a page is in the log once, in its order; what it asked for last is in the recording."""
-    until(lambda: not touch.server.clients and free(touch) and rests(touch))
+    page = ready(browser, touch, 420, 320)
     touch.log.entries.clear()
-    page = browser.open(url(touch.server.line), 420, 320, phone=True)
-    page.wait_for("window.graspfx().picture !== null")
     pinch(page, *middle(touch), 0.008, steps=20)
     until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
     sent = page.evaluate("window.graspfx().sent")

@@ -18,11 +18,12 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.live.loopback import listen, refusal
+from graspfx.live.loopback import listen
 from graspfx.live.view import page_server as module
 from graspfx.live.view.gate import LARGEST, MOST_BAD
 from graspfx.live.view.page_messages import FIELDS, message_in
 from graspfx.live.view.page_server import Server, page_server
+from graspfx.screen.own_page import refusal
 
 viser = pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
 msgspec = pytest.importorskip("msgspec")
@@ -304,3 +305,16 @@ def zstd(data: Any) -> bytes:
 
     size, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
     return bytes(zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], max_output_size=size))
+
+
+@pytest.mark.parametrize("host", ["user@127.0.0.1:8080", "127.0.0.1@localhost", "127.0.0.1/x", "[::1]", "127.0.0.1:"])
+def test_a_host_is_a_name_and_a_port_and_nothing_else(server: Server, host: str) -> None:
+    assert refusal({"Host": host}, is_socket=False) != ""
+    assert status_of(server, host) in (400, 403)
+
+
+def test_a_header_that_stands_twice_lets_nobody_in(server: Server) -> None:
+    port = int(server.url.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as line:
+        line.sendall(f"GET / HTTP/1.1\r\nHost: evil.example\r\nhost: 127.0.0.1:{port}\r\n\r\n".encode())
+        assert line.recv(100).startswith(b"HTTP/1.1 400 ")

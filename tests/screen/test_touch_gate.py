@@ -6,7 +6,8 @@ from http import HTTPStatus
 
 import pytest
 
-from graspfx.screen.touch_address import NAMES, code
+from graspfx.screen.own_page import NAMES
+from graspfx.screen.touch_address import code
 from graspfx.screen.touch_gate import COOKIE, LIFE, Bucket, Gate
 
 OPEN = Gate(NAMES, 0, locked=False)

@@ -18,6 +18,7 @@ from graspfx.errors import GraspFXError, InputError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.live_run import LiveRun
 from graspfx.live.scenery import scenery
+from graspfx.live.touch.finger_reach import FingerReach
 from graspfx.live.touch.goal_walk import GoalWalk
 from graspfx.live.touch.touch_log import TouchLog
 from graspfx.live.touch.touch_picture import box_of, description, fingertips, picture
@@ -78,6 +79,8 @@ class TouchRun:
             led = [guide.fingers[0] for guide in guides]
             self._fingers = [*led, *(i for i in range(len(self.run.layout.fingers)) if i not in led)]
             self._walks = [GoalWalk(speed) for _ in guides]
+            servo = self.run._session.servo
+            self._reaches = [FingerReach(servo, finger, speed) for finger in led]
             self._released = [0.0] * len(guides)  # when a finger that may still touch was let go last; 0: none such
             self._lock = threading.Lock()
             self._tips = np.array([guide.position for guide in guides])
@@ -131,7 +134,7 @@ class TouchRun:
         now = time.monotonic()
         with self._lock:
             self._released[finger] = 0.0
-            aim = np.array(place[: self._dimensions])
+            aim = self._reaches[finger].nearest(np.array(place[: self._dimensions]))
             self._send(finger, self._walks[finger].aim(aim, self._tips[finger], now))
 
     def lift(self, finger: int) -> None:
@@ -147,6 +150,7 @@ class TouchRun:
 
     def _send(self, finger: int, goal: FloatArray) -> None:
         if self.run.state != "ended":
+            goal = self._reaches[finger].nearest(goal)
             self.run.guide(finger, goal - self.run.guides[finger].position)
 
     def _note(self, client: int, order: Order, fate: str) -> None:

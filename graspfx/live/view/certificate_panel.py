@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,8 @@ class CertificatePanel:
         self._margins: Margins | None = None
         self._clamp: HardwareClamp | None = None
         self._news = False
+        self._lock, self._waiting = threading.Lock(), 0
+        self._request: dict[str, Any] = {}  # values of the newest request, by key
 
     def start(self) -> None:
         """Begin to compute, where this has not begun."""
@@ -44,7 +47,10 @@ class CertificatePanel:
         if self._clamp is not None:
             order = self._clamp.set(values)
         else:
-            self._margins.ask(values)
+            with self._lock:
+                self._waiting += 1
+                self._request |= values
+                self._margins.ask(values)
             order = Future()
             self._run.set(values).add_done_callback(lambda done: self._finish(order, values, done))
         order.add_done_callback(lambda _: self._wake())
@@ -71,11 +77,28 @@ class CertificatePanel:
         self._wake()
 
     def _finish(self, order: Future[Order], values: Values, done: Future[None]) -> None:
-        """End an order as the run has taken it; a verdict on what it has not taken is none on the run."""
-        error = done.exception()
-        if error is None:
-            order.set_result(Order(values, values))
-            return
-        if self._margins is not None:
-            self._margins.ask({key: value_of(self._run.scene, numbered(self._run.scene, key)) for key in values})
-        order.set_exception(error)
+        """End an order as the run has taken it, or not."""
+        try:
+            self._ask_for_now()
+        finally:
+            error = done.exception()
+            if error is None:
+                order.set_result(Order(values, values))
+            else:
+                order.set_exception(error)
+
+    def _ask_for_now(self) -> None:
+        """Ask for a verdict on the run's values after the last order on its way, where the newest is on others.
+
+        A verdict on values that the run has not taken is none on the run; of orders that fail, each another one may
+        have been asked for last.
+        """
+        with self._lock:
+            self._waiting -= 1
+            if self._waiting or self._margins is None:
+                return
+            scene = self._run.scene
+            now = {key: value_of(scene, numbered(scene, key)) for key in self._request}
+            if now != self._request:
+                self._request = now
+                self._margins.ask(now)

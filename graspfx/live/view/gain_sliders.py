@@ -84,7 +84,7 @@ class GainSliders:
                 self.values.update({name: float(each) for name, each in order.values.items()})
             is_newest = number == self._newest[key]
         if error is not None:
-            self._remark(str(error))
+            self._remark(f"{key} = {order_value:.5g} was not set: {error}")
         elif is_newest and order is not None:
             self._remark(order.text)
         if is_newest and self.values[key] != order_value:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
-from graspfx.live.loopback import refusal
 from graspfx.live.view.page_messages import message_in
+from graspfx.screen.own_page import refusal, single
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -50,7 +50,10 @@ class Gate:
     ) -> Response | None:
         """Answer a request, or let it open a WebSocket (None), if it comes from this machine's own page."""
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
-        if reason := refusal(dict(request.headers.raw_items()), is_socket=is_socket):
+        headers = single(request.headers)
+        if headers is None:
+            return connection.respond(HTTPStatus.BAD_REQUEST, "a header stands twice\n")
+        if reason := refusal(headers, is_socket=is_socket):
             return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
         if is_socket:
             full = f"{MOST_PAGES} pages look on already\n"

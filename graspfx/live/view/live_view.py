@@ -138,8 +138,9 @@ class LiveView:
         self._wake.set()
 
     def _frames(self) -> Frames | None:
-        if self._replay is not None:
-            return self._replay.frames()
+        replay = self._replay  # buttons take it away in a thread of their own
+        if replay is not None:
+            return replay.frames()
         tick, rows = self.run.rows(self.run.tick)
         if not len(rows):
             return None
@@ -159,17 +160,18 @@ class LiveView:
 
     def _texts(self, frames: Frames | None) -> None:
         self._watch()
-        state = "replay" if self._replay is not None else self.run.state
+        replay = self._replay
+        state = "replay" if replay is not None else self.run.state
         pace = self._pace.text(self.run.tick, time.monotonic(), is_running=self.run.state == "running")
-        lines = [pace] if pace and self._replay is None else []
+        lines = [pace] if pace and replay is None else []
         if self.run.has_hardware:
             lines.append("HARDWARE IS ARMED: gains stay within the certificate")
         if self._recording is not None:
             lines.append(f"● is recorded in {self._recording}")
         elif self._last is not None:
             lines.append(f"recorded in {self._last}")
-        if self._replay is not None:
-            lines.append(f"{self._replay.file}; the run goes on meanwhile")
+        if replay is not None:
+            lines.append(f"{replay.file}; the run goes on meanwhile")
         seconds = float(frames.time[-1]) if frames is not None else self.run.time
         self._write(self._status, words.status(state, seconds, lines))
         self._write(self._note, words.message(self._remark))

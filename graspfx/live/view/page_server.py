@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log
 from graspfx.errors import GraspFXError, MissingPackageError
-from graspfx.live.loopback import HOST, listen
+from graspfx.live.loopback import listen
 from graspfx.live.view.gate import LARGEST, Gate
+from graspfx.screen.own_page import HOST
 
 if TYPE_CHECKING:
     import viser

@@ -96,7 +96,8 @@ def banner(text: str, *, panel: bool) -> str:
     """Lay a red banner over the top of the page, and redden its panels if asked for; nothing without a text."""
     if not text:
         return "<div></div>"
-    words = text.replace("\\", "").replace("'", "’").replace("\n", " ").replace("<", "‹")[:300]
+    words = "".join(each if each.isprintable() else " " for each in text)  # a form feed ends a text of a style, too
+    words = words.replace("\\", "").replace("'", "’").replace("<", "‹")[:300]
     style = (
         f"body::before{{content:'{words}';position:fixed;top:0;left:0;right:0;z-index:99999;background:{RED};"
         "color:#fff;padding:9px 14px;font:600 16px system-ui,sans-serif;text-align:center;pointer-events:none}"
