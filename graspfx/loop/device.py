@@ -173,6 +173,7 @@ class RangedDevice(Protocol):
         ...
 
 
+@runtime_checkable
 class SwitchedDevice(Protocol):
     """A device with switches: buttons, pedals, a switch that its user's hand closes."""
 
