@@ -116,7 +116,7 @@ class LiveSession(RealTimeSession):
         self._require_open()
         if not self.look():
             cause = self._remote.outcome["cause"] or "it was closed"
-            raise InputError("run", f"one that has ended: {cause}", "a run that goes on", "begin a new one")
+            raise InputError("run", "one without a servo", "a run that goes on", f"it has ended: {cause}")
         while not self.tick and not self._waits_to_begin and self.look():
             time.sleep(0.001)
 
