@@ -4,6 +4,7 @@
 VENV ?= .venv
 OUT ?= out
 WORKERS ?= auto
+OTHERS ?= 3.12 3.13
 PYTHON ?= $(shell for name in python3.11 python3 python3.12 python3.13; do \
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 UV := $(shell command -v uv 2>/dev/null)
@@ -15,9 +16,10 @@ UNASKED := alone or large or stress or faults
 RUN_READY := $(VENV)/.ready-to-run
 WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
+SITE_READY := $(VENV)/.ready-for-the-site
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures screenshots map face fast test durations coverage lint types contracts clean
+.PHONY: help demo pictures screenshots map face reference site fast test part others wheel lock sizes durations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -58,13 +60,43 @@ screenshots: $(WORK_READY) ## draw the pages that browsers show, where there is 
 map: $(WORK_READY) ## draw the map of rooms from the code
 	$(INTERPRETER) -m tests.support.rooms > docs/development/map.md
 
-face: $(WORK_READY) ## write the page of public Python names from the code
+face: reference
+
+reference: $(WORK_READY) ## write the pages of names, keys, commands and drivers from the code
 	$(INTERPRETER) -m tests.support.face > docs/reference/python.md
+	$(INTERPRETER) -m tests.support.scene_reference > docs/reference/scene.md
+	$(INTERPRETER) -m tests.support.command_reference > docs/reference/commands.md
+	$(INTERPRETER) -m tests.support.driver_reference > docs/reference/drivers.md
+
+site: $(SITE_READY) ## build the documentation site: out/site/index.html; GRASPFX_SITE_CELLS=off runs no cells
+	$(INTERPRETER) -m sphinx --quiet --fail-on-warning --keep-going docs $(OUT)/site
+	$(INTERPRETER) -m tests.support.built_site $(OUT)/site
 
 test: $(WORK_READY) ## the tests and every example in the documents
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
 	$(PYTEST) -m alone tests/bench
 	$(TOGETHER) -m "not ($(UNASKED))"
+
+part: $(WORK_READY) ## of every room a test file or two, by tests/part.txt: what other Pythons are tried with
+	$(TOGETHER) -m "not ($(UNASKED) or slow)" $$(sed 's/#.*//' tests/part.txt)
+
+others: $(WORK_READY) ## that part on other Pythons, each in an environment of its own; one that is not here is left out
+	@for version in $(OTHERS); do \
+		if python=$$($(INTERPRETER) -m tests.support.interpreters $$version); then \
+			echo "Python $$version: $$python"; \
+			$(MAKE) --no-print-directory part PYTHON=$$python VENV=$(VENV)-$$version || exit 1; \
+		else echo "Python $$version is not here: the tests on it are left out."; fi; \
+	done
+
+wheel: $(WORK_READY) ## build wheel and source distribution, and run them in a fresh environment, outside of the checkout
+	$(INTERPRETER) -m tests.support.clean_install --out dist
+
+lock: ## pin the versions that are tested: .ci/requirements.txt
+	uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
+		--custom-compile-command "make lock" pyproject.toml -o .ci/requirements.txt $(UPGRADE)
+
+sizes: $(WORK_READY) ## measure what an installation takes, by extra
+	$(INTERPRETER) -m tests.support.sizes
 
 fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.4 s
 	$(TOGETHER) -m "not ($(UNASKED) or slow)"
@@ -81,6 +113,7 @@ coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as te
 
 lint: $(WORK_READY) ## style and format
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --preview --select PLW1514 graspfx devices # an encoding wherever text is read or written
 	$(BIN)/ruff format --check .
 
 types: $(WORK_READY) ## static types
@@ -114,3 +147,7 @@ $(RUN_READY): $(INTERPRETER) pyproject.toml
 $(WORK_READY): $(INTERPRETER) pyproject.toml
 	$(INSTALL) --editable '.[dev]'
 	@touch $@ $(RUN_READY)
+
+$(SITE_READY): $(INTERPRETER) pyproject.toml
+	$(INSTALL) --editable '.[dev,docs]'
+	@touch $@ $(WORK_READY) $(RUN_READY)

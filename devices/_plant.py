@@ -70,14 +70,15 @@ class HeldPlant(ABC):
         kind: of its block.
         fingers: n.
         dimensions: d.
+        whole: other whole numbers that its size goes by.
     """
 
     kernel: Kernel  # moves the block by one sample; 0, or a number that `fault_text` knows
 
-    def __init__(self, kind: type[PlantState], fingers: int, dimensions: int) -> None:
+    def __init__(self, kind: type[PlantState], fingers: int, dimensions: int, **whole: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
         self.declaration = kind
-        self.state: FloatArray = np.zeros(size_for(kind, fingers=fingers, dimensions=dimensions))
+        self.state: FloatArray = np.zeros(size_for(kind, fingers=fingers, dimensions=dimensions, **whole))
         block = kind(self.state)
         block.fingers, block.dimensions = shape
         names = ARRAYS + (("middle", "middle_rate") if isinstance(block, MiddlePlantState) else ())

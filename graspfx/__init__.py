@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from graspfx import errors as errors
+    from graspfx import experiment as experiment
     from graspfx import protocols as protocols
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from graspfx.build.session import Session as Session
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
+    from graspfx.certificate.operators.certify_operators import OperatorCertificate as OperatorCertificate
+    from graspfx.certificate.operators.certify_operators import certify_operators as certify_operators
     from graspfx.certificate.verdict import Report as Report
     from graspfx.certificate.verdict import check as check
     from graspfx.grasp.grasp import Grasp as Grasp
@@ -34,6 +37,10 @@ if TYPE_CHECKING:
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.show import style as style
+    from graspfx.sweeps.sweep import sweep as sweep
+    from graspfx.sweeps.sweep_result import SweepResult as SweepResult
+    from graspfx.tuning.tune import tune as tune
+    from graspfx.tuning.tuning import Tuning as Tuning
 
 __version__ = "0.1.0"
 
@@ -43,6 +50,7 @@ _HOMES = {
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.grasp",
     "Impedance": "graspfx.grasp.impedance",
+    "OperatorCertificate": "graspfx.certificate.operators.certify_operators",
     "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.verdict",
@@ -50,9 +58,13 @@ _HOMES = {
     "RealTimeSession": "graspfx.build.real_time_session",
     "Session": "graspfx.build.session",
     "Split": "graspfx.grasp.split",
+    "SweepResult": "graspfx.sweeps.sweep_result",
+    "Tuning": "graspfx.tuning.tuning",
     "certify": "graspfx.certificate.certify",
+    "certify_operators": "graspfx.certificate.operators.certify_operators",
     "check": "graspfx.certificate.verdict",
     "errors": "graspfx.errors",
+    "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
     "open": "graspfx.build.open_session",
@@ -63,7 +75,9 @@ _HOMES = {
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
     "style": "graspfx.show",
+    "sweep": "graspfx.sweeps.sweep",
     "testing": "graspfx.testing",
+    "tune": "graspfx.tuning.tune",
     "unilateral_force": "graspfx.grasp.touch",
 }
 
@@ -87,10 +101,17 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "Report",
     "run_batch",
     "Batch",
+    "sweep",
+    "SweepResult",
     "certify",
     "Certificates",
+    "certify_operators",
+    "OperatorCertificate",
+    "tune",
+    "Tuning",
     "stability",
     "passivity",
+    "experiment",
     "testing",
     "style",
     "protocols",

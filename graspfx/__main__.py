@@ -24,9 +24,11 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
+    "sweep": "simulate many variants, on many processors or machines; what is killed goes on where it was",
+    "tune": "find the largest gains that keep margins in the hands of every operator of a set",
     "replay": "move a recording's fingers again, and compare forces and objects to the bit",
     "calibrate": "measure a scene's hardware: how late its forces are, mass, friction, axes",
-    "export": "write a recording as comma-separated text or netCDF, for other programs",
+    "export": "write a recording as comma-separated text, netCDF or a bag of ROS, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
     "completion": "print a script with which a shell completes commands, options, scenes and recordings",
@@ -37,6 +39,8 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
     "view": "show a running scene in the browser, to be steered; or a recording",
+    "stream": "run a scene whose states other programs have, by a WebSocket or LSL",
+    "experiment": "run trials in a planned order, ask for answers, and record each",
     "touch": "run a scene whose fingers follow fingers on a touch screen; forces are shown, not felt",
 }
 NEW = 20_000  # objects between two looks for cycles: imports make as many that stay, of which 700 are too few

@@ -14,6 +14,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from graspfx.errors import InputError
+from graspfx.system.scheduling import processors as processors
 
 VARIABLE = "GRASPFX_TRUST"
 
@@ -74,11 +75,6 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
     except OSError as error:  # such as a name of more than 255 letters
         why = error.strerror or str(error)
     raise InputError(name, value, expected, why)
-
-
-def processors() -> int:
-    """Count the processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def is_granted() -> bool:

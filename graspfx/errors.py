@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 __all__ = [  # noqa: RUF022 (the base, then as users meet them)
     "GraspFXError",
@@ -69,6 +70,16 @@ class MissingPackageError(GraspFXError, ImportError):
         self.package, self.wanted_by, self.do = package, wanted_by, do
         super().__init__(f"{wanted_by} needs the package {package!r}, which is not installed; {do}")
 
+    @classmethod
+    def of_extra(cls, package: str, wanted_by: str, extra: str) -> Self:
+        """Make the error of a package that comes with an extra of GraspFX."""
+        return cls(package, wanted_by, installation(extra))
+
+
+def installation(extra: str) -> str:
+    """Say how the packages of an extra of GraspFX are installed."""
+    return f"pip install 'graspfx[{extra}]', or '.[{extra}]' in a checkout"
+
 
 class DeviceError(GraspFXError):
     """A device that cannot go on: in a run it means zero force and a recorded fault."""
@@ -87,6 +98,7 @@ class Fault:
     line: int | None = None
 
     def text(self, source: str) -> str:
+        """Write the fault with where it stands in a source, its key, and what is wrong."""
         place = source if self.line is None else f"{source}:{self.line}"
         key = self.key if len(self.key) <= LONGEST_KEY else f"{self.key[: LONGEST_KEY - 3]}..."
         key = key if key.isprintable() else repr(key)[1:-1]

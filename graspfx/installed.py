@@ -59,8 +59,13 @@ def distributions() -> tuple[Distribution, ...] | None:
     return seen[0]
 
 
+def _looks_in_path(finder: object) -> bool:
+    """Tell whether a finder looks for distributions in `sys.path` alone, as that of importlib_metadata does."""
+    return finder is PathFinder or type(finder).__module__ == "importlib_metadata"
+
+
 def _listed() -> tuple[Distribution, ...] | None:
-    if any(hasattr(finder, "find_distributions") and finder is not PathFinder for finder in sys.meta_path):
+    if any(hasattr(finder, "find_distributions") and not _looks_in_path(finder) for finder in sys.meta_path):
         return None
     folders = []
     for place in sys.path:

@@ -9,10 +9,12 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-LARGEST = 1e40  # in SI units; the squares and products that formulas take of it are still numbers
+LARGEST = 1e40
+"""Largest number in SI units; the squares and products that formulas take of it are still numbers."""
 FINITE = 1e300
 FEW = 100  # numbers that Python adds up before numpy has looked at them
-SMALLEST = 1e-60  # of what must be above zero; its inverse is still a number
+SMALLEST = 1e-60
+"""Least of what must be above zero, in SI units; its inverse is still a number."""
 
 
 def real(name: str, argument: object, expected: str = "", do: str = "") -> FloatArray:

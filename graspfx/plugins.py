@@ -31,7 +31,11 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     "hands": {},
-    "dynamics": {"native": "graspfx.objects.native_dynamics", "bullet": "graspfx.objects.bullet"},
+    "dynamics": {
+        "native": "graspfx.objects.native_dynamics",
+        "bullet": "graspfx.objects.bullet",
+        "mujoco": "graspfx.objects.mujoco",
+    },
 }
 
 # What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
@@ -43,6 +47,7 @@ UPWARD = {
     "Linearisation.to_control": "graspfx.show.control_system.to_control",
     "Loci.bode": "graspfx.show.loop_figures.bode",
     "Loci.nyquist": "graspfx.show.loop_figures.nyquist",
+    "OperatorCertificate.plot": "graspfx.show.operator_figures.plot",
     "Recording.beside": "graspfx.certificate.comparison.beside",
     "Recording.picture": "graspfx.show.drawing.picture",
     "Recording.plot": "graspfx.show.drawing.plot",

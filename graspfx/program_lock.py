@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import gettempdir
 
 from graspfx.errors import DeviceError
+from graspfx.system.file_lock import lock
 
 NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -27,18 +28,17 @@ class ProgramLock:
     def take(self) -> None:
         """Take the lock, or raise DeviceError if another program, or another part of this one, has it."""
         self.release()
-        try:
-            import fcntl
-        except ImportError:  # no such locks on this system: then nobody is kept out
-            return
         file = Path(gettempdir()) / f"graspfx-{NAME.sub('-', self.name)}.lock"
         descriptor = _opened(file)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_ours = lock(descriptor, lockless=False)
         except OSError as error:
             os.close(descriptor)
+            raise DeviceError(f"the lock {file} is refused: {error.strerror}") from error
+        if not is_ours:
+            os.close(descriptor)
             text = f"{self.name} is taken by another program; end that one first: two must not drive one device"
-            raise DeviceError(text) from error
+            raise DeviceError(text)
         self._descriptor = descriptor
 
     def release(self) -> None:
@@ -51,7 +51,7 @@ class ProgramLock:
 
 def _opened(file: Path) -> int:
     """Open the file of a lock, also one that another user has made."""
-    flags = os.O_CLOEXEC | os.O_NOFOLLOW
+    flags = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o644)
     except OSError:

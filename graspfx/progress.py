@@ -89,3 +89,13 @@ def listening(listener: Listener) -> Iterator[None]:
         yield
     finally:
         _listener.reset(token)
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Show no waits within the block: it is part of a wait that is shown as a whole."""
+    token = _listener.set(None)
+    try:
+        yield
+    finally:
+        _listener.reset(token)

@@ -42,6 +42,7 @@ from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
 from graspfx.loop.mailbox import Mailbox
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
+from graspfx.loop.operator import FingerOperator, Operator
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
 from graspfx.loop.velocity import WINDOW, VelocityEstimate, VelocityEstimator, estimate, estimate_size
 from graspfx.numeric import LARGEST, SMALLEST, finite, number
@@ -103,6 +104,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "Levels",
     "Sum",
     "Turn",
+    # an operator who is no spring
+    "Operator",
+    "FingerOperator",
     # bodies: a block that GraspFX's own integrators move, or other software does
     "BlockBody",
     "NativeBody",

@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 
 from graspfx.errors import DeviceError
+from graspfx.system.file_lock import lock
 
 MOST = 4096  # bytes at a time
 MOST_SELECTED = 1024  # descriptors that `select` counts
@@ -31,6 +32,7 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
+        """Whether the port is open."""
         return self._descriptor >= 0
 
     def open(self) -> None:
@@ -47,11 +49,12 @@ class SerialPort:
         except OSError as error:
             busy = error.errno == errno.EBUSY  # somebody else's TIOCEXCL
             raise DeviceError(self._busy if busy else f"{self.path} does not open: {error.strerror}") from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        is_ours = False
+        with suppress(OSError):
+            is_ours = lock(descriptor, lockless=False)
+        if not is_ours:
             os.close(descriptor)
-            raise DeviceError(self._busy) from error
+            raise DeviceError(self._busy)
         try:
             fcntl.ioctl(descriptor, termios.TIOCEXCL)
             tty.setraw(descriptor)

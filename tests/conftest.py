@@ -12,7 +12,7 @@ from tempfile import mkdtemp
 import pytest
 from hypothesis import settings
 
-from tests.support import slow
+from tests.support import bullet, slow
 
 # Before numpy is loaded: two BLAS threads that share a busy core wait for one another, ten times as long as one takes.
 for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
@@ -41,5 +41,6 @@ def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the cases that `make fast` leaves out."""
+    """Mark the cases that `make fast` leaves out, and those that no package here can run."""
     slow.mark(items)
+    bullet.skip(items)

@@ -182,8 +182,7 @@ def _websocket(url: str) -> WebSocket:
     try:
         from graspfx.devices.haply_inverse.websocket import WebSocket
     except ImportError as error:
-        how = "pip install 'graspfx[inverse]', or '.[inverse]' in a checkout"
-        raise MissingPackageError("websockets", "a device of the Inverse service", how) from error
+        raise MissingPackageError.of_extra("websockets", "a device of the Inverse service", "inverse") from error
     return WebSocket(url)
 
 

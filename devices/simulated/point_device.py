@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices.simulated import point_sample as sample
+from graspfx.devices.simulated.operated_points import OperatedPlant, room_for
 from graspfx.devices.simulated.point_sample import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
 from graspfx.protocols import (
@@ -17,6 +19,7 @@ from graspfx.protocols import (
     DevicePorts,
     Features,
     InputError,
+    Operator,
     VelocityEstimate,
     VelocityEstimator,
     estimate_size,
@@ -90,7 +93,7 @@ class PointDevice:
             resolution=resolution or None,
             delay=delay,
         )
-        self._plant: PointPlant | None = None
+        self._plant: PointPlant | OperatedPlant | None = None
         self._true: FloatArray = np.zeros(self._shape)
         self._estimator: VelocityEstimator | None = None  # while the device is open
         self._seen = (-1, 0.0)  # placement and time of the plant when it was read last
@@ -108,6 +111,24 @@ class PointDevice:
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
         """Make the plant that moves all fingertips of these devices, in their order; from now on they read it."""
+        plant: PointPlant = PointDevice._moved_by(devices, PointPlant)
+        return plant
+
+    @staticmethod
+    def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> OperatedPlant:
+        """Make the plant of `plant` for the hand of an operator who is not a spring.
+
+        Args:
+            devices: of this class.
+            operator: who holds them; the longest reaction is that which the plant has room for.
+            period: T [s].
+        """
+        make = partial(OperatedPlant, room=room_for(operator.reach, period), operator=operator)
+        plant: OperatedPlant = PointDevice._moved_by(devices, make)
+        return plant
+
+    @staticmethod
+    def _moved_by(devices: Sequence[Device], make: Callable[..., Any]) -> Any:
         points = [device for device in devices if isinstance(device, PointDevice)]
         if not points or len(points) < len(devices):
             raise InputError(
@@ -117,7 +138,7 @@ class PointDevice:
         if len(dimensions) > 1:
             raise InputError("devices", sorted(dimensions), "devices of the same number of dimensions")
         each = [device for device in points for _ in range(device.features.fingers)]
-        plant = PointPlant([device.mass for device in each], [device.damping for device in each], dimensions.pop())
+        plant = make([device.mass for device in each], [device.damping for device in each], dimensions.pop())
         start = 0
         for device in points:
             stop = start + device.features.fingers

@@ -81,7 +81,7 @@ def connect(
         base: the first joint's place [m].
         elbow: the side of the elbow, "left" or "right", seen from the base towards the finger.
         links: lengths [m].
-        link_masses: [kg].
+        link_masses: of the links [kg].
         link_inertias: about each link's centre of mass [kg m^2].
         link_centres: from the joint where a link begins to its centre of mass [m].
         rotor_inertias: of the motors, before the gear [kg m^2].

@@ -9,6 +9,7 @@ FloatArray = NDArray[np.float64]
 Numbers = FloatArray | float
 
 INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
+"""Names of the object's steps under a held force."""
 
 TERMS = 20  # of the series of `held`, whose terms fall below 1e-18 where it is used
 WIDE = 0.5  # poles further apart than this per sample: their difference does not cancel

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.analysis.operator_matrices import OperatorMatrices
 from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
 from graspfx.numeric import SMALLEST
@@ -62,6 +63,7 @@ class Linearisation(Carded):
         G_contact: (r, m), the levers at the contacts, with which "implicit" solves the elastic force together with the
             object's displacement while G and G_displacement have those at the fingertips; G, and the preload with it,
             if None.
+        operator: what the hands are besides springs and dampers; nothing if None.
 
     Raises:
         InputError: naming the argument that does not fit; UnknownNameError: for the integrator or the rate.
@@ -87,6 +89,7 @@ class Linearisation(Carded):
     rate: str
     ground: tuple[FloatArray, FloatArray] | None
     G_contact: FloatArray | None = field(repr=False)
+    operator: OperatorMatrices | None = field(repr=False)
 
     def __init__(
         self,
@@ -111,6 +114,7 @@ class Linearisation(Carded):
         rate: str = "difference",
         ground: tuple[ArrayLike, ArrayLike] | None = None,
         G_contact: ArrayLike | None = None,
+        operator: OperatorMatrices | None = None,
     ) -> None:
         matrix = numbers("G", G, "1, m", negative=True)
         if matrix.ndim != 2 or not matrix.shape[1]:
@@ -143,7 +147,10 @@ class Linearisation(Carded):
             rate=one_of("rate", rate, ("difference", "state")),
             ground=None if ground is None else _ground(ground, r, kind),
             G_contact=None if G_contact is None else _shaped("G_contact", G_contact, (r, m), "1, m"),
+            operator=operator,
         )
+        if operator is not None and len(operator.limb) != m:
+            raise InputError("operator", len(operator.limb), f"one of {m} coordinates")
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -151,7 +158,7 @@ class Linearisation(Carded):
 
     def _card(self) -> Card:
         m, r = self.coordinates
-        extras = (("preload", self.preload), ("ground", self.ground))
+        extras = (("preload", self.preload), ("ground", self.ground), ("an operator's models", self.operator))
         late = f"{listed(dict.fromkeys(self.delay.tolist()))} samples, of the object's force {self.object_delay}"
         if self.latency.any():
             late += f"; {span(1e3 * self.latency, 'ms')} besides, of readings and forces"
@@ -212,7 +219,8 @@ class Linearisation(Carded):
 class Linearisable(Protocol):
     """A scene, as the analysis sees it."""
 
-    def linearise(self) -> Linearisation: ...
+    def linearise(self) -> Linearisation:
+        """Linearise small motions about the grasp at rest."""
 
 
 Subject = Linearisation | Linearisable | str | PathLike[str]

@@ -30,6 +30,8 @@ def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> l
     points = np.asarray(contacts, dtype=float)
     n, d = points.shape
     identity = tuple(range(n))
+    if linear.operator is not None and not linear.operator.alike:
+        return [identity]
     if n > MOST_FINGERS or linear.G.shape[1] != n * d or linear.ground is not None:
         return [identity]
     X = points - points.mean(axis=0)
@@ -63,6 +65,8 @@ def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...]
     W = W[np.ix_(free, free)]
     delay = linear.delay * linear.period + linear.lateness
     devices = [linear.stiffness, linear.damping, linear.hand_stiffness, linear.hand_damping]
+    if linear.operator is not None:
+        devices += [A for A in (*linear.operator.springs, *linear.operator.ratios) if A.size]
     devices += [np.diag(each) for each in (linear.mass, linear.friction, delay, linear.age)]
     objects = [linear.inertia, linear.viscosity]
     pairs = [(V @ A @ V.T, A) for A in devices] + [(W @ A @ W.T, A) for A in objects] + [(W @ linear.G @ V.T, linear.G)]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -15,25 +14,19 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
-from graspfx.batch.groups import Group
-from graspfx.batch.many import Job
-from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
-from graspfx.batch.single_runs import Ended
-from graspfx.batch.statistics import STATISTICS, Statistics, statistic
+from graspfx.batch.group_runs import Runs
+from graspfx.batch.measured_columns import columns_of, is_quantity
+from graspfx.batch.statistics import STATISTICS, Statistics
 from graspfx.batch.variants import Variants
 from graspfx.build.resolve import resolve
-from graspfx.build.run import require_memory, ticks_of, warn_of_axes
+from graspfx.build.run import warn_of_axes
 from graspfx.build.run_header import header_of
 from graspfx.card import Card, Carded, counted, listed
-from graspfx.coupling import block as at
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.progress import waiting
-from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
     import pandas
@@ -45,7 +38,6 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 KEEP = ("measures", "recordings", "summary")
-MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
 
 
@@ -252,9 +244,9 @@ def run_batch(
     scene_ = to_scene(scene)
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
-    measure, statistics = _names("measure", measure), _names("statistics", statistics)
-    _require_known("keep", [keep], KEEP)
-    _require_known("statistic", statistics, STATISTICS)
+    measure, statistics = names_of("measure", measure), names_of("statistics", statistics)
+    require_known("keep", [keep], KEEP)
+    require_known("statistic", statistics, STATISTICS)
     threads = count("threads", threads, 1) if threads is not None else processors()
     began = perf_counter()
     shape, lists, numbers = grid(values, zip=zip)
@@ -288,99 +280,7 @@ def run_batch(
     )
 
 
-class Runs:
-    """The runs of all groups of variants."""
-
-    def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
-        self.scene, self.variants, self.duration, self.threads = scene, variants, duration, threads
-        self.faults = np.full(count, -1)
-        self.run_time = 0.0
-
-    def measured(
-        self, groups: Sequence[Group], measure: Sequence[str], statistics: Sequence[str]
-    ) -> dict[str, dict[str, FloatArray]]:
-        measures: dict[str, dict[str, FloatArray]] = {}
-        for group in groups:
-            layout = group.program.servo.layout
-            columns, behind = columns_of(layout, measure)
-            where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
-            job = self._job(group, where, statistics)
-            job.more = partial(divider, group, behind) if behind else None
-            with waiting("running variants", job.variants, "variants", partial(getattr, job, "done")):
-                raw, faults = job.measured(self.threads)
-            self.run_time += job.spent
-            self.faults[group.members] = faults
-            start = 0
-            for quantity, column in columns.items():
-                size = column.where.stop - column.where.start
-                of = measures.setdefault(quantity, {})
-                for name in statistics:
-                    array = of.setdefault(name, np.full((len(self.faults), *column.shape), np.nan))
-                    if array.shape[1:] != column.shape:
-                        raise InputError("measure", quantity, "a quantity of the same shape in all variants")
-                    each = statistic(name, raw[:, start : start + size], job.ticks)
-                    array[group.members] = each.reshape(len(each), *column.shape)
-                start += size
-        return measures
-
-    def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
-        results: list[Any] = [None] * len(self.faults)
-        header = header_of(resolve(self.scene))
-        for group in groups:
-            layout, record = group.program.servo.layout, self.scene.record
-            selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
-            job = self._job(group, [], ())
-            ticks = job.ticks if record.every > 1 else 0  # which the rows do not tell
-            require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
-            for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
-                self.faults[member] = ended.fault
-                outcome = _outcome(group, ended)
-                if job.look is not None:
-                    job.look(ended.arena)
-                own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
-                rows = selection.cut(ended.rows)
-                results[member] = make(Recording(rows, selection.layout, own, replace(outcome, ticks=ticks)))
-            self.run_time += job.spent
-        return results
-
-    def _job(self, group: Group, columns: Sequence[int], statistics: Sequence[str]) -> Job:
-        servo = group.program.servo
-        duration = self.duration if self.duration is not None else self.scene.duration
-        ticks = ticks_of(duration, servo.period)
-        if ticks > MOST_TICKS:
-            most = f"at most {MOST_TICKS:.3g} periods of {servo.period} s: more cannot be counted"
-            raise InputError("duration", duration, most, "make the duration shorter or the period longer")
-        width = servo.layout.width
-        return Job(
-            group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
-            ticks,
-            group.varying,
-            group.program.constant,
-            group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
-        )  # fmt: skip
-
-    def _header(self, header: Header, group: Group, member: int) -> Header:
-        overrides = self.variants.overrides(self.variants.numbers[member])
-        table, _, _ = overridden(header.scene_table, overrides)
-        together = {**header.overrides, **overrides}
-        return replace(header, period=group.program.servo.period, scene_table=table, overrides=together)
-
-
-def _outcome(group: Group, ended: Ended) -> Outcome:
-    """Tell how a run went, by what its buffers hold at the end."""
-    program = group.program
-    servo, tick = program.servo, program.tick
-    for name, array in tick.script.arrays.items():
-        if any(array is part.grasped.block for part in servo.objects):  # of a mesh the rest of it is long
-            array[: at.ROW] = ended.arena[program.places[name]][: at.ROW]
-    coupling = servo.coupling
-    if ended.fault < 0:
-        return Outcome(engine="compiled", **coupling)
-    program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
-    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
-
-
-def _names(argument: str, names: Sequence[str]) -> Sequence[str]:
+def names_of(argument: str, names: Sequence[str]) -> Sequence[str]:
     """List names, also where one stands alone."""
     if isinstance(names, str):
         return [names]
@@ -389,7 +289,7 @@ def _names(argument: str, names: Sequence[str]) -> Sequence[str]:
     return [str(each) for each in names]
 
 
-def _require_known(kind: str, names: Sequence[str], choices: Sequence[str]) -> None:
+def require_known(kind: str, names: Sequence[str], choices: Sequence[str]) -> None:
     for name in names:
         if name not in choices:
             raise UnknownNameError(kind, name, choices)

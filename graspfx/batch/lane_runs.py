@@ -45,6 +45,11 @@ class LaneRuns:
     lanes: int = field(default_factory=side_by_side)
 
     def __post_init__(self) -> None:
+        job, shared = self.job, tuple(sorted(self.shared.items()))
+        about = tuple(job.columns), tuple(job.statistics), self.measuring, self.lanes, shared
+        self.native: Native = job.memory.recall(("lanes", id(job.tick), *about), self._compiled)
+
+    def _compiled(self) -> Native:
         job, source, columns = self.job, self.job.pausing_source, self.job.columns if self.measuring else None
         kind = f"{self.lanes} lanes {sorted(self.shared.items())} {columns is None}"
         family = family_key(kind, source, columns or (), job.statistics, b"")
@@ -52,9 +57,10 @@ class LaneRuns:
         if not self.make and not before:
             raise LookupError("not compiled yet")
         text = lane_text(source, columns, job.statistics)
-        self.native: Native = compiled(text, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
+        native = compiled(text, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
         if not before:
             note_compiled(family)
+        return native
 
     @cached_property
     def shared(self) -> dict[str, int]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from hashlib import sha256
 from threading import Lock, local
 from time import perf_counter
 
@@ -55,7 +56,7 @@ class Job(Task):
             self.side_by_side = self.variants - len(rest)
         self.spent += perf_counter() - began
         if len(rest):
-            lanes = self._lane_runs(len(rest) * self.ticks, measuring=True)
+            lanes = self._lane_runs(len(rest) * self.ticks / self.share, measuring=True)
             single = self._single if lanes is None else None
             began = perf_counter()
             if lanes is not None:
@@ -76,7 +77,7 @@ class Job(Task):
 
     def recorded(self, threads: int) -> Iterator[Ended]:
         """Run every variant in turn, with its rows."""
-        lanes = self._lane_runs(self.variants * self.ticks, measuring=False)
+        lanes = self._lane_runs(self.work, measuring=False)
         if lanes is None:
             self._single  # noqa: B018 (compiled before threads ask for it)
         began = perf_counter()
@@ -109,7 +110,7 @@ class Job(Task):
 
     # Lanes under masks --------------------------------------------------------------------------------------------
 
-    def _lane_runs(self, work: int, *, measuring: bool) -> LaneRuns | None:
+    def _lane_runs(self, work: float, *, measuring: bool) -> LaneRuns | None:
         """Make the program for lanes, if so many ticks are worth it."""
         whole = not measuring and self.ticks * self.width * 8 * MOST_LANES > MOST_ROWS
         if self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK or whole:
@@ -141,11 +142,17 @@ class Job(Task):
     # Straight lines -----------------------------------------------------------------------------------------------
 
     def _lines(self) -> tuple[LanesText, Native] | None:
-        """Write the program of a straight line for lanes, if there is one and it is worth it."""
-        work = self.variants * self.ticks
-        if work < LOOK or self.look is not None or self.more is not None or self.ticks > LARGEST_TICK:
+        """Give the program of a straight line for lanes, if there is one and it is worth it."""
+        if self.work < LOOK or self.look is not None or self.more is not None or self.ticks > LARGEST_TICK:
             return None
-        source = self.source
+        base = self.begin.arenas(slice(0, 1))[0]
+        common = base.copy()  # which each lane is checked to agree with, whichever is the first
+        common[self.varying] = 0.0
+        about = tuple(self.columns), tuple(self.statistics), self.varying.tobytes(), sha256(common).digest()
+        return self.memory.recall(("lines", id(self.tick), self.ticks, *about), lambda: self._written_lines(base))
+
+    def _written_lines(self, base: FloatArray) -> tuple[LanesText, Native] | None:
+        work, source = self.work, self.source
         varying = set(self.varying.tolist())
 
         def same(slot: Slot) -> bool:
@@ -155,7 +162,6 @@ class Job(Task):
         before = is_compiled(family)
         if work < WORTH and not before:
             return None
-        base = self.begin.arenas(slice(0, 1))[0]
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
             program = _traceable(source)

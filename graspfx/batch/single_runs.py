@@ -41,8 +41,11 @@ class SingleRuns:
 
     def __init__(self, job: Task) -> None:
         self.job = job
-        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
-        self.taking = _taking()
+        quick = job.work < LONG
+        self.program: Native = job.memory.recall(
+            ("single", id(job.tick), quick), lambda: compiled(job.pausing_source, quick=quick)
+        )
+        self.taking = taking()
 
     def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
         """Run variants and note their measures and faults."""
@@ -103,7 +106,7 @@ class SingleRuns:
 
 
 @cache
-def _taking() -> Native:
+def taking() -> Native:
     """Compile what takes rows into measures, once in a process."""
     text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
     return compiled(program_source(text, {"take": take}, ["rows", "columns", "found"], {}))

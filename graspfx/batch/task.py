@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.batch.part_memory import PartMemory
 from graspfx.compile.program import program_source
 from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.script import Tick
@@ -52,6 +53,8 @@ class Task:
         look: at the arena of every variant when its run is over.
         more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
             places are behind those of a row.
+        share: of all variants that there will be, also in other processes: what is worth being compiled is so for all.
+        memory: of other tasks, for texts of the same programs.
     """
 
     tick: Tick
@@ -67,6 +70,8 @@ class Task:
     look: Callable[[FloatArray], None] | None = None
     more: Callable[[FloatArray], More] | None = None
     looking: Lock = field(default_factory=Lock)
+    share: float = 1.0
+    memory: PartMemory = field(default_factory=PartMemory)
     side_by_side: int = 0  # variants that ran as straight lines
     spent: float = 0.0  # on runs [s]
     done: int = 0  # variants that have run
@@ -75,6 +80,11 @@ class Task:
         """Count variants that have run."""
         with self.looking:
             self.done += len(members)
+
+    @property
+    def work(self) -> float:
+        """Ticks of all variants, also of those in other jobs."""
+        return self.variants * self.ticks / self.share
 
     @property
     def source(self) -> str:
@@ -87,6 +97,9 @@ class Task:
         return self._source(pausing=True)
 
     def _source(self, *, pausing: bool) -> str:
+        return self.memory.recall(("source", id(self.tick), pausing), lambda: self._write(pausing=pausing))
+
+    def _write(self, *, pausing: bool) -> str:
         script = self.tick.script
         text = whole_text(self.tick, pausing=pausing)
         return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.groups import Built, Group, Program
+from graspfx.batch.part_memory import PartMemory
 from graspfx.build.build import build
 from graspfx.build.columns import Columns, plain_keys
 from graspfx.build.late_simulations import require_prompt_simulations
@@ -33,6 +34,10 @@ CHECKED = 8  # combinations that are built besides those of the extremes
 FULL = 16  # variants that are all built: fewer are not worth a thought
 
 
+class ForeignPartsError(InputError):
+    """A scene with parts that are no kernels: its variants run one by one."""
+
+
 class Variants:
     """All variants of a scene.
 
@@ -41,7 +46,7 @@ class Variants:
         values: by dotted key.
         numbers: of the value that each key has in each variant, (V, keys).
         beside: values of other keys, the same in all variants.
-        programs: by structure, those of other variants of the scene.
+        memory: of other variants of the scene.
     """
 
     def __init__(
@@ -50,14 +55,15 @@ class Variants:
         values: Mapping[str, Sequence[Any]],
         numbers: Index,
         beside: Mapping[str, Any] | None = None,
-        programs: dict[str, Program] | None = None,
+        memory: PartMemory | None = None,
     ) -> None:
         self.beside = dict(beside or {})
         self.scene, self.values, self.numbers = scene, {key: list(items) for key, items in values.items()}, numbers
         self.keys = list(self.values)
         self.notes: list[str] = []
         self._built: dict[Numbers, Built] = {}
-        self._programs: dict[str, Program] = {} if programs is None else programs
+        self.memory = PartMemory() if memory is None else memory
+        self._programs = self.memory.programs
 
     def overrides(self, numbers: Sequence[int]) -> dict[str, Any]:
         own = {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
@@ -89,9 +95,9 @@ class Variants:
         if built.structure not in self._programs:
             others = [*foreign(servo, tick), *guests(servo, tick), *looked_ahead(servo, tick)]
             if others:
-                raise InputError(
+                raise ForeignPartsError(
                     "scene", self.scene.source.name, "parts that are kernels, all of them",
-                    f"not so: {', '.join(others)}; run its variants one by one with `gx.run`",
+                    f"not so: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
                 )  # fmt: skip
             self._programs[built.structure] = Program(servo, tick)
         return built
@@ -140,11 +146,13 @@ class Variants:
         """Build one variant for each choice of the other keys; None if others are not what their columns say."""
         middle = self.numbers[members[len(members) // 2]]
         others = [i for i in range(len(self.keys)) if i not in own]
-        base = self.built(middle)
+        kind = None if others else (tuple(self.keys), int(Columns(self.scene, values).kinds()[0]))
+        before = self.memory.bases.get(kind) if kind is not None else None
+        base = self.built(middle) if before is None else before
         if others:
             beside = {self.keys[i]: self.values[self.keys[i]][middle[i]] for i in own}
             rest = {self.keys[i]: self.values[self.keys[i]] for i in others}
-            inner = Variants(self.scene, rest, self.numbers[members][:, others], beside, self._programs)
+            inner = Variants(self.scene, rest, self.numbers[members][:, others], beside, PartMemory(self._programs))
             groups_ = inner.groups()
             self.notes += inner.notes
         else:
@@ -155,12 +163,14 @@ class Variants:
             group.members = members[group.members]
             try:
                 group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
-                same = self._is_as_built(group, inside)
+                same = not group.folds() if before is not None else self._is_as_built(group, inside)
             except NotAlikeError:
                 same = False
             if not same:
                 self.notes.append(f"{len(group.members)} variants: columns of values are not what is built")
                 return None
+        if kind is not None:
+            self.memory.bases[kind] = base
         return groups_
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:

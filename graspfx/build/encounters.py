@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.build import bodies
 from graspfx.build.stock import Stock
+from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.surroundings import Obstacle, place_obstacle
 
 if TYPE_CHECKING:
@@ -65,7 +66,8 @@ def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
     names = ", ".join(table.name for table in scene.obstacle)
     law = f"friction {scene.world.friction:g}"
     if thing.dynamics == "native":
-        others = "" if len(scene.object) == 1 else "; it passes through other objects (dynamics = 'bullet' meets them)"
+        passes = len(scene.object) > 1
+        others = f"; it passes through other objects (dynamics = {MEETING} meets them)" if passes else ""
         if not scene.obstacle:
             return False, f"there are no obstacles{others}"
         law += f", {scene.world.stiffness:g} N/m a point"
@@ -76,9 +78,9 @@ def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
         return False, f"there are no obstacles{alone}"
     mates = [scene.object[i].name for i in group if scene.object[i] is not thing] if collide(scene) else []
     met = ", ".join([*([names] if names else []), *mates])
-    shape = "; as its convex hull" if thing.shape.kind in ("ellipsoid", "mesh") else ""
-    engine = "PyBullet" if thing.dynamics == "bullet" else thing.dynamics
-    return True, f"{met}, {law}, restitution {scene.world.restitution:g}, in one {engine} world{shape}"
+    engine = dynamics_of(thing.dynamics)
+    shape = "; as its convex hull" if thing.shape.kind in engine.hulls else ""
+    return True, f"{met}, {law}, restitution {scene.world.restitution:g}, in one {engine.label} world{shape}"
 
 
 def _points(thing: Any) -> str:

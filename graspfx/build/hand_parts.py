@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build.holdings import Holding, axis_of
+from graspfx.build.operators import operator_of
 from graspfx.build.stock import Stock
 from graspfx.errors import InputError
 from graspfx.loop import plant
 from graspfx.loop.guided_hand import GuidedHand
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion import motion as motions
+from graspfx.loop.motion.tremor import Tremor
 from graspfx.loop.motion.turn import Turn
 from graspfx.scene.tables.reading import listed
 
@@ -102,6 +104,7 @@ class HandPart:
                 rest, table.stiffness, table.damping, self.motion, self.squeeze, closing, table.squeeze_ramp,
                 turns=self.turns,
             )  # fmt: skip
+            hand.operator = operator_of(table, self.fingers, start.shape[1])
             return self._guided(hand, table.guide)
         hand = Hand.arm_and_grip(
             rest,
@@ -114,6 +117,7 @@ class HandPart:
             share=table.share,
             turns=self.turns,
         )
+        hand.operator = operator_of(table, self.fingers, start.shape[1])
         return self._guided(hand, table.guide)
 
     def _guided(self, hand: Hand, guide: Guide | None) -> plant.Hand:
@@ -132,7 +136,7 @@ def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
         return HandPart(holding, plugins.load_blaming("hands", table.kind, stock.folder))
     return HandPart(
         holding,
-        motion=make_motions(scene, stock, table),
+        motion=_with_tremor(make_motions(scene, stock, table), scene, table, holding.fingers[0]),
         squeeze=make_squeeze(table),
         turns=[_turn(scene, each, holding.fingers) for each in listed(table.turn)],
     )
@@ -189,6 +193,16 @@ def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Moti
     if len(each) > 1:
         return motions.Sum(each)
     return each[0] if each else motions.Rest()
+
+
+def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first: int) -> motions.Motion:
+    """Add the tremor of a hand, whose first finger tells its random numbers from those of other hands."""
+    own = table.tremor
+    if own is None:
+        return motion
+    seed = (own.seed, first)
+    tremor = Tremor(own.amplitude, own.frequency, own.width, scene.dimensions, seed, own.begin, own.ramp)
+    return motions.Sum([motion, tremor])
 
 
 def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.Motion:

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from graspfx.scene.tables.hands import MadeHand, OwnHand, SharedHand, SharedMadeHand
     from graspfx.scene.tables.scene_table import SceneTable
 
+OPERATOR = (
+    ("limb", "a limb's mass"), ("stiffening", "stiffer with grip"), ("reaction", "a late reaction"),
+    ("tremor", "tremor"), ("noise", "noise"),
+)  # fmt: skip
+
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]
 
@@ -74,4 +79,5 @@ def doing(table: OwnHand | SharedHand | MadeHand) -> str:
         texts.append(f"squeeze: {1e3 * table.squeeze:g} mm")
     if table.guide is not None:
         texts.append(f"guided, {1e3 * table.guide.lag:g} ms behind its goals")
+    texts += [text for name, text in OPERATOR if getattr(table, name) is not None]
     return "; ".join(texts)

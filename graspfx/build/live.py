@@ -25,7 +25,10 @@ RULES = ("coupling.friction", "finger.*.friction", "coupling.damping_depth", "co
 INERTIA = ("object.*.mass", "object.*.density", "object.*.inertia")
 BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravity")
 DEVICE = ("finger.*.device.mass", "finger.*.device.damping", "device.*.mass", "device.*.damping")
-OF_HANDS = ("stiffness", "damping", "rest", "squeeze", "squeeze_ramp", "motion", "turn", "arm", "grip", "share")
+OF_HANDS = (
+    "stiffness", "damping", "rest", "squeeze", "squeeze_ramp", "motion", "turn", "arm", "grip", "share",
+    "limb", "stiffening", "reaction.stiffness", "reaction.damping", "reaction.force", "tremor", "noise.share",
+)  # fmt: skip
 GUIDE = tuple(f"{table}.guide.{name}" for table in ("finger.*.hand", "hand.*") for name in ("offset", "squeeze"))
 HAND = (*(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS), *GUIDE)
 
@@ -43,6 +46,8 @@ REASONS = {
     ("safety", "finger.*.safety"): "limits hold for a whole run",
     ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
     ("hand.*.guide", "finger.*.hand.guide"): "of a guide the goals change, its offset and its squeeze",
+    ("finger.*.hand.reaction", "hand.*.reaction"): "of a reaction its stiffness, damping and force change",
+    ("finger.*.hand.noise", "hand.*.noise"): "of a noise its share changes",
     ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
 }
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from graspfx.build.build import build
 from graspfx.build.hardware import Hardware, at_hardware
-from graspfx.build.process.boot import is_possible
 from graspfx.build.process.servo_process import servo_process
 from graspfx.build.run_header import header_of
 from graspfx.loop.realtime import pacing
 from graspfx.loop.realtime.pacing import Clock, Pacer, WallClock
+from graspfx.system.child_process import is_possible
 
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts

@@ -12,7 +12,7 @@ from graspfx.build.live import GUIDE
 from graspfx.build.numbers import general
 from graspfx.build.wiring import Wire, placing_faults
 from graspfx.errors import DeviceError
-from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.device import OperatedDevice, SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.parts import PlantWiring
 from graspfx.loop.update import SteerablePlant
@@ -54,7 +54,13 @@ def make_plants(
                 order += hand.fingers
         first = devices[0]
         assert isinstance(first, SimulatedDevice)
-        plant = type(first).plant(devices)
+        joined = join(hands, [order.index(f) for f in fingers])
+        operator = getattr(joined, "operator", None)
+        if operator is None:
+            plant = type(first).plant(devices)
+        else:
+            assert isinstance(first, OperatedDevice)
+            plant = type(first).operated_plant(devices, operator, scene.period)
         if changes and isinstance(plant, SteerablePlant):
             plant.live = True
         try:
@@ -63,7 +69,6 @@ def make_plants(
             if faults := placing_faults(start, wired):
                 raise scene.error(faults) from error
             raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
-        joined = join(hands, [order.index(f) for f in fingers])
         yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.build.resolve import Parts
 from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.header import Header, machine, now, versions
+from graspfx.objects.dynamics_table import dynamics_of
 
 if TYPE_CHECKING:
     from graspfx.scene.source import Source
@@ -29,7 +30,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         created=now(),
         versions=versions(
             "scipy",
-            *(("pybullet",) if any(thing.dynamics == "bullet" for thing in scene.object) else ()),
+            *sorted({package for thing in scene.object if (package := dynamics_of(thing.dynamics).distribution)}),
             *(("trimesh",) if meshes else ()),
         ),
         machine=machine(),

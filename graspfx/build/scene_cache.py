@@ -142,7 +142,8 @@ def data_files(scene: Scene) -> Iterator[str]:
         if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
             yield shape.mesh
     for hand in _hands(scene):
-        yield from (motion.file for motion in listed(hand.motion) if motion.kind == "path")
+        motions = () if hand.form == "made" else listed(hand.motion)
+        yield from (motion.file for motion in motions if motion.kind == "path")
 
 
 def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:

@@ -27,6 +27,15 @@ class StillHand:
     fingers: list[int]
     closed: float
 
+    def stiffness(self, force: FloatArray) -> FloatArray:
+        """Give K (d, n, n) with which it holds its fingers at rest [N/m]: r - p = K^-1 f.
+
+        Args:
+            force: f of its fingers at rest (n, d) [N], for a hand that grip makes stiffer.
+        """
+        operator = getattr(self.hand, "operator", None)
+        return self.hand.stiffness if operator is None else np.asarray(operator.at_rest(self.hand.stiffness, force))
+
 
 def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Iterator[StillHand]:
     """Make the hands of a scene as they would close if they neither moved nor turned.
@@ -57,8 +66,9 @@ def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> Float
     force = np.zeros_like(start)
     for still in still_hands(parts, inward, guided=False):
         away = still.hand.target(still.closed)[0] - p[still.fingers]
+        K = still.stiffness(np.zeros_like(away))
         for a in range(start.shape[1]):
-            force[still.fingers, a] = still.hand.stiffness[a] @ away[:, a]
+            force[still.fingers, a] = K[a] @ away[:, a]
     return np.asarray(np.linalg.norm(force, axis=1))
 
 

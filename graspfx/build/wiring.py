@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build.fittings import fitting_faults, fitting_of
+from graspfx.build.operators import is_operated
 from graspfx.errors import DeviceError, abbreviate
-from graspfx.loop.device import Device, Features, SimulatedDevice
+from graspfx.loop.device import Device, Features, OperatedDevice, SimulatedDevice
 from graspfx.loop.fitting import PLAIN, Fitting
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
                     has = "1 finger" if k == 1 else f"{k} fingers"
                     text = f"expected less than {k}: {table.name!r} has {has}; given {finger.channel}"
                     yield ("finger", i, "channel"), text
-                yield from _hand_faults(("finger", i, "hand"), finger, device, kinds)
+                yield from _hand_faults(scene, ("finger", i, "hand"), finger, device, kinds)
     for at, device in connected.items():
         k, used = device.features.fingers, channels[at]
         if device.features.dimensions != scene.dimensions:
@@ -146,11 +147,22 @@ def _table(scene: SceneTable, at: Location) -> DeviceTable:
     return table
 
 
-def _hand_faults(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Finding]:
+def _hand_table(scene: SceneTable, finger: Finger) -> object:
+    """Find the table of the hand that holds a finger."""
+    if isinstance(finger.hand, str):
+        return next((table for table in scene.hand if table.name == finger.hand), None)
+    return finger.hand
+
+
+def _hand_faults(
+    scene: SceneTable, at: Location, finger: Finger, device: Device, kinds: dict[str, type]
+) -> Iterator[Finding]:
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
         yield at, "a real device is held by the operator's own hand: leave it out"
+    elif is_operated(_hand_table(scene, finger)) and not isinstance(device, OperatedDevice):
+        yield at, f"{type(device).__name__} is moved by a spring and a damper alone; take the device 'simulated'"
     elif isinstance(finger.hand, str):
         first = kinds.setdefault(finger.hand, type(device))
         if type(device) is not first:

@@ -99,6 +99,8 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
     A family that is stable up to a factor beyond which another of its group is not has a larger reach: its search ends
     there, and it is told as inf.
     """
+    if any(family.late for group in groups for family in group):
+        return [[late_reach(family) for family in group] for group in groups]
     searches = [[_Search(family, np.geomspace(1.0, MOST, GRID // 2).tolist()) for family in group] for group in groups]
     each = [search for group in searches for search in group]
     while some := [(search, factors) for search in each if (factors := search.upcoming())]:
@@ -109,6 +111,26 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
             _drop_larger(group)
     _find_edges([search for search in each if search.lost is not None])
     return [[search.reach for search in group] for group in searches]
+
+
+def late_reach(family: Family) -> Reach:
+    """Find the reach of a family with a reaction too late for a state for each sample of it.
+
+    Factors as of `reach`, each by counting the eigenvalues beyond the circle; then a bracket on the radius.
+    """
+    if not family.unstable(1.0):
+        factors = np.geomspace(1.0, MOST, GRID // 2).tolist()
+    else:
+        factors = np.geomspace(LEAST, 1.0, GRID // 2).tolist()
+    before: float | None = None
+    for s in factors:
+        if not family.unstable(s):
+            before = s
+        elif before is not None:
+            edge = bracketed(partial(_excess, family), before, s)
+            z = family.farthest(edge * (1.0 + BEYOND))
+            return Reach(edge, abs(float(np.angle(z))) / (2 * math.pi * family.period))
+    return Reach(0.0 if before is None else math.inf, math.nan)
 
 
 def _drop_larger(group: Sequence[_Search]) -> None:

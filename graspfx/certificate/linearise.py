@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.preload import ROWS, cross
 from graspfx.build.fading import set_fade
 from graspfx.build.mechanics import Mechanics, mechanics
 from graspfx.build.object_parts import ObjectPart
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.still_hands import still_hands
+from graspfx.certificate.grip_matrices import inertia_of, wrenches
+from graspfx.certificate.operated import assumptions, operated
+from graspfx.certificate.operated import turned as turned_operator
 from graspfx.certificate.pads import joined_pads, pads_of
 from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
 from graspfx.certificate.rest.from_recording import recorded, set_pose
-from graspfx.certificate.rest.ground import LOW, Ground, ground_under
+from graspfx.certificate.rest.ground import LOW, Ground, ground_under, joined_ground
 from graspfx.certificate.rest.place import Place, provisional, squeezed
 from graspfx.certificate.rest.resting import Grip
 from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, contact_axes, force_directions
@@ -31,6 +33,7 @@ from graspfx.grasp.split import Split
 from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
+from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -50,6 +53,9 @@ class Linearised:
         fingers: the numbers of their fingers in the scene.
         finger_of_column: (m,) of the grasp matrix, by those numbers.
         contacts: (n, d), world axes [m].
+        tips: the fingertips, (n, d), world axes [m].
+        normals: unit, into the object, (n, d), world axes.
+        forces: of the fingers on the object at rest, (n, d), world axes [N]; nan at the start.
         at: "squeezed" or "start" for each object.
         assumed: in words, what the matrices take for granted.
         splits: of each object's grasp.
@@ -71,6 +77,9 @@ class Linearised:
     fingers: tuple[int, ...]
     finger_of_column: NDArray[np.intp]
     contacts: FloatArray
+    tips: FloatArray
+    normals: FloatArray
+    forces: FloatArray
     at: tuple[str, ...]
     assumed: tuple[str, ...]
     splits: tuple[Split, ...] = field(repr=False)
@@ -95,6 +104,8 @@ class _Share:
     fingers: NDArray[np.intp]
     position: FloatArray
     contacts: FloatArray
+    normals: FloatArray
+    forces: FloatArray
     where: str
     assumed: list[str]
     margins: FloatArray
@@ -106,6 +117,7 @@ class _Share:
     split: Split
     gains: ScaledGains
     compliance: FloatArray
+    force: FloatArray
     G: FloatArray
     G_e: FloatArray
     G_c: FloatArray
@@ -118,7 +130,7 @@ class _Share:
 @one_blas_thread()
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
-) -> Linearised:  # fmt: skip
+) -> Linearised:
     """Linearise the scene's small motions about its grasp at rest.
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
@@ -181,12 +193,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
 
 
 def _matrices(
-    scene: Scene,
-    part: ObjectPart,
-    grip: Grip,
-    place: Place,
-    ground: Ground | None,
-    standing: Ground | None,
+    scene: Scene, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
 ) -> _Share:
     table, fingers, d, g = part.table, part.fingers, scene.dimensions, grip.grasped
     J, assumed, state = place.stiffness, place.assumed, g.body_state
@@ -218,10 +225,10 @@ def _matrices(
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
     D = gains.damping(1.0, 1.0)
-    G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
+    G, G_e = wrenches(contacts if rules.reaction == "contact" else tips, grip), wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
-        G = G_e = _wrenches(contacts, grip)
+        G = G_e = wrenches(contacts, grip)
     else:
         K = gains(1.0, 1.0, 1.0)
         stretch = np.hstack([np.eye(m), -G_e.T])
@@ -230,7 +237,7 @@ def _matrices(
         unit = grip.lengths() / grip.lengths()[0]
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
-            G = G_e = _wrenches(contacts, grip)
+            G = G_e = wrenches(contacts, grip)
     if ground is not None:
         assumed.append(
             f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
@@ -251,6 +258,8 @@ def _matrices(
         fingers=fingers,
         position=g.finger_position.copy(),
         contacts=contacts + centre,
+        normals=g.inward(),
+        forces=np.full((n, d), np.nan) if J is None else g.force.copy(),
         where=place.where,
         assumed=assumed,
         margins=place.margins,
@@ -262,30 +271,15 @@ def _matrices(
         split=split,
         gains=gains,
         compliance=compliance,
+        force=np.zeros((n, d)) if J is None else g.force.copy(),
         G=G,
         G_e=G_e,
-        G_c=_wrenches(contacts, grip),
+        G_c=wrenches(contacts, grip),
         N=N,
-        inertia=_inertia(state, R, grip),
+        inertia=inertia_of(state, R, grip),
         viscosity=viscosity,
-        integrator="bullet" if table.dynamics == "bullet" else table.integrator,
+        integrator=dynamics_of(table.dynamics).integrator or table.integrator,
     )
-
-
-def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
-    """Form G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
-    d = grip.d
-    wide = np.zeros((grip.n, 3))
-    wide[:, :d] = arms
-    full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, :d] for arm in wide])
-    return np.asarray(full[np.array(ROWS[d])[grip.free]])
-
-
-def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
-    full = np.zeros((6, 6))
-    full[:3, :3] = state[body.MASS] * np.eye(3)
-    full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
-    return np.asarray(full[np.ix_(grip.axes, grip.axes)])
 
 
 def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None) -> Linearised:
@@ -296,7 +290,15 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     for share in shares:
         position[share.fingers] = share.position
     # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
-    mechanics_: Mechanics = mechanics(parts, position, list(still_hands(parts, inward)))
+    hands = list(still_hands(parts, inward))
+    mechanics_: Mechanics = mechanics(parts, position, hands)
+    force = np.zeros_like(position)
+    for share in shares:
+        force[share.fingers] = share.force
+    operator, stiffer, damper = operated(parts, hands, force)
+    gains_of_hands = mechanics_.stiffness, mechanics_.damping
+    if operator is not None:
+        gains_of_hands = gains_of_hands[0] + np.diag(stiffer), gains_of_hands[1] + np.diag(damper)
     fingers = np.concatenate([share.fingers for share in shares])
     columns = (fingers[:, None] * d + np.arange(d)).ravel()
     V = np.zeros((len(columns), len(columns)))
@@ -325,6 +327,7 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     def conventional(k: float) -> FloatArray:
         return turned([share.gains.alone(k) for share in shares])
 
+    block = np.ix_(columns, columns)
     G, G_e = (block_diagonal([getattr(share, name) for share in shares]) @ V for name in ("G", "G_e"))
     linear = Linearisation(
         period=parts.scene.period,
@@ -335,24 +338,29 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
         viscosity=block_diagonal([share.viscosity for share in shares]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=damping(1.0, 1.0),
-        hand_stiffness=V.T @ mechanics_.stiffness[np.ix_(columns, columns)] @ V,
-        hand_damping=V.T @ mechanics_.damping[np.ix_(columns, columns)] @ V + apart,
+        hand_stiffness=V.T @ gains_of_hands[0][block] @ V,
+        hand_damping=V.T @ gains_of_hands[1][block] @ V + (apart if operator is None else 0.0),
         delay=np.repeat(mechanics_.delay[fingers], d),
         age=np.repeat(mechanics_.age[fingers], d),
         integrator=shares[0].integrator,
         preload=_preload(shares, V),
         G_displacement=G_e,
-        ground=_ground(shares),
+        ground=joined_ground([share.ground for share in shares], [len(share.G) for share in shares]),
+        operator=turned_operator(operator, columns, V, apart),
         G_contact=block_diagonal([share.G_c for share in shares]) @ V if shares[0].integrator == "implicit" else None,
     )
     linear, late = less_stable(linear, np.repeat(lateness_ends(mechanics_, recording)[:, fingers], d, axis=1))
-    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *mechanics_.assumed, *late])
+    others = [*mechanics_.assumed, *late, *assumptions(parts, fingers.tolist(), force)]
+    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *others])
     return Linearised(
         linear=linear,
         objects=tuple(share.name for share in shares),
         fingers=tuple(fingers.tolist()),
         finger_of_column=np.repeat(fingers, d),
         contacts=np.concatenate([share.contacts for share in shares]),
+        tips=position[fingers],
+        normals=np.concatenate([share.normals for share in shares]),
+        forces=np.concatenate([share.forces for share in shares]),
         at=tuple(share.where for share in shares),
         assumed=tuple(assumed),
         splits=tuple(share.split for share in shares),
@@ -383,14 +391,3 @@ def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
     N[:m] = V.T @ N[:m]
     N[:, :m] = N[:, :m] @ V
     return N
-
-
-def _ground(shares: Sequence[_Share]) -> tuple[FloatArray, FloatArray] | None:
-    if all(share.ground is None for share in shares):
-        return None
-    none = [np.zeros((len(share.G), len(share.G))) for share in shares]
-    grounds = [share.ground for share in shares]
-    return (
-        block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
-        block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
-    )

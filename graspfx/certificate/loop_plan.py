@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from graspfx.build.build import build
-from graspfx.build.process.boot import is_possible
 from graspfx.build.process.quenching import quenchers
 from graspfx.build.resolve import Parts
 from graspfx.errors import InputError
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.native_choice import loop_text, why_python
+from graspfx.system.child_process import is_possible
 
 Row = tuple[str, bool, str]
 

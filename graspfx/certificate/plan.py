@@ -16,6 +16,7 @@ from graspfx.certificate.loop_plan import loop_rows
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.certificate.safety_plan import safety_rows
 from graspfx.coupling import block as at
+from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
 from graspfx.scene.tables.part_tables import Device, Object, Placement
@@ -111,8 +112,8 @@ def packages(scene: Scene) -> list[str]:
         names.append("scipy (recorded path)")
     if any(isinstance(thing.shape, MeshShape) for thing in scene.object):
         names.append("trimesh (mesh)")
-    if any(thing.dynamics == "bullet" for thing in scene.object):
-        names.append("pybullet (dynamics)")
+    engines = {dynamics_of(thing.dynamics).package for thing in scene.object}
+    names += [f"{package} (dynamics)" for package in sorted(engines) if package]
     return names
 
 
@@ -358,7 +359,8 @@ def _body(scene: Scene, thing: Object) -> str:
         return f"{thing.dynamics}; every translation is locked"
     if thing.dynamics == "native":
         return f"native, {thing.integrator}"
-    name = "PyBullet, with exact viscosity" if thing.dynamics == "bullet" else thing.dynamics
+    engine = dynamics_of(thing.dynamics)
+    name = f"{engine.label}, with exact viscosity" if engine.integrator else engine.label
     ignored = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
     return f"{name}{ignored}"
 

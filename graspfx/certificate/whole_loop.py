@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.decoupled import Part, parts_of
-from graspfx.analysis.stability.fullloop import Motions, Plant, drift_free, loop_matrix, uncoupled
+from graspfx.analysis.stability.fullloop import (
+    Motions,
+    Plant,
+    drift_free,
+    is_late,
+    late_loop,
+    loop_matrix,
+    uncoupled,
+)
+from graspfx.analysis.stability.late_roots import LateLoop, farthest_root, roots_beyond
+from graspfx.certificate.certificate import ROUNDING
 
 FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
@@ -51,12 +61,13 @@ class _PartLoop:
         linear, self._part = part.linear, part
         m, r = linear.coordinates
         self._motions: Motions = uncoupled(linear)
+        self.late = is_late(linear)
         plant = Plant(linear.with_arrays(stiffness=np.zeros((m, m))), self._motions, inputs=m)
         states = plant.size
         basis = drift_free(linear, states)
         self._basis = basis
         self.size = states if basis is None else basis.shape[1]
-        self.affine = linear.integrator != "implicit"
+        self.affine = linear.integrator != "implicit" and not self.late
         if self.affine:
             f, extra = plant.coupling()
             u = plant.at["u"]
@@ -78,6 +89,11 @@ class _PartLoop:
             loops = [part.linear.with_arrays(stiffness=part.stiffness(stiffness(s))) for s in factors]
             return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
         return np.stack([self._still + self._W @ (part.stiffness(stiffness(s)) @ self._C) for s in factors])
+
+    def late_loop(self, stiffness: FloatArray) -> LateLoop:
+        """Give the loop of a stiffness, opened where its late reaction enters."""
+        part = self._part
+        return late_loop(part.linear.with_arrays(stiffness=part.stiffness(stiffness)), self._motions)
 
     def line(self, stiffness: Line) -> Line:
         """Give A_0 + s A_1."""
@@ -106,8 +122,33 @@ class Family:
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
+    @property
+    def late(self) -> bool:
+        """Whether a part has a reaction too late for a state for each sample of it."""
+        return any(part.late for part in self.loop.parts)
+
+    def farthest(self, factor: float) -> complex:
+        """Find an eigenvalue of largest |z| for a factor, of parts with late reactions too."""
+        K = self.stiffness(factor)
+        far = [farthest_root(part.late_loop(K)) for part in self.loop.parts if part.late]
+        for part in self.loop.parts:
+            if not part.late:
+                z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])
+                far += [] if not z.size else [complex(z[np.abs(z).argmax()])]
+        return max(far, key=abs, default=0j)
+
+    def unstable(self, factor: float) -> bool:
+        """Tell whether an eigenvalue of a late loop lies beyond the circle; others are compared by their radius."""
+        K = self.stiffness(factor)
+        if any(roots_beyond(part.late_loop(K), 1.0 + ROUNDING) for part in self.loop.parts if part.late):
+            return True
+        plain = [part.matrices(self.stiffness, [factor])[0] for part in self.loop.parts if not part.late]
+        return any(np.abs(np.linalg.eigvals(A)).max(initial=0.0) > 1.0 + ROUNDING for A in plain if A.size)
+
     def radius(self, factor: float) -> float:
         """Find the largest |z| for a factor."""
+        if self.late:
+            return abs(self.farthest(factor))
         return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
 
     def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:

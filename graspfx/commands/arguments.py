@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 SET = "--set"
+LISTS = (SET, "--operators", "--over")  # after which several values may follow
 FORMATS = ("png", "svg", "pdf")
 WIDTHS = ("screen", "page", "column")
 
@@ -32,6 +33,20 @@ def add_values(parser: ArgumentParser) -> None:
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
     whole = "let the scene name files outside of its folder: what is Python among them runs"
     parser.add_argument("--trust", action="store_true", help=whole)
+
+
+def add_operators(parser: ArgumentParser, more: str = "") -> None:
+    """Add --operators, whose values `operators` reads."""
+    text = "a range of a key over operators, KEY=FROM:TO:LAW for log, uniform, normal, lognormal; several may follow"
+    usual = "without one, those of the scene's table [operators], or the usual ones"
+    parser.add_argument(
+        "--operators",
+        metavar="KEY=FROM:TO",
+        action="append",
+        nargs="?",
+        const="",
+        help="; ".join(filter(None, [text, usual, more])),
+    )
 
 
 def add_style(parser: ArgumentParser) -> None:
@@ -69,13 +84,13 @@ def recording(text: str) -> Path:
 
 def separate(words: Sequence[str]) -> Iterator[str]:
     """Put a --set before each value of a command: the first word without `=` after a value ends the list."""
-    last, in_list = "", False
+    last, option = "", ""
     for word in words:
-        is_value = in_list and "=" in word and not word.startswith("-")
-        if is_value and last != SET:
-            yield SET
+        is_value = bool(option) and "=" in word and not word.startswith("-")
+        if is_value and last != option:
+            yield option
         yield word
-        last, in_list = word, is_value or word == SET
+        last, option = word, word if word in LISTS else option if is_value else ""
 
 
 def override(text: str) -> tuple[str, Any]:

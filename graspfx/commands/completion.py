@@ -87,11 +87,16 @@ def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> It
 
 
 def _subjects(kind: str) -> Iterator[str]:
-    """List scenes or recordings, by what an argument is called in a command's help."""
+    """List scenes, experiments or recordings, by what an argument is called in a command's help."""
     if "SCENE" in kind:
         from graspfx import plugins
 
         yield from plugins.names("scenes")
+        yield from (str(path) for path in Path().glob("*.toml"))
+    if "EXPERIMENT" in kind:
+        from graspfx.experiment.experiment_file import names
+
+        yield from names()
         yield from (str(path) for path in Path().glob("*.toml"))
     if "RECORDING" in kind:
         from graspfx.commands.destination import OUT

@@ -6,12 +6,10 @@ import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import count
 from pathlib import Path
 
 from graspfx.commands.output import note
-from graspfx.errors import RecordingError
-from graspfx.loop.recording.places import LATEST, make_folder, obstacle, require_vacancy, require_vacancy_of
+from graspfx.loop.recording.places import LATEST, make_folder, new_folder, require_vacancy, require_vacancy_of
 
 OUT = Path("out")
 REMEDY = "choose another --out, or write over it with --overwrite"
@@ -80,25 +78,6 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
             if latest:
                 _point_to(previous)
             OUT.rmdir()
-
-
-def new_folder(home: Path, name: str) -> Path:
-    """Make a folder in another that is not there yet: NAME, NAME-2, ...
-
-    Raises:
-        RecordingError: none can be made.
-    """
-    make_folder(home)
-    for number in count(1):
-        folder = home / (name if number == 1 else f"{name}-{number}")
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise RecordingError(f"{folder}: no folder can be made there; {obstacle(error)}") from error
-        return folder
-    raise AssertionError
 
 
 def _point_to(folder: Path | None) -> Path | None:

@@ -1,4 +1,4 @@
-"""graspfx export: a recording as comma-separated text or netCDF, for other programs."""
+"""graspfx export: a recording as comma-separated text, netCDF or a bag of ROS, for other programs."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from graspfx.commands.output import SUCCESS, name_files, require_place, say_sour
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.places import placing
 
-ENDINGS = {"csv": ".csv", "nc": ".nc"}
+ENDINGS = {"csv": ".csv", "nc": ".nc", "bag": ".bag", "mcap": ".mcap", "db3": ".db3"}
+FORMATS = ENDINGS | {"rosbag": ".mcap"}
 RECORDINGS = ("h5", "hdf5", "part")  # endings that a recording has: text under one of them would pass for it
-EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc"""
+EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc
+  graspfx export out/latest --out waving.mcap"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="a recording, or its folder")
     formats = "csv: a row per tick, a column per component (the default); nc: netCDF, which xarray and others open"
-    parser.add_argument("--format", metavar="FORMAT", help=f"{formats}; else by the ending of FILE")
-    add_file(parser, "the file, or its folder (recording.csv or recording.nc beside the recording)")
+    bags = "mcap (or rosbag), db3: bags of ROS 2; bag: of ROS 1"
+    parser.add_argument("--format", metavar="FORMAT", help=f"{formats}; {bags}; else by the ending of FILE")
+    add_file(parser, "the file, or its folder (recording.csv, recording.nc, ... beside the recording)")
 
 
 def execute(options: Namespace) -> int:
@@ -29,7 +32,7 @@ def execute(options: Namespace) -> int:
 
     source = recording_file(options.recording)
     kind = _format(options)
-    path = file_in(options, source.parent, f"recording{ENDINGS[kind]}")
+    path = file_in(options, source.parent, f"recording{FORMATS[kind]}")
     _require_ending(path, kind)
     require_place(path)
     require_room(options, [path])
@@ -38,6 +41,10 @@ def execute(options: Namespace) -> int:
     make_folder(path.parent)
     if kind == "csv":
         recording.to_csv(path, overwrite=True)
+    elif kind != "nc":
+        from graspfx.show.ros_bag import write_bag
+
+        write_bag(recording, path, FORMATS[kind][1:], overwrite=True)
     else:
         data = recording.to_xarray()
         with placing(path) as file:
@@ -49,14 +56,14 @@ def execute(options: Namespace) -> int:
 def _require_ending(path: Path, kind: str) -> None:
     """Require a file's ending not to be that of another format, nor of a recording, which it could replace."""
     ending = path.suffix[1:].lower()
-    if ending != kind and (ending in ENDINGS or ending in RECORDINGS):
-        raise InputError("--out", str(path), f"a file that ends in {ENDINGS[kind]}", "or name another --format")
+    if f".{ending}" != FORMATS[kind] and (ending in ENDINGS or ending in RECORDINGS):
+        raise InputError("--out", str(path), f"a file that ends in {FORMATS[kind]}", "or name another --format")
 
 
 def _format(options: Namespace) -> str:
     """Choose the format: the one that is named, or that of the file's ending, or text."""
     ending = Path(options.out or "").suffix[1:]
     kind: str = options.format or (ending if ending in ENDINGS else "csv")
-    if kind not in ENDINGS:
-        raise UnknownNameError("format", kind, ENDINGS)
+    if kind not in FORMATS:
+        raise UnknownNameError("format", kind, FORMATS)
     return kind

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,8 +102,14 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         print_summary([recording])
         name_files([file])
     note(remarks(recording))
+    if find_spec("llvmlite") is None and scene.engine == "auto":
+        note(["ticks are interpreted, to the same bits: the package 'llvmlite' is not installed; pip install llvmlite"])
     code = say_faults(recording)
-    if not options.no_figure:  # last: matplotlib takes longer to load than most runs
+    if options.no_figure:
+        return code, True
+    if find_spec("matplotlib") is None:
+        note(["no figure: the package 'matplotlib' is not installed; pip install matplotlib, or say --no-figure"])
+    else:  # last: matplotlib takes longer to load than most runs
         sys.stdout.flush()
         draw([recording], picture, f"; the run is in {file}", width=options.width)
         if not options.json:

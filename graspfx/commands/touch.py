@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import sys
 import time
 from argparse import ArgumentParser, Namespace
@@ -16,6 +15,7 @@ from graspfx.commands.output import SUCCESS, WRONG, doubts, name_files, note
 from graspfx.errors import InputError
 from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
+from graspfx.system import terminal_input
 
 if TYPE_CHECKING:
     from socket import socket
@@ -41,8 +41,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.live.touch.touch_run import TouchRun
     from graspfx.screen.own_page import HOST
+    from graspfx.screen.socket_thread import require_websockets
     from graspfx.screen.touch_address import code, gate_for, listen, network_address
-    from graspfx.screen.touch_server import require_websockets
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
@@ -92,10 +92,10 @@ def _invite(line: socket, gate: Gate) -> None:
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:
     """Make what tells whether to end; with an open terminal Enter prints another code meanwhile."""
     end = None if seconds is None else time.monotonic() + seconds
-    is_open = gate.locked and sys.stdin is not None and sys.stdin.isatty()
+    is_open = gate.locked and terminal_input.is_watched()
 
     def look() -> bool:
-        if is_open and select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline():
+        if is_open and terminal_input.takes_line():
             _invite(line, gate)
         return stop() or (end is not None and time.monotonic() > end)
 

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from graspfx.commands.arguments import add_overrides
-from graspfx.commands.destination import OUT, new_folder
+from graspfx.commands.destination import OUT
 from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import SUCCESS, WRONG, note
 from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
 from graspfx.errors import InputError
+from graspfx.loop.recording.places import new_folder
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:

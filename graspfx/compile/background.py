@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graspfx import log
 from graspfx.compile.freshness import identity
+from graspfx.system.scheduling import be_nice
 
 if TYPE_CHECKING:
     import subprocess
@@ -86,8 +87,7 @@ def main() -> None:
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source
 
-    if hasattr(os, "nice"):
-        os.nice(NICE)
+    be_nice(NICE)
     requests = json.loads(sys.stdin.buffer.readline())
     Thread(target=_end_with_parent, daemon=True).start()
     for text, places, arrays, numbers in requests:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from typing import IO
 from graspfx import log
 from graspfx.compile.child import start
 from graspfx.compile.emission import best
+from graspfx.system.scheduling import processors
 
 WORKER = "graspfx.compile.emitter"
 
@@ -36,7 +36,7 @@ class Emitters:
 
     def __enter__(self) -> Emitters:
         if self._title:  # a library: the processes start while its text is written
-            count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+            count = processors()
             try:
                 self._processes += [start(WORKER) for _ in range(count if count > 1 else 0)]
             except OSError as error:

@@ -17,11 +17,11 @@ from typing import Any
 from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.emission import loaded, platform, show
-from graspfx.compile.file_lock import alone
 from graspfx.compile.freshness import foreign_sources, identity, is_fresh
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.llvm.llvm_arithmetic import LlvmFunction, Type
 from graspfx.compile.own_sources import source_digest
+from graspfx.system.file_lock import alone
 
 TYPES = {"int": "i64", "float": "double", "bool": "i1"}  # by the annotation of a kernel's number; others are buffers
 UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most

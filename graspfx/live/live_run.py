@@ -25,6 +25,7 @@ from graspfx.loop.recording.places import NAME, recording_path, require_vacancy_
 from graspfx.loop.recording.two_parts import Split
 
 if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -103,6 +104,11 @@ class LiveRun:
     def layout(self) -> Layout:
         """Columns of a row."""
         return self._session.servo.layout
+
+    @property
+    def servo(self) -> Servo:
+        """A copy of the servo that runs, whose devices tell their features and reach; its state is not the run's."""
+        return self._session.servo
 
     @property
     def header(self) -> Header:
@@ -226,6 +232,16 @@ class LiveRun:
         guide = self._guide_of(number)
         self._end_release(number)
         self._session.goals.send(guide.hand, offset, squeeze, guide.place)
+
+    def goal(self, number: int) -> tuple[FloatArray, float]:
+        """Give the last goals of a guide: its fingers' mean offset (d,) [m], and what is added to a squeeze [m].
+
+        Raises:
+            InputError: no such guide.
+        """
+        guide = self._guide_of(number)
+        offsets, squeeze = self._session.goals.values(guide.hand)
+        return (offsets.mean(axis=0) if guide.place is None else offsets[guide.place]), squeeze
 
     def let_go(self, number: int) -> None:
         """Withdraw a guide's fingers along their forces until they are free; they stay there until they are guided.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 import warnings
@@ -15,7 +14,8 @@ from graspfx.build.process.errand import Errand
 from graspfx.environment import granted
 from graspfx.live.certifier import Certifier
 from graspfx.live.stability_verdict import Verdict
-from graspfx.loop.realtime.priority import die_with_parent
+from graspfx.system.process_end import KILL, die_with_parent
+from graspfx.system.scheduling import be_nice
 
 NICENESS = 10  # other programs, and above all the servo, come first
 SWITCH = 2e-4  # after which the two threads change [s]: a provisional verdict waits for no full one
@@ -27,8 +27,8 @@ def main(line_: int) -> None:
     Args:
         line_: descriptor of the line.
     """
-    die_with_parent(signal.SIGKILL)
-    os.nice(NICENESS)
+    die_with_parent(KILL)
+    be_nice(NICENESS)
     sys.setswitchinterval(SWITCH)
     warnings.simplefilter("ignore")  # they are the run's, which has them once
     line = Connection(line_)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError
+from graspfx.loop.operator import Operator
 from graspfx.loop.plant import Kernel, Plant, unaltered
 
 FloatArray = NDArray[np.float64]
@@ -82,7 +83,8 @@ class Device(Protocol):
     """
 
     @property
-    def features(self) -> Features: ...
+    def features(self) -> Features:
+        """Figures that the device tells of itself."""
 
     def open(self, period: float) -> None:
         """Make ready for one `read` and one `write` every `period` seconds."""
@@ -208,6 +210,16 @@ class SimulatedDevice(Protocol):
     @staticmethod
     def plant(devices: Sequence[Device]) -> Plant:
         """Make the plant that moves all channels of these devices together, in their order."""
+        ...
+
+
+@runtime_checkable
+class OperatedDevice(Protocol):
+    """A simulated device that an operator may hold who is more than a spring and a damper."""
+
+    @staticmethod
+    def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
+        """Make the plant of `plant` for a hand with this `operator`, or one whose reactions come no later."""
         ...
 
 

@@ -14,6 +14,7 @@ from graspfx.loop.hand import Hand, adopt_block, targets_of
 from graspfx.loop.motion.motion import floats
 from graspfx.loop.motion.state import GuidedHandState
 from graspfx.loop.motion.targets import guided_target
+from graspfx.loop.operator import Operator
 
 FloatArray = NDArray[np.float64]
 
@@ -73,6 +74,11 @@ class GuidedHand:
     def stiffness(self) -> FloatArray:
         """K, (d, n, n) [N/m], read-only."""
         return self._hand.stiffness
+
+    @property
+    def operator(self) -> Operator | None:
+        """Hold on the fingers besides; nothing but spring and damper if None."""
+        return self._hand.operator
 
     @property
     def damping(self) -> FloatArray:

@@ -15,6 +15,7 @@ from graspfx.loop.motion.motion import Levels, Motion, Rest, floats, lay_out, pa
 from graspfx.loop.motion.state import HandState, JoinedHandsState
 from graspfx.loop.motion.targets import guided_target, joined_guided_target, joined_target, target
 from graspfx.loop.motion.turn import Turn
+from graspfx.loop.operator import Operator, joined
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ class Hand:
     declaration = HandState
     followers: Sequence[int] = ()  # entries of the block that go on when a hand takes over another's numbers
     goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide it: offsets (n d), then the squeeze
+    operator: Operator | None = None  # what holds the fingers besides; nothing but spring and damper if None
 
     def __init__(
         self,
@@ -159,7 +161,7 @@ class Hand:
     def adopt(self, other: Hand) -> None:
         """Take over gains, rest and motions of another hand of the same structure."""
         adopt_block(self, other)
-        self._stiffness, self._damping = other.stiffness, other.damping
+        self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
         """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
@@ -197,6 +199,8 @@ class JoinedHands:
         self._stiffness = _frozen(_block_diagonal([hand.stiffness for hand in hands])[:, *rows])
         self._damping = _frozen(_block_diagonal([hand.damping for hand in hands])[:, *rows])
         self._still = all(map(plant.is_still, hands))
+        own = [getattr(hand, "operator", None) for hand in hands]
+        self.operator: Operator | None = joined(own, [hand.stiffness.shape[1] for hand in hands], where)
         d = len(self._stiffness)
         whole = {"hands": len(hands), "fingers": n, "dimensions": d}
         at = size_for(JoinedHandsState, **whole)
@@ -250,7 +254,7 @@ class JoinedHands:
     def adopt(self, other: JoinedHands) -> None:
         """Take over gains, rests and motions of other hands of the same structure."""
         adopt_block(self, other)
-        self._stiffness, self._damping = other.stiffness, other.damping
+        self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
         """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Kernel = Callable[[Any, int], int]
-HandKernel = Callable[..., None]  # of a record, or of a buffer and an offset, and a time
+"""Kernel of a part, called with its state and structure; it returns zero, or the number of a fault."""
+HandKernel = Callable[..., None]
+"""Kernel of a hand, called with a record, or with a buffer and an offset, and with a time."""
 
 
 class Hand(Protocol):

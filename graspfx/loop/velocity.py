@@ -13,7 +13,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-WINDOW = 16  # samples back, at most
+WINDOW = 16
+"""Number of samples back to which an estimate of velocity reaches at most."""
 
 SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exactly, up to rounding
 

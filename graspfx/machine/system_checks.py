@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
-from graspfx.loop.realtime.priority import SERVO, set_fifo
+from graspfx.loop.realtime.priority import SERVO
 from graspfx.machine.finding import Finding
+from graspfx.system.scheduling import most_locked, set_fifo
 
 LIMITS = "/etc/security/limits.d/graspfx.conf"
 SHARE = 0.5  # of the processor that real-time threads must be let have
@@ -56,13 +57,13 @@ def priority_finding() -> Finding:
 
 def memory_finding() -> Finding:
     """See whether memory may be locked, so that none of it is fetched from disk in a tick."""
-    import resource
-
-    soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    if soft == resource.RLIM_INFINITY or os.geteuid() == 0:
+    most = most_locked()
+    if most is None:
+        return Finding("memory", "not told")
+    if most == float("inf"):
         return Finding("memory", "may be locked")
     remedy = f"add '@realtime - memlock unlimited' to {LIMITS}, and log in again"
-    return Finding("memory", f"{soft // 1024} kB of it may be locked", remedy)
+    return Finding("memory", f"{most // 1024:.0f} kB of it may be locked", remedy)
 
 
 def throttling_finding(root: Path) -> Finding:
@@ -142,7 +143,7 @@ def _is_bare(vendor: str) -> bool:
 
 def _text(file: Path) -> str:
     try:
-        return file.read_text(errors="replace").strip()
+        return file.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""
 

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import ctypes
-import sys
 import time
 from collections.abc import Callable, Iterator
 from threading import Thread
 
 from graspfx.loop.realtime.lateness import Lateness
 from graspfx.loop.realtime.pacing import Pacer
-from graspfx.loop.realtime.priority import SERVO, set_fifo
+from graspfx.loop.realtime.priority import SERVO
 from graspfx.machine.finding import Finding
+from graspfx.system.exact_sleep import sleeper
+from graspfx.system.scheduling import set_fifo
 
 DURATION = 3.0  # of both loops together [s]
 TURNS = 3  # of each, one after the other, so that both meet the same machine
 MISSED = 1e-3  # of the ticks that may be later than a period
 MUCH, LITTLE = 3.0, 100e-6  # how much later the pacer may be at the 99th percentile, times and besides [s]
-MONOTONIC, ABSOLUTE = 1, 1  # of clock_nanosleep
 
 REMEDY = (
     "close other programs, keep processors awake (governor performance, no deep sleep), boot with PREEMPT_RT; "
     "a longer period needs less"
 )
-
-
-class Timespec(ctypes.Structure):
-    """A time of the C library's."""
-
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
 
 
 class Jitter:
@@ -56,7 +49,7 @@ class Jitter:
 
     def _measure(self, count: int) -> None:
         set_fifo(SERVO)
-        sleep = _nanosleep()
+        sleep = sleeper()
         for _ in range(TURNS):
             self._run_pacer(count)
             self._run_bare(count, sleep)
@@ -93,17 +86,3 @@ class Jitter:
 def _figures_text(figures: object) -> str:
     values = figures if isinstance(figures, dict) else {}
     return ", ".join(f"{name} {1e6 * value:.0f} us" for name, value in values.items())
-
-
-def _nanosleep() -> Callable[[int], None]:
-    """Give a function that sleeps until a time of the monotonic clock [ns]."""
-    function = getattr(ctypes.CDLL(None), "clock_nanosleep", None) if sys.platform.startswith("linux") else None
-    if function is None:
-        return lambda deadline: time.sleep(max(0.0, 1e-9 * (deadline - time.monotonic_ns())))
-    function.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(Timespec), ctypes.c_void_p)
-
-    def sleep(deadline: int) -> None:
-        seconds, rest = divmod(deadline, 10**9)
-        function(MONOTONIC, ABSOLUTE, ctypes.byref(Timespec(seconds, rest)), None)
-
-    return sleep

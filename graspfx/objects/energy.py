@@ -24,7 +24,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Record
 from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.objects.decay import decay_integrals
-from graspfx.objects.rotation import momentum, multiply
+from graspfx.objects.rotation import momentum, multiply, vector_of
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
 SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel
@@ -162,15 +162,7 @@ def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
 @kernel
 def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
     """Compute the rotation vector from an orientation to the present one; zero about locked axes."""
-    turn = quotient(body.motion.quaternion, before)
-    u, cosine = turn.vector, turn.w
-    sine = math.sqrt(dot(u, u))
-    scale = 2.0
-    if cosine < 0.0:
-        cosine, scale = -cosine, -2.0
-    if sine > 0.0:
-        scale *= math.atan2(sine, cosine) / sine
-    return multiply(body.free_rotation * scale, u)
+    return multiply(body.free_rotation, vector_of(quotient(body.motion.quaternion, before)))
 
 
 @kernel

@@ -37,6 +37,8 @@ class GuestState(Record):
     place: Vector  # [m], of a body with a free rotation; of others it is x + T v
     turn: Quaternion  # since the start, or all of it if more than one rotation is free
     spin: Vector  # [rad/s]
+    aim: Vector  # spin that a moment was to lead to, world axes, if it is to be the step's mean [rad/s]
+    lead: Vector  # of the spin at the step's end over that mean [rad/s]
 
 
 SIZE = size_of(GuestState)
@@ -71,10 +73,12 @@ class Guest(Protocol):
         ...
 
     @property
-    def handing(self) -> Any: ...
+    def handing(self) -> Any:
+        """Kernel that hands a body's wrench to the other software."""
 
     @property
-    def taking(self) -> Any: ...
+    def taking(self) -> Any:
+        """Kernel that takes a body's motion from the other software."""
 
     def hold(self, T: float) -> None:
         """Set the period of every sample from here on to T [s]."""

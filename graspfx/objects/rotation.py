@@ -7,7 +7,7 @@ import math
 from graspfx.compile.kernel import inline, kernel
 from graspfx.objects.body_state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import update_decay
-from graspfx.spatial import Quaternion, Vector, cross, exponential, normalise, rotate, total
+from graspfx.spatial import Quaternion, Vector, cross, dot, exponential, normalise, rotate, total
 
 STRIDE = 0.1  # a fourth-order step is divided so that |w| h and b_w h/I stay below: accurate, and stable
 STRIDES = 10_000  # at most, so that a run that has diverged still ends
@@ -39,6 +39,19 @@ def turn(body: BodyState, T: float, kind: int) -> None:
 def turn_by(motion: Motion, u: Vector) -> None:
     """Rotate by the vector u [rad]: q = exp(u) q, normalised."""
     motion.quaternion = normalise(exponential(u) @ motion.quaternion)
+
+
+@kernel
+def vector_of(turn: Quaternion) -> Vector:
+    """Compute the rotation vector of a unit quaternion, of at most half a turn [rad]."""
+    u, cosine = turn.vector, turn.w
+    sine = math.sqrt(dot(u, u))
+    scale = 2.0
+    if cosine < 0.0:
+        cosine, scale = -cosine, -2.0
+    if sine > 0.0:
+        scale *= math.atan2(sine, cosine) / sine
+    return scale * u
 
 
 @kernel

@@ -42,11 +42,11 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
         PluginError: a Python file that cannot be imported, or whose `scene()` raises.
     """
     path = plugins.find("scenes", name)
-    text = _text(path)
+    text = file_text(path)
     source = Source(plugins.shown_path(path), text, path, by_key(overrides))
     if path.suffix == ".py":
         return _from_python(path, source, preset)
-    table = _parsed(text, source.name)
+    table = parse(text, source.name)
     source = with_preset(source, table, preset)
     return make_scene(table, source.changes, source, lines_from=text)
 
@@ -66,7 +66,12 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
     return scene.replace(changes) if changes else scene
 
 
-def _text(path: Path) -> str:
+def file_text(path: Path) -> str:
+    """Read a TOML file.
+
+    Raises:
+        SceneError: it is not UTF-8; with the line.
+    """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
     try:
@@ -77,7 +82,12 @@ def _text(path: Path) -> str:
         raise SceneError(name, [fault]) from error
 
 
-def _parsed(text: str, name: str) -> dict[str, Any]:
+def parse(text: str, name: str) -> dict[str, Any]:
+    """Read tables from the text of a file.
+
+    Raises:
+        SceneError: it is not TOML, or larger than any file needs to be; with the line.
+    """
     if fault := excess(text):
         raise SceneError(name, [fault])
     try:

@@ -6,8 +6,6 @@ Each half is written by one side and read by the other, behind a count that is o
 from __future__ import annotations
 
 import mmap
-import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.screen.touch_orders import MOST_FINGERS
+from graspfx.system import shared_memory
 
 FloatArray = NDArray[np.float64]
 
@@ -41,13 +40,7 @@ class Touches(NamedTuple):
 
 def create() -> int:
     """Make the memory, which goes with the last process that has it; give its descriptor."""
-    if hasattr(os, "memfd_create"):
-        file = os.memfd_create("graspfx-screen", getattr(os, "MFD_CLOEXEC", 0))
-    else:
-        with tempfile.TemporaryFile() as temporary:
-            file = os.dup(temporary.fileno())
-    os.ftruncate(file, 8 * 2 * HALF)
-    return file
+    return shared_memory.create("graspfx-screen", 8 * 2 * HALF)
 
 
 class Board:

@@ -9,7 +9,6 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from graspfx.screen.screen_board import Board
 from graspfx.screen.touch_address import code, gate_for, listen, network_address, url
 from graspfx.screen.touch_orders import Box
 from graspfx.screen.touch_server import TouchServer
+from graspfx.system.scheduling import be_nice
 
 PICTURES = 0.016  # between two [s]
 NICENESS = 5
@@ -33,8 +33,7 @@ def main(board: int, answers: int, settings: str) -> None:
         settings: fingers, port, box, lan and scenery, as JSON.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has the device, who closes this
-    with suppress(OSError):
-        os.nice(NICENESS)
+    be_nice(NICENESS)
     table: dict[str, Any] = json.loads(settings)
     with os.fdopen(answers, "w", encoding="utf-8") as answer:
         try:

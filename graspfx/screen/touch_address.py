@@ -62,8 +62,7 @@ def code(text: str) -> str:
     try:
         import segno
     except ImportError as error:
-        how = "pip install 'graspfx[touch]', or '.[touch]' in a checkout"
-        raise MissingPackageError("segno", "a code for a tablet", how) from error
+        raise MissingPackageError.of_extra("segno", "a code for a tablet", "touch") from error
     page = io.StringIO()
     segno.make(text, error="l", micro=False).terminal(page, compact=True)
     return page.getvalue()

@@ -61,6 +61,9 @@ class Admission(NamedTuple):
     cookie: str = ""
 
 
+BARRED = Admission(HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens: wait a minute")
+
+
 class Gate:
     """A gate for requests to one address.
 
@@ -99,18 +102,26 @@ class Gate:
         if not self.locked or self._has_session(headers.get("Cookie", "")):
             return Admission(HTTPStatus.OK)
         now = self._clock()
-        wrong = self._wrong.get(peer)
-        if wrong is not None and wrong.is_empty(now):
-            return Admission(HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens: wait a minute")
-        token = "" if is_socket else _token_in(target)
+        if self._is_barred(peer, now):
+            return BARRED
+        token = "" if is_socket else token_in(target)
         if token and self._redeem(token, now):
             return Admission(HTTPStatus.OK, cookie=self._begin_session())
+        self._count_wrong(peer, now)
+        return Admission(HTTPStatus.FORBIDDEN, "scan the code that the terminal shows; each is good for one screen")
+
+    def _is_barred(self, peer: str, now: float) -> bool:
+        """Tell whether an address has brought too many wrong tokens."""
+        wrong = self._wrong.get(peer)
+        return wrong is not None and wrong.is_empty(now)
+
+    def _count_wrong(self, peer: str, now: float) -> None:
+        wrong = self._wrong.get(peer)
         if wrong is None:
             wrong = self._wrong[peer] = Bucket(TRIES / PER, TRIES)
             while len(self._wrong) > MOST_PEERS:
                 del self._wrong[next(iter(self._wrong))]
         wrong.take(now)
-        return Admission(HTTPStatus.FORBIDDEN, "scan the code that the terminal shows; each is good for one screen")
 
     def _has_session(self, header: str) -> bool:
         try:
@@ -118,11 +129,11 @@ class Gate:
         except CookieError:
             return False
         value = "" if cookie is None else cookie.value
-        return any([_same(value, each) for each in self._sessions])  # noqa: C419 (all of them: in constant time)
+        return any([is_same(value, each) for each in self._sessions])  # noqa: C419 (all of them: in constant time)
 
     def _redeem(self, token: str, now: float) -> bool:
         """Take a token for good if it is the one; whether it has expired is looked at after it was compared."""
-        if not (_same(token, self._token) and self._token and now < self._ends):
+        if not (is_same(token, self._token) and self._token and now < self._ends):
             return False
         self._token = ""
         return True
@@ -134,12 +145,13 @@ class Gate:
         return f"{COOKIE}={session}; HttpOnly; SameSite=Strict; Path=/"
 
 
-def _same(one: str, other: str) -> bool:
+def is_same(one: str, other: str) -> bool:
     """Compare in a time that does not tell how much is equal."""
     return hmac.compare_digest(one.encode(errors="replace"), other.encode())
 
 
-def _token_in(target: str) -> str:
+def token_in(target: str) -> str:
+    """Read the token in the path and query of a request; an empty text for none."""
     try:
         return parse_qs(urlsplit(target).query, max_num_fields=4).get(TOKEN, [""])[0]
     except ValueError:

@@ -6,24 +6,22 @@ import json
 import os
 import select
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-import graspfx
 from graspfx.errors import DeviceError
 from graspfx.screen.screen_board import Board, Touches, create
+from graspfx.screen.socket_thread import require_websockets
 from graspfx.screen.touch_orders import Box
-from graspfx.screen.touch_server import require_websockets
+from graspfx.system import child_process
 
 FloatArray = NDArray[np.float64]
 
-TEXT = "import sys; sys.path[:] = {path!r}; from graspfx.screen.screen_child import main; main({arguments})"
+CHILD = "graspfx.screen.screen_child"
 PATIENCE = 10.0  # for the page to be served [s]
 FAREWELL = 1.0  # for its process to end [s]
 DEAF = 0.5  # since the server's last sign of life, after which no finger counts as on the screen [s]
@@ -62,17 +60,19 @@ class TouchScreen:
         """
         self.close()
         require_websockets()
+        if not child_process.is_possible():
+            raise DeviceError(f"a touch screen as a device {child_process.REFUSAL}; `graspfx touch` does not")
         file = create()
         ours, theirs = os.pipe()
         try:
             self._board = Board(file, self.fingers)
-            home = str(Path(graspfx.__file__).parents[1])
-            path = [*sys.path, *([] if home in sys.path else [home])]
-            text = TEXT.format(path=path, arguments=f"{file}, {theirs}, {self._settings()!r}")
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", text], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                pass_fds=(theirs, file), process_group=0,
-            )  # fmt: skip
+            self._process = child_process.start(
+                CHILD,
+                (file, theirs, self._settings()),
+                (theirs, file),
+                inputs=subprocess.PIPE,
+                outputs=subprocess.DEVNULL,
+            )
         except OSError as error:
             os.close(ours)
             raise DeviceError(f"the page's process does not start: {error}") from error

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import socket
 import struct
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
-from graspfx.errors import DeviceError, MissingPackageError
 from graspfx.screen.own_page import single
+from graspfx.screen.socket_thread import PATIENCE, SILENT, SocketThread, require_websockets, response
 from graspfx.screen.touch_claims import Claims
 from graspfx.screen.touch_gate import Bucket, Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
@@ -33,16 +31,8 @@ TURN = 32  # orders of a client, after which others have their turn
 MOST_CLIENTS = 16
 MOST_BYTES = 2 * ORDER.size  # of a message: a longer one ends the connection
 QUEUE = 64  # messages that wait for their turn
-PATIENCE = 5.0  # for a greeting, a farewell, and an answer to a ping [s]
 HEAD = struct.Struct("<4d")  # last order, own fingers, all that are claimed, orders dropped
 SOCKET = "/socket"
-SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
-HEADERS = {
-    "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "Connection": "close",
-}
 
 
 class Touched(Protocol):
@@ -55,7 +45,7 @@ class Touched(Protocol):
         """Let a finger go: it went up, or the screen is lost."""
 
 
-class TouchServer:
+class TouchServer(SocketThread):
     """A server in a thread of its own; a context manager.
 
     Args:
@@ -80,17 +70,14 @@ class TouchServer:
         note: Callable[[int, Order, str], object] | None = None,
     ) -> None:  # fmt: skip
         require_websockets()
-        self.line, self.gate, self.box = line, gate, box
+        super().__init__(line, "touch screens")
+        self.gate, self.box = gate, box
         self.counts: Counter[str] = Counter()
         self._fingers, self._scenery, self._touched, self._note = fingers, scenery, touched, note
         self._claims = Claims(fingers)
         self._clients: dict[int, _Client] = {}
         self._numbers = count(1)
         self._picture, self.last = b"", 0
-        self._loop = asyncio.new_event_loop()
-        self._stopping = asyncio.Event()
-        self._ready, self._error = threading.Event(), list[BaseException]()
-        self._thread = threading.Thread(target=self._run, name="touch screens", daemon=True)
 
     @property
     def clients(self) -> int:
@@ -104,38 +91,13 @@ class TouchServer:
 
     def show(self, picture: bytes) -> None:
         """Send a picture to every screen; one that is slow is sent the newest when it can take it."""
-        with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._set_picture, picture)
+        self._post(self._set_picture, picture)
 
     def describe(self, scenery: str) -> None:
         """Have every screen draw something else from now on, also those that come later."""
-        with suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._set_scenery, scenery)
-
-    def __enter__(self) -> TouchServer:
-        self._thread.start()
-        self._ready.wait()
-        if self._error:
-            self._thread.join()
-            raise DeviceError(f"the page cannot be served: {self._error[0]}") from self._error[0]
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        with suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._stopping.set)
-        self._thread.join()
+        self._post(self._set_scenery, scenery)
 
     # In the server's thread ---------------------------------------------------------------------------------------
-
-    def _run(self) -> None:
-        try:
-            self._loop.run_until_complete(self._main())
-        except BaseException as error:  # noqa: BLE001 - raised by whoever waits
-            self._error.append(error)
-        finally:
-            self._ready.set()
-            self.line.close()
-            self._loop.close()
 
     async def _main(self) -> None:
         from websockets.asyncio.server import serve
@@ -147,8 +109,7 @@ class TouchServer:
         )  # fmt: skip
         async with server:
             watch = asyncio.create_task(self._watch())
-            self._ready.set()
-            await self._stopping.wait()
+            await self._serve_until_stopped()
             watch.cancel()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -156,20 +117,20 @@ class TouchServer:
         headers = single(request.headers)
         path = request.path.partition("?")[0]
         if headers is None:
-            return _response(HTTPStatus.BAD_REQUEST, b"a header stands twice\n")
+            return response(HTTPStatus.BAD_REQUEST, b"a header stands twice\n")
         peer = connection.remote_address
         admission = self.gate.admit(request.path, headers, str(peer[0]) if peer else "", is_socket=path == SOCKET)
         if admission.status != HTTPStatus.OK:
             self.counts[f"refused {admission.status.value}"] += 1
-            return _response(admission.status, f"{admission.reason}\n".encode())
+            return response(admission.status, f"{admission.reason}\n".encode())
         if path == SOCKET:
             if len(self._clients) < MOST_CLIENTS:
                 return None
-            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many screens\n")
+            return response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many screens\n")
         if path != "/":
-            return _response(HTTPStatus.NOT_FOUND, b"there is one page only\n")
+            return response(HTTPStatus.NOT_FOUND, b"there is one page only\n")
         body, more = page_for(headers["Host"])
-        return _response(HTTPStatus.OK, body, more | ({"Set-Cookie": admission.cookie} if admission.cookie else {}))
+        return response(HTTPStatus.OK, body, more | ({"Set-Cookie": admission.cookie} if admission.cookie else {}))
 
     async def _attend(self, connection: ServerConnection) -> None:
         """Serve a screen until it leaves."""
@@ -293,28 +254,3 @@ class _Client:
         self.news.set()
         self.has_scenery = False
         self.budget = Bucket(RATE, BURST)
-
-
-def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = None) -> Response:
-    from websockets.datastructures import Headers
-    from websockets.http11 import Response
-
-    headers = Headers(HEADERS | {"Content-Length": str(len(body)), "Content-Type": "text/plain; charset=utf-8"})
-    for name, value in (more or {}).items():
-        if name in headers:
-            del headers[name]
-        headers[name] = value
-    return Response(status.value, status.phrase, headers, body)
-
-
-def require_websockets() -> None:
-    """Require the package that reads and writes WebSockets.
-
-    Raises:
-        MissingPackageError: it is not installed.
-    """
-    try:
-        import websockets.asyncio.server  # noqa: F401 (whether it is there)
-    except ImportError as error:
-        how = "pip install 'graspfx[touch]', or '.[touch]' in a checkout"
-        raise MissingPackageError("websockets", "a touch screen", how) from error

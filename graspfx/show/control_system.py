@@ -18,8 +18,7 @@ def to_control(linear: Linearisation, loop: str = "closed") -> Any:
     try:
         import control
     except ImportError as error:
-        how = "pip install 'graspfx[control]', or '.[control]' in a checkout"
-        raise MissingPackageError("control", "Linearisation.to_control", how) from error
+        raise MissingPackageError.of_extra("control", "Linearisation.to_control", "control") from error
     if loop not in LOOPS:
         raise UnknownNameError("loop", str(loop), LOOPS)
     m, r = linear.coordinates

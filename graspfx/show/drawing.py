@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from graspfx.show.picture.arrows import Forces
     from graspfx.show.sheet import Sheet
 
-INLINE = 110  # pixels in an inch, in a notebook
-
 
 class Drawing:
     """A figure that a notebook shows without pyplot; `figure` is matplotlib's own, `save` writes it.
@@ -48,7 +46,7 @@ class Drawing:
         return f"<Drawing of {width:.1f} x {height:.1f} inches; .save(path) writes it, .figure is matplotlib's>"
 
     def _repr_png_(self) -> bytes:
-        return style.pixels(self.figure, INLINE)
+        return style.pixels(self.figure, style.INLINE)
 
 
 def picture(

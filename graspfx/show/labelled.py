@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.recording.attributes import conclusion, description
+from graspfx.show.key_names import unit_of
 from graspfx.show.quantities import Quantity, coordinates, quantities
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
     from graspfx.batch.batch import Batch
     from graspfx.loop.recording.record import Recording
-
-HOW = "pip install 'graspfx[data]', or '.[data]' in a checkout"
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:
@@ -37,7 +36,7 @@ def _xarray(wanted_by: str) -> Any:
     try:
         import xarray
     except ImportError as error:
-        raise MissingPackageError("xarray", wanted_by, HOW) from error
+        raise MissingPackageError.of_extra("xarray", wanted_by, "data") from error
     return xarray
 
 
@@ -45,28 +44,58 @@ def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
     return xr.Variable(dimensions, quantity.values, {"units": quantity.unit, "long_name": quantity.meaning})
 
 
-def batch_dataset(batch: Batch) -> xarray.Dataset:
-    """Convert a batch; its docstring is that of `Batch.to_xarray`."""
+class Labels(NamedTuple):
+    """Labelled arrays, as xarray and netCDF have them.
+
+    Attributes:
+        variables: by name, the names of the dimensions, the values, and attributes as `units`.
+        coordinates: likewise; one that is named as a dimension has its entries.
+        attributes: of the whole.
+    """
+
+    variables: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
+    coordinates: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
+    attributes: dict[str, Any]
+
+
+def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
+    """Convert a batch; its docstring is that of `Batch.to_xarray`.
+
+    Args:
+        batch: the batch.
+        labels: its own if not given.
+    """
     xr = _xarray("Batch.to_xarray")
+    if labels is None:
+        labels = batch_labels(batch)
+    variables, scales = (
+        {name: xr.Variable(*each) for name, each in part.items()} for part in (labels.variables, labels.coordinates)
+    )
+    data: xarray.Dataset = xr.Dataset(variables, scales, labels.attributes)
+    return data
+
+
+def batch_labels(batch: Batch) -> Labels:
+    """Label the arrays of a batch."""
     grid, scales = grid_of(batch)
-    labels = {} if batch.layout is None else coordinates(batch.layout)
-    variables = {"fault_tick": xr.Variable(grid, batch.fault_tick, {"long_name": "tick of the first fault; -1: none"})}
+    names = {} if batch.layout is None else coordinates(batch.layout)
+    meaning = {"long_name": "tick of the first fault; -1: none"}
+    variables: dict[str, Any] = {"fault_tick": (grid, batch.fault_tick, meaning)}
     for quantity, by_name in batch.measures.items():
         column = batch.column(quantity)
         for name, values in by_name.items():
             unit = "1" if name == "growth" else column.unit
             about = {"units": unit, "long_name": f"{name} of {quantity}: {column.meaning}"}
-            variables[f"{quantity}_{name}".replace("/", "_")] = xr.Variable((*grid, *column.dimensions), values, about)
+            variables[f"{quantity}_{name}".replace("/", "_")] = ((*grid, *column.dimensions), values, about)
     if batch.recordings is not None:
-        variables |= _stacked(xr, batch, grid)
-        scales["time"] = xr.Variable("time", batch.recordings.flat[0].time, {"units": "s"})
+        variables |= _stacked(batch, grid)
+        scales["time"] = (("time",), batch.recordings.flat[0].time, {"units": "s"})
     if batch.summaries is not None:
-        variables |= {name: xr.Variable(grid, values) for name, values in summary_numbers(batch).items()}
-    used = {name for variable in variables.values() for name in variable.dims}
-    scales |= {name: list(entries) for name, entries in labels.items() if name in used}
+        variables |= {name: (grid, values, {}) for name, values in summary_numbers(batch).items()}
+    used = {name for dimensions, _, _ in variables.values() for name in dimensions}
+    scales |= {name: ((name,), list(entries), {}) for name, entries in names.items() if name in used}
     attributes = {"scene": batch.scene, "notes": list(batch.notes), "build_time": batch.build_time}
-    data: xarray.Dataset = xr.Dataset(variables, scales, {**attributes, "run_time": batch.run_time})
-    return data
+    return Labels(variables, scales, {**attributes, "run_time": batch.run_time})
 
 
 def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
@@ -77,7 +106,8 @@ def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
     for k, (key, values) in enumerate(batch.values.items()):
         alone = values if together else np.moveaxis(values, k, 0).reshape(values.shape[k], -1)[:, 0]
         plain = [each if isinstance(each, str | int | float) else repr(each) for each in alone.tolist()]
-        scales[key] = (axes[0 if together else k], plain)
+        unit = unit_of(key)
+        scales[key] = ((axes[0 if together else k],), plain, {"units": unit} if unit else {})
     return axes, scales
 
 
@@ -94,7 +124,7 @@ def summary_numbers(batch: Batch) -> dict[str, np.ndarray[Any, np.dtype[np.float
     return numbers
 
 
-def _stacked(xr: Any, batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
+def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
     tables = [
         {each.name: each for each in quantities(one)}
         for one in ([] if batch.recordings is None else batch.recordings.ravel().tolist())
@@ -104,7 +134,7 @@ def _stacked(xr: Any, batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
     if any({name: each.values.shape for name, each in table.items()} != shapes for table in tables):
         raise InputError("keep", "recordings", "recordings of the same columns and length", "convert them one by one")
     return {
-        name: xr.Variable(
+        name: (
             (*grid, "time", *each.dimensions),
             np.array([table[name].values for table in tables]).reshape(*batch.shape, *each.values.shape),
             {"units": each.unit, "long_name": each.meaning},

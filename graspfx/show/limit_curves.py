@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.show import style
+from graspfx.show.key_names import label_of
 from graspfx.show.style import EXTERNAL, INTERNAL, NOTE, PALE, panel, plain
 
 if TYPE_CHECKING:
@@ -22,31 +23,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-UNITS = {
-    "viscosity": "N s/m",
-    "rotational_viscosity": "N m s/rad",
-    "mass": "kg",
-    "period": "s",
-    "duration": "s",
-    "stiffness": "N/m",
-    "damping": "N s/m",
-    "friction": "N s/m",
-    "squeeze": "m",
-    "radius": "m",
-}
-NAMES = {
-    "object.viscosity": "viscosity of the object $b_v$",
-    "object.mass": "mass of the object $m_v$",
-    "object.rotational_viscosity": "rotational viscosity of the object",
-    "period": "sampling period $T$",
-    "finger.*.device.mass": "mass of a device $m$",
-    "finger.*.device.damping": "damping of a device $b$",
-    "finger.*.device.friction": "damping of a device $b$",
-    "finger.*.hand.stiffness": "stiffness of a finger",
-    "finger.*.hand.damping": "damping of a finger",
-    "coupling.external.damping": "$k_{ed}$",
-    "coupling.internal.damping": "$k_{id}$",
-}
 LIMIT = "largest stable gain [N/m]"
 HEIGHT, STACKED = 2.9, 2.2  # [inches]
 MOST_CELLS = 400  # along an axis of a map: more than a picture can show
@@ -99,7 +75,7 @@ def _curves(limits: SweptLimits, width: str) -> Sheet:
         ax.text(0.5, 0.5, "no gain is too large", transform=ax.transAxes, ha="center", color=NOTE)
     if len(x) > 1:
         ax.set_xlim(x[0], x[-1])
-    panel(ax, x=_label(limits.sweeps[0].key), y=LIMIT)
+    panel(ax, x=label_of(limits.sweeps[0].key), y=LIMIT)
     drawing.legend(0)
     return drawing
 
@@ -125,8 +101,8 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
         if min(part.shape) > 1:
             equal = _add_contours(ax, x, y, part, tiles[0] - tiles[1], drawing.width) or equal
         panel(ax, title=name)
-    panel(panels[2 if stacked else 1], x=_label(limits.sweeps[0].key))  # one for all three
-    panel(panels[1 if stacked else 0], y=_label(limits.sweeps[1].key))
+    panel(panels[2 if stacked else 1], x=label_of(limits.sweeps[0].key))  # one for all three
+    panel(panels[1 if stacked else 0], y=label_of(limits.sweeps[1].key))
     if equal:
         line = Line2D([], [], color=EQUAL, lw=2.0 * weight, label="$k_{ep} = k_{ip}$", path_effects=_rim(weight))
         drawing.legend(0, [line])
@@ -154,9 +130,3 @@ def _rim(weight: float) -> list[AbstractPathEffect]:
 
 def _finite(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def _label(key: str) -> str:
-    last = key.rsplit(".", 1)[-1]
-    unit = f" [{UNITS[last]}]" if last in UNITS and key != "coupling.friction" else ""
-    return f"{NAMES.get(key, key)}{unit}"

@@ -18,11 +18,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from os import PathLike, fspath
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
-from graspfx.errors import InputError
+from graspfx.errors import InputError, MissingPackageError
 from graspfx.show.sheet import Sheet
 from graspfx.show.widths import WIDTHS, Width, width_of
 
@@ -31,22 +33,45 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from PIL.Image import Image
 
-EXTERNAL, INTERNAL = "#d55e00", "#0072b2"  # of nothing else, in no figure
+EXTERNAL = "#d55e00"
+"""Colour of the external force and of nothing else, in no figure."""
+INTERNAL = "#0072b2"
+"""Colour of the internal force and of nothing else, in no figure."""
 FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # as many as have no common factor with the colours
-CONTACTS = {  # a fingertip by the state of its contact; "touch" where no friction tells whether it sticks
+"""Colours of the fingers, in their order, and again from the first."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+"""Markers of the fingers: as many as have no common factor with the colours."""
+CONTACTS = {
     "free": "#b8b8b8",
     "touch": "#009e73",
     "stick": "#009e73",
     "slide": "#f0e442",
     "limit": "#cc79a7",
 }
-INK, NOTE, GRID, NEUTRAL, PALE = "#1a1a1a", "#444444", "#e4e4e4", "#7f7f7f", "#b8b8b8"
-LINE, THICK, HAIR = 1.3, 2.4, 0.7  # [points]
-BAND = 0.22  # opacity of the band between least and greatest
-AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))  # dashes of what is along, or about, x, y and z
+"""Colours of a fingertip by the state of its contact; "touch" where no friction tells whether it sticks."""
+INK = "#1a1a1a"
+"""Colour of axes and text."""
+NOTE = "#444444"
+"""Colour of notes below a figure."""
+GRID = "#e4e4e4"
+"""Colour of grid lines."""
+NEUTRAL = "#7f7f7f"
+"""Colour of what is neither force nor finger."""
+PALE = "#b8b8b8"
+"""Colour of what stands back."""
+LINE = 1.3
+"""Width of a curve [points]."""
+THICK = 2.4
+"""Width of a curve that stands out [points]."""
+HAIR = 0.7
+"""Width of a line of reference [points]."""
+BAND = 0.22
+"""Opacity of the band between least and greatest."""
+AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))
+"""Dashes of what is along, or about, x, y and z."""
 FORMATS = ("png", "svg", "pdf")
 COLOURS = 256
+INLINE = 110  # pixels in an inch, in a notebook
 UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
@@ -78,11 +103,33 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
+class InlineSheet(Sheet):
+    """A sheet that a notebook shows where it ends a cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return pixels(arranged(self), INLINE)
+
+
+def require_matplotlib() -> ModuleType:
+    """Import matplotlib.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        return import_module("matplotlib")
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("matplotlib", "a figure", "pip install matplotlib") from error
+
+
 @contextmanager
 def look(width: str = "screen") -> Iterator[Width]:
-    """Draw within this: matplotlib's defaults, whatever its user has set, and over them the style."""
-    import matplotlib as mpl
+    """Draw within this: matplotlib's defaults, whatever its user has set, and over them the style.
 
+    Raises:
+        MissingPackageError: matplotlib is not installed.
+    """
+    mpl = require_matplotlib()
     size = width_of(width)
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -117,6 +164,8 @@ def figure(
 ) -> Sheet:
     """Make a figure of rows and columns of panels, of which only the panels' heights are asked for.
 
+    A notebook shows it where it ends a cell.
+
     Args:
         heights: of the panels, row by row [inches] on a screen; less on paper.
         columns: how many panels stand side by side.
@@ -132,7 +181,7 @@ def figure(
     """
     paper = width_of(width, columns)
     paper = replace(paper, inches=inches) if inches else paper
-    return Sheet(heights, columns, paper, share_x=share_x, share_y=share_y, widths=widths, bar=bar)
+    return InlineSheet(heights, columns, paper, share_x=share_x, share_y=share_y, widths=widths, bar=bar)
 
 
 def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
@@ -222,7 +271,9 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
 
     Raises:
         InputError: it is none.
+        MissingPackageError: matplotlib is not installed.
     """
+    require_matplotlib()
     from matplotlib.backend_bases import FigureCanvasBase
 
     forms = FigureCanvasBase.get_supported_filetypes()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.recording.places import placing, recording_path, require_vacancy
-from graspfx.show.labelled import HOW, summary_numbers
+from graspfx.show.labelled import summary_numbers
 from graspfx.show.quantities import Quantity, components, coordinates, quantities, works_of
 
 if TYPE_CHECKING:
@@ -89,5 +89,5 @@ def _pandas(wanted_by: str) -> Any:
     try:
         import pandas
     except ImportError as error:
-        raise MissingPackageError("pandas", wanted_by, HOW) from error
+        raise MissingPackageError.of_extra("pandas", wanted_by, "data") from error
     return pandas

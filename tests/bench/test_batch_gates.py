@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.batch.batch import Runs
+from graspfx.batch.group_runs import Runs
 from graspfx.batch.lane_runs import LaneRuns
 from graspfx.batch.lanes import LATE_LOW, LOW
 from graspfx.batch.single_runs import SingleRuns

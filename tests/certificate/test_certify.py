@@ -15,6 +15,7 @@ from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import mode_limits
 from graspfx.certificate.rest.cone_edge import released, sliding_notes
 from graspfx.errors import InputError
+from tests.support.carriers import CARRIERS, require
 from tests.support.slid_grasps import askew, slid_grasp, standing
 from tests.support.whole_ticks import RestedRun
 
@@ -185,10 +186,11 @@ def test_a_floor_under_a_squeezed_grasp_has_a_row() -> None:
     assert not gx.certify(soft).stable
 
 
-def test_what_carries_the_load_and_is_no_floor_is_named() -> None:
-    """PyBullet's floor is no part of the loop: the certificate at a recorded rest says what it leaves out."""
-    pytest.importorskip("pybullet")
-    scene = gx.load("pick-and-place", {"object.dynamics": "bullet"})
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_what_carries_the_load_and_is_no_floor_is_named(dynamics: str) -> None:
+    """The floor of others is no part of the loop: the certificate at a recorded rest says what it leaves out."""
+    require(dynamics)
+    scene = gx.load("pick-and-place", {"object.dynamics": dynamics})
     recording = gx.run(scene, duration=0.7)  # closed, not yet lifted
     (found,) = gx.certify(scene, recording=recording)
     assert any("carried by floor, which is left out" in text for text in found.assumed), found.assumed

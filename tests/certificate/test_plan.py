@@ -14,6 +14,7 @@ from graspfx.compile.kernel import source_function
 from graspfx.coupling.contacts import refactor
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.scene.model import Scene
+from tests.support.carriers import CARRIERS, require
 
 
 def scene(**changes: Any) -> Scene:
@@ -103,14 +104,16 @@ def test_steps(changes: dict[str, Any], step: str, runs: bool, why: str) -> None
     assert why in found.why
 
 
-def test_bullet_names_its_package_and_ignores_an_integrator() -> None:
-    pytest.importorskip("pybullet", reason="PyBullet has no wheels there")
-    given = scene(object__dynamics="bullet", object__integrator="implicit")
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_others_name_their_package_and_ignore_an_integrator(dynamics: str) -> None:
+    require(dynamics)
+    package = {"bullet": "pybullet", "mujoco": "mujoco"}[dynamics]
+    given = scene(object__dynamics=dynamics, object__integrator="implicit")
     assert "(integrator = 'implicit' is ignored)" in row(given, "move").why
     assert not row(given, "predict").runs
-    assert "pybullet (dynamics)" in packages(given)
-    assert "ignored" not in row(scene(object__dynamics="bullet"), "move").why
-    assert not any("pybullet" in package for package in packages(scene()))
+    assert f"{package} (dynamics)" in packages(given)
+    assert "ignored" not in row(scene(object__dynamics=dynamics), "move").why
+    assert not any("(dynamics)" in each for each in packages(scene()))
 
 
 def test_the_conventional_method_is_equal_gains_of_both_kinds() -> None:

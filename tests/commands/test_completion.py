@@ -15,7 +15,22 @@ from graspfx.commands.completion import SCRIPTS, answers
 
 POSITIONALS = {
     name: ["x"]
-    for name in ("run", "check", "stability", "plot", "picture", "replay", "touch", "export", "calibrate", "view")
+    for name in (
+        "run",
+        "check",
+        "stability",
+        "tune",
+        "plot",
+        "picture",
+        "replay",
+        "touch",
+        "export",
+        "calibrate",
+        "view",
+        "sweep",
+        "stream",
+        "experiment",
+    )
 }  # that they need
 ROOT = Path(__file__).parents[2]
 PROBE = """

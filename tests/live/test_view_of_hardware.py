@@ -17,7 +17,7 @@ from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
 from tests.support.chromium import chromium
 from tests.support.hardware import wait_until
-from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled
+from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled, undisturbed
 
 viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'graspfx[view]'")
 
@@ -26,8 +26,8 @@ MECHANICS = {"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}}
 TEXT = "document.body.innerText"
 
 
-def test_sliders_of_an_armed_board(tmp_path: Path) -> None:
-    """A browser looks on: a gain goes up, is clamped, is refused; the recording replays to the bit."""
+def steer(tmp_path: Path) -> tuple[gx.Scene, Path | None, float]:
+    """Lead a gain up until it is clamped, and another one until it is refused, before a browser."""
     from graspfx.live.view.live_view import LiveView
 
     with board() as wire, chromium() as browser:
@@ -66,10 +66,16 @@ def test_sliders_of_an_armed_board(tmp_path: Path) -> None:
                 ended.set()
                 server.join()
             internal = run.scene.coupling.internal
+    assert (internal.stiffness, internal.damping) == (clamped, 0.0)
+    return scene, folder, clamped
+
+
+def test_sliders_of_an_armed_board(tmp_path: Path) -> None:
+    """A browser looks on: a gain goes up, is clamped, is refused; the recording replays to the bit."""
+    scene, folder, clamped = undisturbed(lambda k: steer(tmp_path / str(k)))
     assert folder is not None
     recording = gx.Recording.load(folder)
     assert [(change.key, change.value) for change in recording.changes] == [(KIP, 75.0), (KIP, clamped)]
-    assert (internal.stiffness, internal.damping) == (clamped, 0.0)
     limit = next(row.limit for row in gx.certify(scene.replace({KIP: clamped}))[0].limits if row.mode == "internal")
     assert SHARE * limit * (1.0 - 2.0 * INSIDE) < clamped < SHARE * limit
     again = gx.replay(recording)

@@ -12,6 +12,8 @@ import pytest
 import graspfx as gx
 from graspfx.build import pace
 from graspfx.errors import SceneError
+from tests.support.carriers import CARRIERS
+from tests.support.carriers import require as require_dynamics
 from tests.support.hardware import VirtualClock
 from tests.support.optional import require
 
@@ -303,16 +305,17 @@ def test_channel_that_a_device_does_not_have() -> None:
         gx.run(scene(finger(-0.025, channel=1), finger(0.025)))
 
 
-def test_native_and_bullet_agree_over_ten_seconds() -> None:
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_native_and_others_agree_over_ten_seconds(dynamics: str) -> None:
     """The two engines agree below 1e-9 m in translation and planar rotation, semi-implicit, without viscosity."""
-    pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
+    require_dynamics(dynamics)
     still = {"object.viscosity": 0.0, "object.rotational_viscosity": 0.0, "object.integrator": "semi-implicit"}
     native = gx.run(gx.load("paper-waving-turning", still), duration=10.0)
-    bullet = gx.run(gx.load("paper-waving-turning", {**still, "object.dynamics": "bullet"}), duration=10.0)
+    other = gx.run(gx.load("paper-waving-turning", {**still, "object.dynamics": dynamics}), duration=10.0)
     assert np.ptp(native.object_position[:, 0]) > 0.09
     assert np.ptp(require(native.object_orientation)) > 1e-3
-    assert np.abs(native.object_position - bullet.object_position).max() < 1e-9
-    assert np.abs(require(native.object_orientation) - require(bullet.object_orientation)).max() < 1e-9
+    assert np.abs(native.object_position - other.object_position).max() < 1e-9
+    assert np.abs(require(native.object_orientation) - require(other.object_orientation)).max() < 1e-9
 
 
 SAME_VISCOSITY = """
@@ -341,23 +344,25 @@ def create(state):
 """
 
 
-def test_native_and_bullet_agree_with_viscosity_applied_the_same_way(tmp_path: Path) -> None:
-    """Semi-implicit steps on the exact viscous force, which is what the PyBullet body does, for 10 s: below 1e-9 m."""
-    pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_native_and_others_agree_with_viscosity_applied_the_same_way(dynamics: str, tmp_path: Path) -> None:
+    """Semi-implicit steps on the exact viscous force, which is what the other does, for 10 s: below 1e-9 m."""
+    require_dynamics(dynamics)
     file = tmp_path / "viscous.py"
     file.write_text(SAME_VISCOSITY)
     semi = {"object.integrator": "semi-implicit"}
     native = gx.run(gx.load("paper-waving-turning", {**semi, "object.dynamics": str(file)}), duration=10.0)
-    bullet = gx.run(gx.load("paper-waving-turning", {"object.dynamics": "bullet"}), duration=10.0)
-    assert np.abs(native.object_position - bullet.object_position).max() < 1e-9
-    assert np.abs(require(native.object_orientation) - require(bullet.object_orientation)).max() < 1e-9
+    other = gx.run(gx.load("paper-waving-turning", {"object.dynamics": dynamics}), duration=10.0)
+    assert np.abs(native.object_position - other.object_position).max() < 1e-9
+    assert np.abs(require(native.object_orientation) - require(other.object_orientation)).max() < 1e-9
 
 
-def test_bullet_has_one_integrator_whatever_the_scene_says() -> None:
-    pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
-    bullet = {"object.dynamics": "bullet"}
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_others_have_one_integrator_whatever_the_scene_says(dynamics: str) -> None:
+    require_dynamics(dynamics)
+    other = {"object.dynamics": dynamics}
     runs = [
-        gx.run(gx.load("paper-waving", {**bullet, "object.integrator": name}), duration=0.5)
+        gx.run(gx.load("paper-waving", {**other, "object.integrator": name}), duration=0.5)
         for name in ("implicit", "explicit")
     ]
     assert np.array_equal(runs[0].rows, runs[1].rows)

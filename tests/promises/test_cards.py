@@ -15,7 +15,7 @@ from graspfx.card import MOST_LETTERS, MOST_LINES, WIDTH, Card, listed, span
 NOUNS = (
     "scene", "long scene", "recording", "long recording", "motion", "batch", "report", "long report", "certificates",
     "certificate", "linearisation", "grasp", "large grasp", "split", "coupling", "matrix coupling", "impedance",
-    "point coupling", "touch", "large touch", "features", "no features", "session", "z-width", "loci",
+    "point coupling", "touch", "large touch", "features", "no features", "session", "z-width", "loci", "sweep",
 )  # fmt: skip
 
 
@@ -51,6 +51,7 @@ def nouns() -> dict[str, Any]:
         "session": gx.open("reference-1dof", live=["coupling.internal.stiffness"]),
         "z-width": gx.passivity.z_width(0.2, 0.005, mass=0.15),
         "loci": gx.stability.loci("reference-1dof"),
+        "sweep": gx.sweep("reference-1dof", {"object.mass": np.linspace(0.1, 0.2, 30)}, duration=0.05),
         "features": gx.protocols.Features(1, 2, peak_force=3.5, mass=0.2, workspace=(np.zeros(2), np.ones(2))),
         "no features": gx.protocols.Features(4, 3),
     }  # fmt: skip

@@ -23,6 +23,7 @@ MODULES = {
     "style": gx.style,
     "stability": gx.stability,
     "passivity": gx.passivity,
+    "experiment": gx.experiment,
     "testing": gx.testing,
     "protocols": gx.protocols,
 }

@@ -138,6 +138,9 @@ def test_listing_imports_no_plugin(acme: Path) -> None:
         "graspfx.errors",
         "graspfx.installed",
         "graspfx.plugins",
+        "graspfx.system",
+        "graspfx.system.c_library",
+        "graspfx.system.scheduling",
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,18 @@ reason = "a stiffer squeeze"
 [preset.stiff.set]
 "coupling.internal.stiffness" = 75.0
 """
+
+
+def presets(name: str) -> list[str]:
+    """Name the presets of a scene, also of one whose dynamics are not installed here."""
+    path = plugins.source_of("scenes", name)
+    if path is None or path.suffix != ".toml":
+        return [*gx.load(name).preset]
+    return [*tomllib.loads(path.read_text(encoding="utf-8")).get("preset", {})]
+
+
 SHELF = [name for name, origin in plugins.names("scenes").items() if origin.startswith("GraspFX")]
-STATED = [(name, preset) for name in SHELF for preset in gx.load(name).preset]
+STATED = [(name, preset) for name in SHELF for preset in presets(name)]
 
 PYTHON = f'''
 import tomllib

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspfx.build.checks import cross_faults as checks
 from graspfx.errors import SceneError
+from graspfx.objects import dynamics_table
 from graspfx.scene.model import Scene, schema
 
 
@@ -459,10 +459,15 @@ def test_devices_with_several_fingers() -> None:
     assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)
 
 
-def test_bullet_without_pybullet_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "find_spec", lambda name: None)
-    [fault] = faults(put(line(), "object.dynamics", "bullet"))
-    assert fault.startswith("object.dynamics: 'bullet' needs the package pybullet, which is not installed: pip install")
+@pytest.mark.parametrize(("name", "package"), [("bullet", "pybullet"), ("mujoco", "mujoco")])
+def test_dynamics_without_their_package_say_what_to_install(
+    name: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where PyBullet has no wheel there are two ways out: to have it built, and MuJoCo."""
+    monkeypatch.setattr(dynamics_table, "find_spec", lambda name: None)
+    [fault] = faults(put(line(), "object.dynamics", name))
+    assert fault.startswith(f"object.dynamics: {name!r} needs the package {package}, which is not installed: pip insta")
+    assert ("built from source where it has no wheel); or dynamics = 'mujoco'" in fault) == (name == "bullet")
 
 
 def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

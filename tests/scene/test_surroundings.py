@@ -10,6 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.certificate.plan import plan
 from graspfx.errors import SceneError
+from tests.support.carriers import CARRIERS, require
 
 FLOOR = {"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}}
 BLOCK = {"name": "block", "shape": {"kind": "box", "size": [0.1, 0.1, 0.1]}, "position": [0.3, 0.0, 0.05]}
@@ -112,6 +113,24 @@ def test_bullet_worlds_are_in_space_and_whole() -> None:
     }
     [fault] = faults(flat, **given)
     assert fault.startswith("object.0.dynamics: a PyBullet world is in space, not in 2 dimension(s)")
+    assert "or dynamics = 'mujoco', or 'native' and half-spaces or planes" in fault
+
+
+def test_mujoco_worlds_are_flat_or_partly_locked_too() -> None:
+    require("mujoco")
+    ground = {"name": "ground", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}
+    step = {"name": "step", "shape": {"kind": "box", "size": [0.02, 0.02]}, "position": [0.3, 0.01]}
+    square = {"kind": "box", "size": [0.05, 0.05]}
+    fingers = [each | {"start": each["start"][::2]} for each in table()["finger"]]
+    flat = thing(dynamics="mujoco", shape=square, position=[0.0, 0.025])
+    plane = {"dimensions": 2, "gravity": [0.0, -9.81], "finger": fingers, "obstacle": [ground, step]}
+    rec = gx.run(gx.Scene(**table(flat, **plane)), duration=0.1)
+    assert not rec.faults and abs(rec.object_position[-1][1] - 0.025) < 1e-6
+    partly = gx.Scene(**table(thing(dynamics="mujoco", free=[True, True, True, False, False, False])))
+    rec = gx.run(partly, duration=0.1)
+    assert not rec.faults and abs(rec.object_position[-1][2] - 0.025) < 1e-6
+    [fault] = faults(thing(dynamics="mujoco", free=[True, True, True, True, True, False]))
+    assert fault.startswith("object.0.free: two of three rotations of a body that meets others are no joint of")
 
 
 def test_the_plan_says_what_each_object_meets() -> None:
@@ -120,25 +139,26 @@ def test_the_plan_says_what_each_object_meets() -> None:
     assert row(scene, "meet").why == "floor, friction 0.3, 100000 N/m a point; with its corners"
     assert "fingers pass through" in row(scene, "fingers on obstacles").why
     two = gx.Scene(**table(thing(), thing("b", 0.2)))
-    assert "passes through other objects (dynamics = 'bullet' meets them)" in row(two, "meet b").why
+    assert "passes through other objects (dynamics = 'bullet' or 'mujoco' meets them)" in row(two, "meet b").why
     alone = gx.Scene(**table(thing(), thing("b", 0.2), obstacle=[]))
     assert not row(alone, "meet b").runs
     assert not any(each.step.startswith("meet") for each in plan(gx.Scene(**table(obstacle=[]))))
 
 
-def test_the_plan_names_a_bullet_world() -> None:
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_the_plan_names_a_world(dynamics: str) -> None:
+    require(dynamics)
+    label = {"bullet": "PyBullet", "mujoco": "MuJoCo"}[dynamics]
     egg = {"kind": "ellipsoid", "semi_axes": [0.025, 0.025, 0.02]}
-    scene = gx.Scene(**table(thing(dynamics="bullet"), thing("b", 0.2, dynamics="bullet", shape=egg)))
-    assert row(scene, "meet box").why == "floor, b, friction 0.5, restitution 0, in one PyBullet world"
-    assert row(scene, "meet b").why.endswith("as its convex hull")
+    scene = gx.Scene(**table(thing(dynamics=dynamics), thing("b", 0.2, dynamics=dynamics, shape=egg)))
+    assert row(scene, "meet box").why == f"floor, b, friction 0.5, restitution 0, in one {label} world"
+    assert row(scene, "meet b").why.endswith("as its convex hull") == (dynamics == "bullet")
 
 
-@pytest.mark.parametrize("dynamics", ["native", "bullet"])
+@pytest.mark.parametrize("dynamics", ["native", *CARRIERS])
 def test_a_box_is_lifted_and_put_down(dynamics: str) -> None:
     """Squeezed by two fingers, lifted by 30 mm, put down again and let go: it rests within 0.1 mm of where it was."""
-    if dynamics == "bullet":
-        pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    require(dynamics)
     times = [0.0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]
     close = [0.0, 0.015, 0.015, 0.015, 0.015, -0.01, -0.01]
     up = [0.0, 0.0, 0.03, 0.03, 0.0, 0.0, 0.0]
@@ -155,11 +175,12 @@ def test_a_box_is_lifted_and_put_down(dynamics: str) -> None:
     assert np.abs(rec.object_velocity[-1]).max() < 1e-12
 
 
-def test_objects_in_one_world_run_equally_twice_and_push_one_another() -> None:
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_objects_in_one_world_run_equally_twice_and_push_one_another(dynamics: str) -> None:
     """A box pushed along the floor pushes the next one."""
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    require(dynamics)
     motion = {"kind": "reach", "displacement": [0.04, 0.0, 0.0], "duration": 0.3}
-    scene = table(thing(dynamics="bullet"), thing("b", 0.06, dynamics="bullet"))
+    scene = table(thing(dynamics=dynamics), thing("b", 0.06, dynamics=dynamics))
     pushing = finger(0.0, 1.0, motion=motion) | {"object": "box"}
     idle = finger(0.06, 1.0) | {"object": "b", "start": [0.06, 0.1, 0.025]}
     given = gx.Scene(**(scene | {"finger": [pushing, idle]}))

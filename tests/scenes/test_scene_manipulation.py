@@ -12,6 +12,7 @@ from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects.floor.floor import FloorBody
+from tests.support.carriers import CARRIERS, require
 
 FloatArray = NDArray[np.float64]
 
@@ -59,24 +60,25 @@ def test_the_floor_only_pushes_and_rubs(picked: tuple[Recording, FloatArray]) ->
     assert (np.hypot(floor[:, 0], floor[:, 1]) <= 0.5 * floor[:, 2] * (1.0 + 1e-9)).all()
 
 
-def test_pybullet_puts_the_box_at_the_same_place(picked: tuple[Recording, FloatArray]) -> None:
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_others_put_the_box_at_the_same_place(dynamics: str, picked: tuple[Recording, FloatArray]) -> None:
     """Within 5 um, of the 50 um that the edge which lands first shifts both: 1 um measured.
 
-    Native corners sink by m g/(4 k) = 4 um into the floor and PyBullet's do not; in the air both hang alike but for
+    Native corners sink by m g/(4 k) = 4 um into the floor and theirs do not; in the air both hang alike but for
     that.
     """
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    require(dynamics)
     native, _ = picked
-    bullet = gx.run(gx.load("pick-and-place", {"object.dynamics": "bullet"}))
-    assert not bullet.faults
-    assert not bullet.touching[-1].any()
-    assert abs(bullet.object_position[-1] - native.object_position[-1]).max() < 5e-6
-    assert bullet.object_position[-1, 2] == pytest.approx(0.03, abs=1e-9)
-    ours, theirs = native.object_orientation, bullet.object_orientation
+    other = gx.run(gx.load("pick-and-place", {"object.dynamics": dynamics}))
+    assert not other.faults
+    assert not other.touching[-1].any()
+    assert abs(other.object_position[-1] - native.object_position[-1]).max() < 5e-6
+    assert other.object_position[-1, 2] == pytest.approx(0.03, abs=1e-9 if dynamics == "bullet" else 5e-8)
+    ours, theirs = native.object_orientation, other.object_orientation
     assert ours is not None and theirs is not None
     assert theirs[-1] == pytest.approx(ours[-1], abs=1e-5)
     hanging = (native.time > 2.1) & (native.time < 2.4)
-    assert abs(native.object_position - bullet.object_position)[hanging].max() < 2e-5
+    assert abs(native.object_position - other.object_position)[hanging].max() < 2e-5
 
 
 @pytest.mark.parametrize("right", [0.05, 0.15])

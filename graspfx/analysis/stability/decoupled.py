@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,14 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
         return [Part(linear, None)]
     root = np.sqrt(linear.mass / linear.mass.mean())
     matrices = [linear.damping, linear.hand_stiffness, np.diag(linear.friction) + linear.hand_damping]
+    operator = linear.operator
+    if operator is not None:
+        if not operator.alike:
+            return [Part(linear, None)]
+        matrices += [A for A in (*operator.springs, linear.hand_damping, np.diag(linear.friction)) if A.size]
     matrices = [A / np.outer(root, root) for A in [*(gains or [linear.stiffness]), *matrices] if A.any()]
+    if operator is not None:
+        matrices += [A * root / root[:, None] for A in operator.ratios if A.any()]
     seeds = [linear.G, linear.G_displacement] + ([] if linear.G_contact is None else [linear.G_contact])
     lengths = np.maximum(np.linalg.norm(linear.G * root, axis=1), SHORTEST)[:, None]
     rows = [A * root / lengths for A in seeds]
@@ -152,8 +159,15 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
         "preload": preload,
         "G": linear.G[:q] @ forces,
         "G_displacement": linear.G_displacement[:q] @ forces,
+        "operator": linear.operator,
         "G_contact": None if linear.G_contact is None else linear.G_contact[:q] @ forces,
     }
+    if linear.operator is not None:
+        own = linear.operator.on(B, forces)
+        changes["operator"] = own
+        if own.limbs:  # the device's friction is not the hand's, between tip and limb
+            changes["hand_damping"] = on(linear.hand_damping)
+            changes["operator"] = replace(own, friction=own.friction + on(np.diag(linear.friction)))
     if not with_object:
         none = np.zeros((0, 0))
         changes |= {"inertia": none, "viscosity": none, "ground": None, "object_delay": 0}

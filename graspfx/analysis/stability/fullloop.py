@@ -9,11 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
-from graspfx.analysis.stability.held_devices import advance, held_devices
+from graspfx.analysis.operator_matrices import OperatorMatrices
+from graspfx.analysis.stability.held_devices import advance, held_devices, held_limbs
 from graspfx.analysis.stability.late_devices import LateDevices, late_readings
+from graspfx.analysis.stability.late_roots import LateLoop, farthest_root
+from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
+MOST_LATE = 80  # samples of reactions, over all coordinates, that are states of a loop
+MOST_WALKED = 1500  # of these samples, of one part of a loop: beyond, judging it takes minutes
 DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of the stiffest are free
 
 
@@ -23,7 +28,8 @@ Motions = tuple[FloatArray, ...]
 def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
     """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, forces undisplayed, unfelt).
 
-    Readings are there where the positions that the coupling takes have an age.
+    After them, of an operator: limbs and their rates, what the grip has added, and reactions to come. Readings are
+    there where the positions that the coupling takes have an age.
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
     wrench is there under "implicit", whose prediction holds it.
@@ -55,6 +61,42 @@ def open_loop(subject: Subject) -> OpenLoop:
     return OpenLoop(rows[:, : plant.size], rows[:, plant.size :], f[:, : plant.size], plant.hand, linear.period)
 
 
+def is_late(linear: Linearisation) -> bool:
+    """Tell whether a loop has a reaction with so many samples of delay that a state for each would take too long."""
+    operator = linear.operator
+    return operator is not None and operator.reacts and int(operator.delay.max()) * len(linear.mass) > MOST_LATE
+
+
+def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: bool = False) -> LateLoop:
+    """Build the loop of an operator with a late reaction, opened where the reaction enters.
+
+    Args:
+        linear: of a loop with a reaction.
+        motions: `uncoupled` of it, if known.
+        drift: count motions of everything that change no force, too.
+
+    Raises:
+        InputError: more than 1500 samples of delay over all coordinates.
+    """
+    operator = linear.operator
+    assert operator is not None
+    samples = int(operator.delay.max()) * len(linear.mass)
+    if samples > MOST_WALKED:
+        raise InputError(
+            "reaction.delay", samples, f"at most {MOST_WALKED} samples over all coordinates of fingers; not judged",
+            "a shorter delay, a longer period or fewer fingers; the scene can be run as it is",
+        )  # fmt: skip
+    plant = Plant(linear, motions, opened=True)
+    f, extra = plant.coupling()
+    rows = plant.advanced(f + extra[: len(f)], linear.G @ f - extra[len(f) :])
+    A, B, C = rows[:, : plant.size], rows[:, plant.size :], plant.sensed[:, : plant.size]
+    basis = None if drift else drift_free(linear, plant.size)
+    if basis is not None:
+        A, B, C = basis.T @ A @ basis, basis.T @ B, C @ basis
+    active = C.any(axis=1)
+    return LateLoop(A, B[:, active], C[active], operator.delay[active])
+
+
 class OpenLoop(NamedTuple):
     """A loop opened at the coupling's forces u (m,), which act as contact forces on the object do: A, B, C.
 
@@ -71,7 +113,9 @@ class OpenLoop(NamedTuple):
 class Plant:
     """Devices, hands and object without their coupling, as rows over the state and, beside it, some inputs."""
 
-    def __init__(self, linear: Linearisation, motions: Motions | None = None, inputs: int = 0) -> None:
+    def __init__(
+        self, linear: Linearisation, motions: Motions | None = None, inputs: int = 0, *, opened: bool = False
+    ) -> None:
         m, r = linear.coordinates
         self.linear, self.object_lag = linear, linear.object_delay
         self.late = None if not linear.latency.any() else LateDevices(linear)
@@ -84,10 +128,16 @@ class Plant:
         parts |= {f"dy{i}": m for i in range(0 if self.late is None or linear.rate != "state" else self.late.readings)}
         parts["g"] = ground
         parts |= {f"f{i}": m for i in range(1, self.lag + 1)} | {f"g{i}": r for i in range(1, self.object_lag + 1)}
+        self.operator = operator = linear.operator
+        self.reacts = operator is not None and operator.reacts
+        if operator is not None:
+            parts |= {"limb": operator.limbs, "limb_rate": operator.limbs, "grip": m if operator.grip.any() else 0}
+            parts |= {f"s{i}": m for i in range(1, 1 + int(operator.delay.max()) * (self.reacts and not opened))}
         self.size = sum(parts.values())
         parts["u"] = inputs
+        parts["h"] = inputs_h = m if self.reacts and opened else 0
         at: dict[str, FloatArray] = {}
-        whole, start = np.eye(self.size + inputs), 0
+        whole, start = np.eye(self.size + inputs + inputs_h), 0
         for name, width in parts.items():
             at[name] = whole[start : start + width]
             start += width
@@ -103,7 +153,10 @@ class Plant:
         """How a force of the operator on each device coordinate, held over a sample, enters, (states, m)."""
         m = len(self.linear.mass)
         entry = np.zeros((self.size, m))
-        entry[: 2 * m] = self.hold
+        entry[: 2 * m] = self.hold[: 2 * m]
+        if self.operator is not None and self.operator.limbs:
+            place = np.concatenate([self.at["limb"], self.at["limb_rate"]])[:, : self.size].argmax(axis=1)
+            entry[place] = self.hold[2 * m :]
         if self.late is not None and self.late.readings:
             start = 2 * sum(self.linear.coordinates) + (m if self.differenced else 0)
             push = self.late.age_forced
@@ -143,13 +196,21 @@ class Plant:
         linear, at, lag, object_lag = self.linear, self.at, self.lag, self.object_lag
         late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
         wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
-        motion = np.concatenate([at["x"], at["v"]])
+        motion = np.concatenate([at["x"], at["v"], *((at["limb"], at["limb_rate"]) if self.operator else ())])
+        m = len(at["x"])
         readings: list[FloatArray] = []
         if self.late is None:
             displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
             state = self.drift @ motion - self.hold @ displayed
         else:
             state, readings = self.late.advanced(self.drift, self.hold, motion, late, at)
+            displayed = self.late.begun(late)
+        own: list[FloatArray] = []
+        if self.operator is not None:
+            push, own = self._operated(self.operator, displayed)
+            state = state + push
+            own = [state[2 * m :], *own]
+            state = state[: 2 * m]
         translation, spun, q, s = self.translation, self.spun, self.shift, self.push
         borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
         rows = [state, translation + q @ borne, spun + s @ borne]
@@ -157,7 +218,28 @@ class Plant:
         rows += readings
         rows += [borne - wrench] if self.implicit and self.grounded else []
         rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
-        return np.concatenate(rows)
+        return np.concatenate(rows + own)
+
+    def _operated(self, operator: OperatorMatrices, displayed: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+        """Give what the operator's own forces add to (x, x', y, y'), and the rows of what it remembers."""
+        at, S = self.at, operator.limb
+        limbs = held_limbs(self.linear)
+        push = np.zeros((len(self.hold), displayed.shape[1]))
+        memory: list[FloatArray] = []
+        if operator.grip.any():
+            a = operator.grip_share[:, None]
+            grip = a * at["grip"] - (1.0 - a) * (operator.grip @ displayed)
+            push += self.hold @ grip - limbs @ (S.T @ grip)
+            memory.append(grip)
+        if self.reacts:
+            self.sensed = operator.pull @ at["x"] + operator.pull_damping @ at["v"] - operator.counter @ displayed
+            if len(at["h"]):
+                h = at["h"]
+            else:
+                h = -np.stack([at[f"s{d}"][i] for i, d in enumerate(operator.delay)])
+                memory += [self.sensed, *(at[f"s{i}"] for i in range(1, int(operator.delay.max())))]
+            push += self.hold @ (h - S @ (S.T @ h)) + limbs @ (S.T @ h)
+        return push, memory
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
@@ -216,6 +298,8 @@ def _object_matrices(
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
     """Find the largest |z| of the eigenvalues of `loop_matrix`, without free motions of everything unless `drift`."""
+    if is_late(linear):
+        return abs(farthest_root(late_loop(linear, drift=drift)))
     A = loop_matrix(linear)
     if not drift:
         A = without_drift(linear, A)
@@ -226,6 +310,13 @@ def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
     """Restrict A to the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
     basis = drift_free(linear, len(A))
     return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
+
+
+def _holding(linear: Linearisation) -> FloatArray:
+    """Give rows whose product with x is zero where a displacement x of the devices stretches no hand."""
+    if linear.operator is None:
+        return linear.hand_stiffness
+    return np.vstack([linear.hand_stiffness, linear.operator.pull])
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
@@ -239,7 +330,8 @@ def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
         K += linear.preload
     if linear.ground is not None:
         K[m:, m:] += linear.ground[0]
-    hand = np.hstack([linear.hand_stiffness, np.zeros((m, r))])
+    holding = _holding(linear)
+    hand = np.hstack([holding, np.zeros((len(holding), r))])
     # coordinates in units of the energy that they store, so that metres and radians compare
     length = np.sqrt(np.concatenate([linear.mass, np.diag(linear.inertia)]) / linear.mass.mean())
     stretch = np.vstack([K / length[:, None], hand]) / length

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.operator_matrices import OperatorMatrices
 from graspfx.exponential import expm1
 
 FloatArray = NDArray[np.float64]
@@ -16,17 +17,49 @@ FloatArray = NDArray[np.float64]
 def held_devices(linear: Linearisation, duration: float | None = None) -> tuple[FloatArray, FloatArray]:
     """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m).
 
+    With limbs y, (x, x', y, y'): (2 m + 2 l, 2 m + 2 l), (2 m + 2 l, m).
+
     Args:
         linear: the grasp.
         duration: in place of T [s].
     """
     m, T = len(linear.mass), linear.period if duration is None else duration
     K, B = linear.hand_stiffness, linear.hand_damping
+    if linear.operator is not None and linear.operator.limbs:
+        E = _with_limbs(linear, linear.operator, T)
+        states = len(E)
+        return E[:, :states], E[:, states : states + m]
+    if linear.operator is not None:
+        B = B + linear.operator.friction
+        linear = linear.with_arrays(hand_damping=B)
     if not (K - np.diag(np.diag(K))).any() and not (B - np.diag(np.diag(B))).any():
         return _apart(linear, T)
     per_mass = 1.0 / linear.mass[:, None]
     E = advance(per_mass * K, per_mass * (np.diag(linear.friction) + B), per_mass * np.eye(m), T)
     return E[:, : 2 * m], E[:, 2 * m :]
+
+
+def held_limbs(linear: Linearisation) -> FloatArray:
+    """Map forces held on limbs to (x, x', y, y') after T, (2 m + 2 l, l)."""
+    if linear.operator is None or not linear.operator.limbs:
+        return np.zeros((2 * len(linear.mass), 0))
+    E = _with_limbs(linear, linear.operator, linear.period)
+    return E[:, len(E) + len(linear.mass) :]
+
+
+def _with_limbs(linear: Linearisation, operator: OperatorMatrices, T: float) -> FloatArray:
+    """Map (x, x', y, y') and forces held on devices and limbs to (x, x', y, y') after T."""
+    m, limbs = operator.limb.shape
+    S, tip, damper = operator.limb, linear.hand_stiffness, linear.hand_damping
+    push = np.zeros((m + limbs, m + limbs))
+    push[:m, :m], push[m:, m:] = np.diag(1.0 / linear.mass), np.linalg.inv(operator.limb_mass)
+    K = np.block([[tip, -tip @ S], [-S.T @ tip, S.T @ tip @ S + operator.limb_stiffness]])
+    B = np.block([[damper, -damper @ S], [-S.T @ damper, S.T @ damper @ S + operator.limb_damping]])
+    B[:m, :m] += np.diag(linear.friction) + operator.friction
+    E = advance(push @ K, push @ B, push, T)
+    at = np.arange(3 * (m + limbs)).reshape(3, m + limbs)
+    order = np.concatenate([at[0, :m], at[1, :m], at[0, m:], at[1, m:]])
+    return np.asarray(E[np.ix_(order, np.concatenate([order, at[2]]))])
 
 
 def advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:

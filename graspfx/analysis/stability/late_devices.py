@@ -86,6 +86,10 @@ class LateDevices:
             rows_ += [newest[m:], *(at[f"dy{i}"] for i in range(self.readings - 1))]
         return state, rows_
 
+    def begun(self, late: Sequence[FloatArray]) -> FloatArray:
+        """Give the rows of the forces that begin in a sample."""
+        return np.stack([late[n][i] for i, n in enumerate(self._whole)])
+
     @property
     def age_forced(self) -> FloatArray:
         """How a force on each device that is held over the whole sample enters the newest readings, (2 m, m)."""

@@ -87,6 +87,8 @@ def _devices(linear: Linearisation) -> tuple[_Device, FloatArray]:
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
         raise InputError("G_displacement", linear.G_displacement, "G", "a squeezed grasp has no separate modes")
+    if linear.operator is not None:
+        raise InputError("operator", linear.operator, "none", "modes have a closed form of springs and dampers alone")
     if linear.ground is not None:
         raise InputError("ground", linear.ground, "none", "an object that stands on something has no separate modes")
     if (linear.delay != linear.delay[0]).any():

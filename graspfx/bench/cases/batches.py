@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.batch.batch import Runs
+from graspfx.batch.group_runs import Runs
 from graspfx.batch.variants import Variants
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.peers.arrays import last_positions, one_dof

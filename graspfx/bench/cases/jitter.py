@@ -16,6 +16,7 @@ from graspfx.errors import DeviceError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.servo import Servo
+from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.load import load
 from graspfx.scene.model import Scene
 
@@ -36,7 +37,7 @@ ENGINES: dict[str, Ticker] = {engine: partial(build, engine=engine) for engine i
 def cases(quick: bool) -> Iterator[Case]:
     for name in QUICK if quick else plugins.names("scenes"):
         scene = load(name)
-        if any(thing.dynamics == "bullet" for thing in scene.object) and not is_installed("pybullet"):
+        if any(dynamics_of(thing.dynamics).missing for thing in scene.object):
             continue
         with ExitStack() as stack:
             engines = [engine for engine in ENGINES if engine != "compiled" or is_installed("llvmlite")]

@@ -15,13 +15,14 @@ from graspfx.build.open_session import open as open_session
 from graspfx.errors import GraspFXError
 from graspfx.loop.recording.growth.growth import growths
 from graspfx.loop.recording.record import Recording
+from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
 INTEGRATORS = ("exact", "implicit", "semi-implicit", "explicit")
-BULLET = "PyBullet"
-BODIES = (*INTEGRATORS, BULLET)
+CARRIERS = {each.label: each.name for each in DYNAMICS.values() if each.integrator}  # PyBullet and MuJoCo
+BODIES = (*INTEGRATORS, *CARRIERS)
 COARSE, FINE = (2.0, 4.0), (0.5, 0.25)  # periods beside the scene's own, as multiples of it
 FEW = 200  # ticks of an interpreted run: they are alike
 
@@ -31,7 +32,7 @@ class Choice:
     """One choice: who moves the objects, how often, and what runs the ticks.
 
     Attributes:
-        body: an integrator of the framework's own bodies, or "PyBullet".
+        body: an integrator of the framework's own bodies, "PyBullet" or "MuJoCo".
         period: T [s].
         engine: "compiled" or "interpreted".
     """
@@ -49,8 +50,8 @@ class Choice:
     def overrides(self) -> dict[str, Any]:
         """Values by dotted key that make a scene this choice."""
         values: dict[str, Any] = {"period": self.period, "engine": self.engine}
-        if self.body == BULLET:
-            return values | {"object.*.dynamics": "bullet"}
+        if self.body in CARRIERS:
+            return values | {"object.*.dynamics": CARRIERS[self.body]}
         return values | {"object.*.dynamics": "native", "object.*.integrator": self.body}
 
 
@@ -86,7 +87,8 @@ def choices(scene: Scene, quick: bool) -> Iterator[Choice]:
 def own_body(scene: Scene) -> str:
     """Name who moves the objects of the scene as it stands: its first object counts."""
     first = scene.object[0]
-    return BULLET if first.dynamics == "bullet" else first.integrator
+    label = dynamics_of(first.dynamics).label
+    return label if label in CARRIERS else first.integrator
 
 
 def attempt(scene: Scene, choice: Choice, duration: float, instant: float, rounds: int = 1) -> Trial:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.bench.own_scene.own_choices import BULLET, Choice, attempt, own_body
+from graspfx.bench.own_scene.own_choices import CARRIERS, Choice, attempt, own_body
 from graspfx.progress import waiting
 from graspfx.scene.model import Scene
 
@@ -88,7 +88,7 @@ def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
     """Halve a scene's period until its motion changes no more than by a share of its extent.
 
-    The framework's own bodies move by the exact integrator, or as the scene has it where PyBullet moves them and they
+    The framework's own bodies move by the exact integrator, or as the scene has it where others move them and they
     cannot.
 
     Args:
@@ -101,7 +101,7 @@ def converge(scene: Scene, duration: float, instant: float, *, small: float = SM
         GraspFXError: the scene does not take a smaller period.
     """
     body = own_body(scene)
-    body = body if body == BULLET else "exact"
+    body = body if body in CARRIERS else "exact"
     period, changes = scene.period, list[float]()
     with waiting("finding a reference", MOST_HALVINGS, "") as wait:
         trial = attempt(scene, Choice(body, period), duration, instant)

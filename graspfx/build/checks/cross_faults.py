@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from graspfx.build.placement import placement_faults
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import wiring_faults
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.reading import WIDTHS
@@ -225,11 +225,11 @@ def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding
         yield (*at, "dynamics"), reason(error)
     except GraspFXError as error:
         yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} cannot be imported: {error}"
-    if thing.dynamics == "bullet" and find_spec("pybullet") is None:
+    engine = dynamics_of(thing.dynamics)
+    if engine.missing:
         yield (
             (*at, "dynamics"),
-            "'bullet' needs the package pybullet, which is not installed: pip install 'graspfx[bullet]' "
-            "('.[bullet]' in a checkout), or dynamics = 'native'",
+            f"{engine.name!r} needs the package {engine.package}, which is not installed: {engine.remedy}",
         )
 
 

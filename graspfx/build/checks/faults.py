@@ -14,7 +14,7 @@ from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
 from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
-from graspfx.scene.tables.fields import DRAFT, NotValid
+from graspfx.scene.tables.fields import DRAFT, NotValid, Table
 from graspfx.scene.tables.scene_table import SceneTable
 
 BOUNDS = {
@@ -74,7 +74,7 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
         draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
-        faults = [*_field_faults(error, draft), *trust_faults(draft, source)]
+        faults = [*field_faults(error, draft), *trust_faults(draft, source)]
         misspelt = _likely_keys(error.errors(include_url=False), draft)
         faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
         return as_faults(data, faults), stock
@@ -82,7 +82,13 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
     return as_faults(data, [*faults, *cross_faults(draft, stock)]), stock
 
 
-def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
+def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, str]]:
+    """Find the faults of fields, each with where it stands in the data.
+
+    Args:
+        error: of the validation.
+        draft: what is valid, from a validation with `DRAFT`.
+    """
     errors = error.errors(include_url=False)
     likely = _likely_keys(errors, draft)
     for each in errors:
@@ -97,7 +103,7 @@ def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[K
             yield at, message(each)
 
 
-def _likely_keys(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
+def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
     """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
@@ -115,7 +121,7 @@ def _near(key: str, table: Any) -> str | None:
     return closest(key, filter(None, near))
 
 
-def _hint(at: Key, likely: Mapping[Key, Key], draft: SceneTable) -> str:
+def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
     elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
     if elsewhere is not None:
         return f"; here it is {elsewhere}"
@@ -145,7 +151,7 @@ def message(error: Any) -> str:
     return str(error["msg"])
 
 
-def part_at(draft: SceneTable, location: Sequence[str | int]) -> Any:
+def part_at(draft: Table, location: Sequence[str | int]) -> Any:
     """Find the table at a validator's location; None where that is not valid."""
     part: Any = draft
     try:

@@ -24,6 +24,7 @@ from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import AXES, listed
 from graspfx.scene.tables.scene_table import SceneTable
 
+LONGEST = 10_000  # samples of a reaction's delay
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 
 
@@ -83,7 +84,19 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
         *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
         _squeeze(at, hand),
         _guide(scene, (*at, "guide"), hand, fingers),
+        _operator(scene, at, hand),
     )
+
+
+def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
+    """Find faults of what a hand is besides a spring and a damper."""
+    if hand.limb is not None:
+        yield from _spring(scene, (*at, "limb"), hand.limb)
+    tremor, reaction = hand.tremor, hand.reaction
+    if tremor is not None and tremor.width >= 2.0 * tremor.frequency:
+        yield (*at, "tremor", "width"), f"expected less than twice the frequency; given {abbreviate(tremor.width)}"
+    if reaction is not None and reaction.delay > LONGEST * scene.period:
+        yield (*at, "reaction", "delay"), f"expected at most {LONGEST} periods; given {abbreviate(reaction.delay)}"
 
 
 def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from graspfx import plugins
 from graspfx.build import bodies, encounters
 from graspfx.build.stock import Stock
 from graspfx.errors import InputError
+from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.part_tables import Object
@@ -36,12 +37,12 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
             yield (
                 ("obstacle", i, "shape", "kind"),
                 f"{', '.join(native)} with native dynamics can meet a half-space or a plane, not a {table.shape.kind}; "
-                "dynamics = 'bullet' meets any",
+                f"dynamics = {MEETING} meets any",
             )
     if native and scene.world.restitution > 0.0:
         yield (
             ("world", "restitution"),
-            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = 'bullet' does",
+            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = {MEETING} does",
         )
     for i, thing in enumerate(scene.object):
         if thing.shape is not None and thing.shape.kind in FLAT and encounters.moves(scene, thing):
@@ -59,7 +60,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
             if thing.dynamics == "native" and encounters.moves(scene, thing):
-                yield ("object", i, "dynamics"), "native objects meet no other object; world.collide needs 'bullet'"
+                yield ("object", i, "dynamics"), f"native objects meet no other object; world.collide needs {MEETING}"
     collide = bool(scene.world.collide)
     for group in encounters.groups(scene):
         if not encounters.in_world(scene, group):
@@ -68,25 +69,33 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
         if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
             yield (
                 ("object", group[0], "dynamics"),
-                f"{name!r} without create_world lets objects meet nothing; use 'bullet'",
+                f"{name!r} without create_world lets objects meet nothing; use {MEETING}",
             )
             continue
         for i in group:
             thing = scene.object[i]
-            if thing.dynamics != "bullet":
+            engine = dynamics_of(thing.dynamics)
+            if thing.shape is not None and sum(map(bool, scene.free(thing)[3:])) not in engine.rotations:
+                yield (
+                    ("object", i, "free"),
+                    f"two of three rotations of a body that meets others are no joint of {engine.label}'s: expected "
+                    "none, one or three; dynamics = 'native' takes it on half-spaces and planes",
+                )
+            if engine.partial:
                 continue
             if scene.dimensions != 3:
                 who = "world.collide" if collide and not scene.obstacle else "obstacles"
                 yield (
                     ("object", i, "dynamics"),
-                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {who} need dimensions = 3"
-                    + ("" if who == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
+                    f"a {engine.label} world is in space, not in {scene.dimensions} dimension(s): {who} need "
+                    "dimensions = 3, or dynamics = 'mujoco'"
+                    + ("" if who == "world.collide" else ", or 'native' and half-spaces or planes"),
                 )
             elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
                     ("object", i, "free"),
-                    "PyBullet locks no single freedom of a body that meets others: expected all free or none; "
-                    "dynamics = 'native' on half-spaces and planes, or world.collide = false without obstacles",
+                    f"{engine.label} locks no single freedom of a body that meets others: expected all free or none; "
+                    "dynamics = 'mujoco', 'native' on half-spaces and planes, or world.collide = false, no obstacles",
                 )
 
 

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from multiprocessing.connection import Connection
-from pathlib import Path
 from socket import socketpair
 
-import graspfx
 from graspfx.errors import InputError
+from graspfx.system import child_process
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # of numerical libraries: none beside
-TEXT = "import sys; sys.path[:] = {path!r}; from {module} import main; main({numbers})"
-
-
-def is_possible() -> bool:
-    """Tell whether this system starts processes that share memory with this one."""
-    return os.name == "posix" and bool(sys.executable)
 
 
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
@@ -45,18 +37,13 @@ def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Conn
     Raises:
         InputError: this system starts no such process.
     """
-    if not is_possible():
+    if not child_process.is_possible():
         raise InputError("loop", "process", "a system with processes that share memory, such as Linux")
     ours, theirs = socketpair()
-    home = str(Path(graspfx.__file__).parents[1])
-    path = [*sys.path, *([] if home in sys.path else [home])]
     numbers = (theirs.fileno(), *descriptors)
-    text = TEXT.format(path=path, module=module, numbers=", ".join(map(str, numbers)))
+    environment = os.environ | dict.fromkeys(THREADS, "1")
     try:
-        process = subprocess.Popen(
-            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=numbers, process_group=0,
-            env=os.environ | dict.fromkeys(THREADS, "1"),
-        )  # fmt: skip
+        process = child_process.start(module, numbers, numbers, inputs=subprocess.DEVNULL, environment=environment)
     except BaseException:
         ours.close()
         raise

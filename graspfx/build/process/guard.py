@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import signal
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,15 +16,17 @@ from typing import Any
 from graspfx.build.process import boot
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.build.process.relay import Relay
-from graspfx.loop.realtime.priority import GUARD, set_fifo
+from graspfx.loop.realtime.priority import GUARD
 from graspfx.loop.realtime.ring import Phase, Ring, Word
+from graspfx.system import process_end
+from graspfx.system.scheduling import set_fifo
 
 PAUSE = 20  # between two looks [ms]
 PATIENCE = 0.5  # for a servo to rest that was asked to [s]
 MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
 LONGER = 0.25  # then, until the next step [s]
 CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
-STEPS = (signal.SIGTERM, signal.SIGKILL)
+STEPS = (process_end.ASK, process_end.KILL)
 DEATH = "death"  # message of the guard's own: the process has ended
 
 
@@ -75,9 +76,7 @@ class Guard(Thread):
             self.messages.put(("failed", error))
             self.messages.put((DEATH, ""))
             return
-        if hasattr(os, "pidfd_open"):
-            with suppress(OSError):
-                self._watched = os.pidfd_open(self.process.pid)
+        self._watched = process_end.watched(self.process)
         self.messages.put(("begun",))
         set_fifo(GUARD)
         try:
@@ -87,7 +86,7 @@ class Guard(Thread):
             self.kill()
             code = self.process.wait()
             self._quench()
-            self.messages.put((DEATH, _ending(code)))
+            self.messages.put((DEATH, process_end.ending(code)))
         finally:
             self._line.close()
             if self._watched >= 0:
@@ -111,14 +110,10 @@ class Guard(Thread):
 
     def kill(self) -> None:
         """End the process at once; what is open then is quenched."""
-        self._signal(signal.SIGKILL)
+        self._signal(process_end.KILL)
 
     def _signal(self, number: int) -> None:
-        with suppress(OSError):
-            if self._watched >= 0:
-                signal.pidfd_send_signal(self._watched, number)
-            elif self.process is not None and self.process.returncode is None:
-                os.kill(self.process.pid, number)
+        process_end.send(number, self.process, self._watched)
 
     def _watch(self) -> None:
         assert self._line is not None
@@ -144,7 +139,7 @@ class Guard(Thread):
             if is_dead:
                 while self._receive():
                     pass
-                self.messages.put((DEATH, _ending(self.process.wait())))
+                self.messages.put((DEATH, process_end.ending(self.process.wait())))
                 return
             self._hurry()
 
@@ -194,13 +189,3 @@ class Guard(Thread):
         if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:
             self._signal(STEPS[self._step])
             self._step += 1
-
-
-def _ending(code: int) -> str:
-    """Say how a process ended."""
-    if code < 0:
-        try:
-            return f"was ended by {signal.Signals(-code).name}"
-        except ValueError:
-            return f"was ended by signal {-code}"
-    return f"ended with code {code}"

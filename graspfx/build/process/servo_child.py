@@ -28,9 +28,10 @@ from graspfx.errors import GraspFXError
 from graspfx.loop.realtime import carried_errors
 from graspfx.loop.realtime.exits import NAMES, Exits, signals_end
 from graspfx.loop.realtime.pacing import WallClock
-from graspfx.loop.realtime.priority import die_with_parent, take_priority
+from graspfx.loop.realtime.priority import take_priority
 from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word
 from graspfx.loop.servo import Servo
+from graspfx.system.process_end import ASK, KILL, die_with_parent
 
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
@@ -44,7 +45,7 @@ def main(line_: int, ring_: int) -> None:
         line_: descriptor of the line.
         ring_: descriptor of the memory for rows.
     """
-    die_with_parent(signal.SIGKILL)  # no hardware is open yet
+    die_with_parent(KILL)  # no hardware is open yet
     for name in NAMES:
         signal.signal(getattr(signal, name), _wait_for_orders)
     line = Connection(line_)
@@ -73,7 +74,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
         def ready(exits: Exits) -> None:
             line.send(("ready", servo.engine.name))
             _require(line.recv(), "open")
-            die_with_parent(signal.SIGTERM)
+            die_with_parent(ASK)
             ring.rows.fill(0.0)  # touches every page before the first row
             scheduling.update(take_priority())
             ring.words[Word.PHASE] = Phase.OPEN

@@ -11,6 +11,7 @@ from graspfx.analysis.stability import external_limits, wall_limits
 from graspfx.build.bodies import mass
 from graspfx.build.holdings import holdings
 from graspfx.build.resolve import Parts
+from graspfx.objects.dynamics_table import DYNAMICS
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import OwnHand, SharedHand
 
@@ -42,8 +43,8 @@ def unsettled(parts: Parts) -> list[str]:
         share = {i: devices[i][0] / float(mean) if scene.coupling.metric == "mass" else 1.0 for i in own}
         squeezing = {i: _growth(scene.period, devices[i], grips[i], (share[i] * kip, share[i] * kid)) for i in own}
         notes += _sentences(scene, squeezing, f"kip = {kip:g} N/m")
-        if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in ("native", "bullet"):
-            kind = thing.integrator if thing.dynamics == "native" else "bullet"
+        if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in DYNAMICS:
+            kind = DYNAMICS[thing.dynamics].integrator or thing.integrator
             body = len(own), mass(thing, parts.objects[number].solid), thing.viscosity, kind
             moving = {
                 i: _growth(scene.period, devices[i], arms[i], (share[i] * kep, share[i] * ked), body) for i in own

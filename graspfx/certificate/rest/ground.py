@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from graspfx.analysis.preload import cross
 from graspfx.build import encounters
 from graspfx.build.resolve import Parts
 from graspfx.certificate.rest.resting import Grip
+from graspfx.certificate.scaled_gains import block_diagonal
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.floor import FLAT_KINDS, FloorBody
@@ -87,3 +88,14 @@ def bearers(scene: Scene, index: int) -> Iterator[str]:
     for group in encounters.groups(scene):
         if index in group and encounters.in_world(scene, group) and encounters.collide(scene):
             yield from (scene.object[i].name for i in group if i != index)
+
+
+def joined_ground(grounds: Sequence[Ground | None], sizes: Sequence[int]) -> tuple[FloatArray, FloatArray] | None:
+    """Put stiffness and damping of the grounds of objects with these freedoms along a diagonal; None without any."""
+    if all(ground is None for ground in grounds):
+        return None
+    none = [np.zeros((size, size)) for size in sizes]
+    return (
+        block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
+        block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
+    )

@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 UNFORCED = "contacts as at the start and no force on them: "
 STRAIGHT = 1e-6  # of its length: what a straight way may be off
 PRESSED = 5.0 * SHIFT  # [m]: how deep a finger has to be for difference quotients to find it touching
+MOST_GRIPS = 60  # repetitions, of a grip and the stiffness that it gives
+SAME_GRIP = 1e-8  # relative: what the forces of two of them may differ by
 SLID = (
     "contacts slid while the hands closed, one after another and slowly; a run rests elsewhere by some per cent: "
     "certify its recording"
@@ -53,18 +55,29 @@ class Load:
     weight: FloatArray
 
 
-def load_of(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place) -> Load:
-    """Give the hands without their motions, closed as far as they ever are, and the weight where fingers bear it."""
+def load_of(
+    parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place, force: FloatArray | None = None
+) -> Load:
+    """Give the hands without their motions, closed as far as they ever are, and the weight where fingers bear it.
+
+    Args:
+        parts, index, grip, fingers: of the scene, and of the object in it.
+        place: that is told what is left out.
+        force: of the fingers (n, d) [N], for hands that grip makes stiffer; zero if None.
+    """
     scene, start = parts.scene, parts.start
     n, d = start.shape
     inward = np.zeros_like(start)
     inward[fingers] = grip.grasped.inward()
+    grips = np.zeros_like(start)
+    grips[fingers] = 0.0 if force is None else force
     K, course = np.zeros((n, d, n, d)), np.tile(start, (STEPS, 1, 1))
     for still in still_hands(parts, inward):
         for k in range(STEPS):
             course[k, still.fingers] = still.hand.target(still.closed * ((k + 1) / STEPS))[0]
+        stiffness = still.stiffness(grips[still.fingers])
         for a in range(d):
-            K[np.ix_(still.fingers, [a], still.fingers, [a])] = still.hand.stiffness[a][:, None, :, None]
+            K[np.ix_(still.fingers, [a], still.fingers, [a])] = stiffness[a][:, None, :, None]
     own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
     weight = np.zeros(6)
     rules = scene.coupling
@@ -82,10 +95,34 @@ def load_of(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], pla
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
-    """Bring the grip to rest; the place has no stiffness, and says why, where there is no rest."""
+    """Bring the grip to rest; the place has no stiffness, and says why, where there is no rest.
+
+    Hands that grip makes stiffer are as stiff as the forces at rest make them, which is looked for by repetition.
+    """
+    first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
+    place = _squeezed(parts, index, grip, fingers, force)
+    if not any(_stiffens(parts, i) for i in fingers.tolist()):
+        return place
+    for _ in range(MOST_GRIPS):
+        before, force = force, grip.grasped.force.copy()
+        if place.stiffness is None or np.abs(force - before).max() <= SAME_GRIP * np.abs(force).max():
+            return place
+        grip.changing[:] = first
+        place = _squeezed(parts, index, grip, fingers, force)
+    return unforced(place, "the grip and the stiffness that it gives the hands do not settle")
+
+
+def _stiffens(parts: Parts, finger: int) -> bool:
+    """Tell whether grip makes the hand of a finger stiffer."""
+    table = next(hand.holding.table for hand in parts.hands if finger in hand.fingers)
+    return getattr(table, "stiffening", None) is not None
+
+
+def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> Place:
+    """Bring the grip to rest in hands as stiff as these forces make them."""
     scene, start = parts.scene, parts.start[fingers]
     place = Place("squeezed", None, np.full(grip.n, np.nan))
-    load = load_of(parts, index, grip, fingers, place)
+    load = load_of(parts, index, grip, fingers, place, force)
     grip.grasped.finger_position[:] = start
     initial = grip.changing.copy()
     straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())

@@ -79,8 +79,7 @@ class TouchRun:
             led = [guide.fingers[0] for guide in guides]
             self._fingers = [*led, *(i for i in range(len(self.run.layout.fingers)) if i not in led)]
             self._walks = [GoalWalk(speed) for _ in guides]
-            servo = self.run._session.servo
-            self._reaches = [FingerReach(servo, finger, speed) for finger in led]
+            self._reaches = [FingerReach(self.run.servo, finger, speed) for finger in led]
             self._released = [0.0] * len(guides)  # when a finger that may still touch was let go last; 0: none such
             self._lock = threading.Lock()
             self._tips = np.array([guide.position for guide in guides])

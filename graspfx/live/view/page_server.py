@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from graspfx import log
-from graspfx.errors import GraspFXError, MissingPackageError
+from graspfx.errors import GraspFXError, MissingPackageError, installation
 from graspfx.live.loopback import listen
 from graspfx.live.view.gate import LARGEST, Gate
 from graspfx.screen.own_page import HOST
@@ -20,7 +20,6 @@ from graspfx.screen.own_page import HOST
 if TYPE_CHECKING:
     import viser
 
-HOW = "pip install 'graspfx[view]', or '.[view]' in a checkout"
 LOGGER = "graspfx page"  # of the sockets: heard by who listens to it, else silent
 
 
@@ -49,7 +48,7 @@ def require_viser() -> None:
         MissingPackageError: it is not.
     """
     if find_spec("viser") is None:
-        raise MissingPackageError("viser", "a scene in a browser", HOW)
+        raise MissingPackageError.of_extra("viser", "a scene in a browser", "view")
 
 
 class Server:
@@ -77,7 +76,9 @@ class Server:
             self.viser: viser.ViserServer = package.ViserServer(HOST, line.getsockname()[1], label, verbose=False)
         if not entered:
             self.stop()
-            raise GraspFXError(f"viser {package.__version__} starts its server in a way that cannot be guarded; {HOW}")
+            raise GraspFXError(
+                f"viser {package.__version__} starts its server in a way that cannot be guarded; {installation('view')}"
+            )
         self.viser.get_event_loop().call_soon_threadsafe(
             self.viser.get_event_loop().set_exception_handler, lambda _, context: log.debug("page: %s", context)
         )

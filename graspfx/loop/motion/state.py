@@ -5,7 +5,7 @@ from __future__ import annotations
 from graspfx.compile.records import Floats, Record, Table, floats, room, table
 from graspfx.spatial import Vector
 
-SINE, REACH, PATH, LEVELS, OTHER = range(1, 6)  # kinds of parts
+SINE, REACH, PATH, LEVELS, OTHER, TREMOR = range(1, 7)  # kinds of parts
 
 
 class Displacement(Record):
@@ -56,6 +56,16 @@ class LevelsPart(MotionPart):
     begins: Floats = floats("count")  # [s]
     durations: Floats = floats("count")  # [s]
     levels: Floats = floats("count + 1")  # from the first zero on
+
+
+class TremorPart(MotionPart):
+    """Sines of random frequencies and phases, `count` on each axis."""
+
+    amplitude: float  # of each sine [m]
+    begin: float  # [s]
+    ramp: float  # [s]
+    frequency: Table = table("dimensions", "count")  # [rad/s]
+    phase: Table = table("dimensions", "count")
 
 
 class OtherPart(MotionPart):

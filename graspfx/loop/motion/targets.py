@@ -12,6 +12,7 @@ from graspfx.loop.motion.state import (
     PATH,
     REACH,
     SINE,
+    TREMOR,
     Course,
     Displacement,
     GuidedHandState,
@@ -23,6 +24,7 @@ from graspfx.loop.motion.state import (
     PathPart,
     ReachPart,
     SinePart,
+    TremorPart,
     Turning,
 )
 from graspfx.spatial import ZERO, Matrix, Vector, cross
@@ -126,6 +128,29 @@ def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
 
 
 @kernel
+def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
+    """Add a tremor."""
+    since = t - part.begin
+    if since < 0.0:
+        return
+    s, ds = 1.0, 0.0
+    ramp = part.ramp
+    if ramp > 0.0:
+        s, ds = minimum_jerk(since / ramp)
+        ds /= ramp
+    a, frequency, phase = part.amplitude, part.frequency, part.phase
+    for j in range(part.dimensions):
+        x = dx = 0.0
+        for k in range(part.count):
+            w = frequency[j, k]
+            angle = w * t + phase[j, k]
+            x += math.sin(angle)
+            dx += w * math.cos(angle)
+        now.value[j] += a * s * x
+        now.rate[j] += a * (s * dx + ds * x)
+
+
+@kernel
 def add_other(part: OtherPart, now: Displacement) -> None:
     """Add a motion of the caller's."""
     for j in range(part.dimensions):
@@ -150,6 +175,8 @@ def displace(course: Course, t: float, now: Displacement) -> None:
             add_path(PathPart(course.buffer, at), t, now)
         elif kind == LEVELS:
             add_levels(LevelsPart(course.buffer, at), t, now)
+        elif kind == TREMOR:
+            add_tremor(TremorPart(course.buffer, at), t, now)
         else:
             add_other(OtherPart(course.buffer, at), now)
         at += part.entries

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from contextlib import suppress
+from io import BytesIO
 from typing import Any
 
 from graspfx.errors import GraspFXError, message
@@ -13,7 +14,7 @@ def pack(error: BaseException) -> bytes:
     """Write an exception so that `unpack` makes it again; one that cannot be written leaves its words."""
     error = error.with_traceback(None)
     with suppress(Exception):  # others' exceptions may hold anything
-        text = pickle.dumps(error)
+        text = _written(error)
         if type(pickle.loads(text)) is type(error):
             return text
     with suppress(Exception):  # as above
@@ -36,6 +37,15 @@ def unpack(text: bytes) -> BaseException:
     result.args = arguments
     vars(result).update(values)
     return result
+
+
+def _written(error: BaseException) -> bytes:
+    """Pickle an exception in its own way: packages such as dask register another one, which loses attributes."""
+    text = BytesIO()
+    pickler = pickle.Pickler(text, pickle.HIGHEST_PROTOCOL)
+    pickler.dispatch_table = {}
+    pickler.dump(error)
+    return text.getvalue()
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:

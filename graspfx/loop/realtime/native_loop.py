@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from threading import Thread
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +31,7 @@ from graspfx.loop.recording.header import REST, RunFault
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.tick.programs import MachineCode
 from graspfx.loop.tick.script import Tick
+from graspfx.system import scheduling
 
 IntArray = NDArray[np.int64]
 
@@ -268,14 +267,13 @@ class _Worker:
     """A thread in which the loop runs."""
 
     def __init__(self, program: NativeProgram, k: int) -> None:
-        priority = _priority()
+        priority = scheduling.real_time_policy()
         self._error: BaseException | None = None
 
         def run() -> None:
             try:
                 if priority is not None:
-                    with suppress(OSError):
-                        os.sched_setscheduler(0, priority[0], os.sched_param(priority[1]))
+                    scheduling.set_policy(*priority)
                 program.run(k, FOREVER)
             except BaseException as error:  # noqa: BLE001 - told to who waits for the thread
                 self._error = error
@@ -356,13 +354,3 @@ def _hand_over(port: DevicePort, state: PortState, period: float, guards: Guards
     if port.entry is not None:
         state.ramp, state.ramp_ticks = port.entry.duration, port.entry.ticks
         state.array(PortState.depth)[:] = port.entry.offset.ravel()
-
-
-def _priority() -> tuple[Any, int] | None:
-    """Give the real-time policy and priority of this thread; None without."""
-    if not hasattr(os, "sched_getscheduler"):
-        return None
-    policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
-    if policy not in (os.SCHED_FIFO, os.SCHED_RR):
-        return None
-    return policy, os.sched_getparam(0).sched_priority

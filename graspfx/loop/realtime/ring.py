@@ -8,9 +8,7 @@ the row too.
 from __future__ import annotations
 
 import mmap
-import os
 import platform
-import tempfile
 from collections.abc import Mapping
 from enum import IntEnum
 from threading import Lock
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.realtime.servo_notes import Notes
+from graspfx.system import shared_memory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -118,13 +117,7 @@ def size_of(width: int, goals: int = 0) -> int:
 
 def create(width: int, goals: int = 0) -> int:
     """Make the memory of a ring, which goes with the last process that has it; give its descriptor."""
-    if hasattr(os, "memfd_create"):
-        file = os.memfd_create("graspfx-ring", getattr(os, "MFD_CLOEXEC", 0))
-    else:
-        with tempfile.TemporaryFile() as temporary:
-            file = os.dup(temporary.fileno())
-    os.ftruncate(file, size_of(width, goals))
-    return file
+    return shared_memory.create("graspfx-ring", size_of(width, goals))
 
 
 class RingRecorder:

@@ -7,8 +7,8 @@ import sys
 from io import FileIO
 from pathlib import Path
 
-from graspfx.compile.file_lock import lock
 from graspfx.errors import RecordingError
+from graspfx.system.file_lock import lock
 
 
 def claim(path: Path) -> FileIO:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from os import PathLike
 from pathlib import Path
 
@@ -28,6 +29,25 @@ def make_folder(path: str | PathLike[str]) -> Path:
     except OSError as error:
         raise RecordingError(f"{folder}: no folder can be made there; {obstacle(error)}") from error
     return folder
+
+
+def new_folder(home: Path, name: str) -> Path:
+    """Make a folder in another that is not there yet: NAME, NAME-2, ...
+
+    Raises:
+        RecordingError: none can be made.
+    """
+    make_folder(home)
+    for number in count(1):
+        folder = home / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordingError(f"{folder}: no folder can be made there; {obstacle(error)}") from error
+        return folder
+    raise AssertionError
 
 
 def obstacle(error: OSError) -> str:

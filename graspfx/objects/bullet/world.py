@@ -15,7 +15,7 @@ from graspfx.errors import InputError
 from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray
-from graspfx.objects.bullet.bullet import CarriedBody, Carrier, new_client, pybullet
+from graspfx.objects.bullet.bullet import BulletCarrier, BulletMember, new_client, pybullet
 from graspfx.objects.floor.floor import plane_of
 from graspfx.objects.floor.hull import hull_points
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
@@ -38,7 +38,7 @@ MARGIN = 1e-5  # by which PyBullet rounds a hull [m]
 ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its size
 
 
-class BulletWorld(Carrier):
+class BulletWorld(BulletCarrier):
     """Bodies in one PyBullet world, with obstacles.
 
     Args:
@@ -62,7 +62,7 @@ class BulletWorld(Carrier):
         buffer = np.zeros(len(members) * guest.SIZE)
         parts = buffer.reshape(-1, guest.SIZE)
         self.carried = [
-            CarriedBody(m.state, part, client, self._collision(m.shape, fixed=False))
+            BulletMember(m.state, part, client, self._collision(m.shape, fixed=False))
             for m, part in zip(members, parts, strict=True)
         ]
         super().__init__(buffer, self.carried, client)

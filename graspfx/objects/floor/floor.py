@@ -24,6 +24,7 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
+OTHERS = "use bullet or mujoco"  # which take what a floor does not
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 
 
@@ -63,7 +64,7 @@ class FloorBody(NativeBody):
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
         super().__init__(member.state)
         if meeting.restitution != 0.0:
-            raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
+            raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", OTHERS)
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
@@ -135,7 +136,10 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
     kind = getattr(obstacle.shape, "kind", None)
     if kind not in FLAT_KINDS:
         raise InputError(
-            f"obstacle {obstacle.name}", obstacle.shape, "a half-space or a plane for native objects", "use bullet"
+            f"obstacle {obstacle.name}",
+            obstacle.shape,
+            "a half-space or a plane for native objects",
+            OTHERS,
         )
     normal = obstacle.rotation @ np.array(obstacle.shape.parameters)
     if kind == proxy.PLANE and normal @ (seen_from - obstacle.position) < 0.0:

@@ -34,38 +34,57 @@ from graspfx.scene.tables.shapes import Shape
 class Object(Table):
     """The object in the fingers: m a + b v = f_v (27), translation and rotation."""
 
-    name: Name = "object"
-    mass: Positive | None = Field(default=None, description="m [kg]; this or the density is required")
-    density: Positive | None = Field(default=None, description="[kg/m^3], in space, of a shape that has a volume")
+    name: Name = Field(default="object", description="name that fingers and recordings refer to")
+    mass: Positive | None = Field(
+        default=None, description="m [kg]; this or the density is required", json_schema_extra={"excludes": "`density`"}
+    )
+    density: Positive | None = Field(
+        default=None,
+        description="[kg/m^3], in space, of a shape that has a volume",
+        json_schema_extra={"excludes": "`mass`, an open mesh, `dimensions` below 3"},
+    )
     viscosity: NotNegative = Field(description="b [N s/m]")
     rotational_viscosity: NotNegative | None = Field(
         default=None, description="[N m s/rad]; required where a rotation is free"
     )
     inertia: NumberOrVector | None = Field(
-        default=None, description="about the centre [kg m^2]; that of the solid shape if not given"
+        default=None,
+        description="about the centre [kg m^2]; that of the solid shape if not given",
+        json_schema_extra={"excludes": "`dimensions = 1`"},
     )
-    shape: Shape | None = None
+    shape: Shape | None = Field(default=None, description="where its surface is; required for unilateral contact")
     free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
-    dynamics: str = Field(default="native", description="native, bullet or another that `graspfx list` names")
-    integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = "exact"
+    dynamics: str = Field(default="native", description="native, bullet, mujoco or another that `graspfx list` names")
+    integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = Field(
+        default="exact", description="its step under a held force; implicit solves force and motion together"
+    )
     position: Vector | None = Field(
-        default=None, description="of the centre, or a mesh file's origin, at first, (d,) [m]; the origin"
+        default=None,
+        description="place of the centre, or a mesh file's origin, at first, (d,) [m]; the origin",
     )
     orientation: NumberOrVector | None = Field(
-        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+        default=None,
+        description="plane: an angle [rad]; space: a quaternion x, y, z, w",
+        json_schema_extra={"excludes": "`dimensions = 1`"},
     )
     velocity: Vector | None = Field(default=None, description="(d,) [m/s]; at rest")
-    angular_velocity: NumberOrVector | None = Field(default=None, description="[rad/s], space: (3,); at rest")
+    angular_velocity: NumberOrVector | None = Field(
+        default=None,
+        description="[rad/s], space: (3,); at rest",
+        json_schema_extra={"excludes": "`dimensions = 1`"},
+    )
 
 
 class Obstacle(Table):
     """A thing that objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
 
-    name: Name = "obstacle"
-    shape: Shape
-    position: Vector | None = Field(default=None, description="of its centre, (d,) [m]; the origin")
+    name: Name = Field(default="obstacle", description="name that messages use")
+    shape: Shape = Field(description="where its surface is")
+    position: Vector | None = Field(default=None, description="place of its centre, (d,) [m]; the origin if not given")
     orientation: NumberOrVector | None = Field(
-        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+        default=None,
+        description="plane: an angle [rad]; space: a quaternion x, y, z, w",
+        json_schema_extra={"excludes": "`dimensions = 1`"},
     )
 
 
@@ -77,18 +96,19 @@ class World(Table):
         default=0.0, description="speed of parting over speed of meeting; native objects take 0 only"
     )
     stiffness: Positive = Field(
-        default=STIFFNESS, description="of a contact point of a native object on an obstacle [N/m]"
+        default=STIFFNESS, description="stiffness of a contact point of a native object on an obstacle [N/m]"
     )
     collide: Switch | None = Field(
-        default=None, description="whether objects meet one another; by default those in space with dynamics = 'bullet'"
+        default=None,
+        description="whether objects meet one another; by default those in space, with dynamics = 'bullet' or 'mujoco'",
     )
 
 
 class Impedance(Table):
     """Stiffness and damping of eq. (4), as a number, one per finger, or matrices in the axes of `coupling.axes`."""
 
-    stiffness: Gain = Field(description="[N/m]")
-    damping: Gain = Field(default=0.0, description="[N s/m]")
+    stiffness: Gain = Field(description="K [N/m]: one, one per finger, or matrices")
+    damping: Gain = Field(default=0.0, description="D [N s/m]: in any of the same forms")
 
 
 _by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
@@ -124,24 +144,32 @@ def _model(value: Any) -> Any:
 class Coupling(Table):
     """How the fingers hold the object: eq. (4) and the rules of touching."""
 
-    contact: Literal["unilateral", "attached"] = "unilateral"
-    external: Impedance
-    internal: Impedance
-    form: Literal["literal", "symmetric"] = "literal"
+    contact: Literal["unilateral", "attached"] = Field(
+        default="unilateral",
+        description="whether fingers only push, and let go, or hold a point of the object for ever",
+    )
+    external: Impedance = Field(description="kep and ked of eq. (4): what moves the object")
+    internal: Impedance = Field(description="kip and kid of eq. (4): what squeezes it")
+    form: Literal["literal", "symmetric"] = Field(
+        default="literal",
+        description="gains that differ by finger: eq. (4) as it is written, or P K P + (I - P) K (I - P)",
+    )
     axes: Literal["object", "world", "contact"] = Field(
         default="object",
         description="in which gains that are matrices stand: those in which the object's shape is described, in which "
         "springs create no energy; the world's; or each contact's, the normal first, as diag(k_n, k_t) or "
         "diag(k_n, k_t, k_t)",
     )
-    reaction: Literal["fingertip", "contact"] = "fingertip"
+    reaction: Literal["fingertip", "contact"] = Field(default="fingertip", description="where the object feels a force")
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
         default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
     )
     metric: Literal["equal", "mass"] = Field(
         default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
     )
-    absent: Literal["fade", "follow"] = "fade"
+    absent: Literal["fade", "follow"] = Field(
+        default="fade", description="whether a free finger leaves the split with its gap, or follows for ever"
+    )
     fade: PairOrAuto = Field(
         default="auto",
         description="gaps between which a free finger leaves the split [m]; 'auto': [0.002, 0.01], and more where the "
@@ -168,7 +196,7 @@ class Coupling(Table):
 class Frame(Table):
     """How a device stands in the scene: p = origin + scale R p_device; its forces are scale R' f, so power is kept."""
 
-    origin: Vector | None = Field(default=None, description="of the device, in the scene (d,) [m]; the scene's origin")
+    origin: Vector | None = Field(default=None, description="place of the device, (d,) [m]; the scene's origin")
     axes: AxesOrMatrix | None = Field(
         default=None,
         description="the device's axis that each of the scene's is, 'x -z y', or R with a row for each axis of the "
@@ -190,7 +218,7 @@ class Measures(Table):
 
     mass: Positive | None = Field(default=None, description="effective, at a fingertip [kg]")
     friction: NotNegative | None = Field(default=None, description="viscous, at a fingertip [N s/m]")
-    resolution: Positive | None = Field(default=None, description="of a fingertip position [m]")
+    resolution: Positive | None = Field(default=None, description="resolution of a fingertip position [m]")
     latency: NotNegative | None = Field(default=None, description="age of a sample when it is read [s]")
     lateness: NotNegative | None = Field(
         default=None,
@@ -201,7 +229,7 @@ class Measures(Table):
     )
     round_trip: NotNegative | None = Field(
         default=None,
-        description="of a reading and a writing, a part of the lateness; a recording's own stands for it [s]",
+        description="time of a reading and a writing, a part of the lateness; a recording's own stands for it [s]",
     )
 
 
@@ -211,7 +239,7 @@ class Device(Table):
     model_config = ConfigDict(extra="allow")
 
     name: str = Field(description="a driver's name, or the path of a .py file")
-    frame: Frame | None = Field(default=None, description="of hardware in the scene; the scene's own axes if not given")
+    frame: Frame | None = Field(default=None, description="axes of hardware in the scene; the scene's own if not given")
     deadman: Count | None = Field(
         default=None,
         description="number of the device's switch, from 0, that has to be down: forces decay once it is up",
@@ -235,7 +263,7 @@ class Device(Table):
 class SharedDevice(Device):
     """A device with several fingers, which name it by its label."""
 
-    label: Name
+    label: Name = Field(description="name that fingers refer to")
 
 
 _by_name = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<table>")
@@ -253,7 +281,7 @@ class Placement(Table):
     """A start on the way in to the object, along a direction from its centre, in the place of coordinates."""
 
     toward: Vector = Field(description="from the object's centre of mass at first, world axes, of any length (d,)")
-    gap: NotNegative = Field(default=0.0, description="of the fingertip, its ball included, to the surface [m]")
+    gap: NotNegative = Field(default=0.0, description="gap from the fingertip, its ball included, to the surface [m]")
 
 
 _by_place = Discriminator(lambda value: "<table>" if isinstance(value, Mapping | Table) else "<list>")
@@ -263,25 +291,32 @@ PointOrPlacement = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Placem
 class Finger(Table):
     """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
 
-    name: Name | None = None
+    name: Name | None = Field(default=None, description="name in recordings and figures; its number if not given")
     device: DeviceOrName = Field(description="a table, or the label of a [[device]]")
     channel: Count = Field(default=0, description="which finger of the device")
     hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
     start: PointOrPlacement = Field(
         description="(d,) [m]; or a direction from the object's centre, along which it comes in to a gap"
     )
-    radius: NotNegative = Field(default=0.0, description="of the ball that the fingertip is; 0: a point [m]")
+    radius: NotNegative = Field(default=0.0, description="radius of the ball that the fingertip is; 0: a point [m]")
     object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
     model: Annotated[Literal["hard", "soft"], BeforeValidator(_model)] = Field(
         default="hard", description="a soft finger exerts torsion about the contact's normal too; in space"
     )
     patch: Positive | None = Field(
-        default=None, description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]"
+        default=None,
+        description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]",
+        json_schema_extra={"excludes": '`model = "hard"`'},
     )
-    friction: NotNegative | None = Field(default=None, description="coefficient of its own; coupling.friction")
+    friction: NotNegative | None = Field(
+        default=None,
+        description="coefficient of its own; coupling.friction",
+        json_schema_extra={"excludes": '`coupling.contact = "attached"`, `coupling.friction = "stick"`'},
+    )
     pad: Pad | None = Field(
         default=None,
         description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
         "eq. (4); for unilateral contacts",
+        json_schema_extra={"excludes": '`coupling.contact = "attached"`, the integrator implicit with damping'},
     )
     safety: FingerSafety | None = Field(default=None, description="limits of its own, in a scene with [safety]")

@@ -21,7 +21,7 @@ def _stated(value: str) -> str:
     return value
 
 
-def _by_key(value: Any) -> Any:
+def values_by_key(value: Any) -> Any:
     if not isinstance(value, Mapping) or not value:
         text = "expected values by dotted key, as in {example}; given {given}"
         raise PydanticCustomError("set", text, {"example": EXAMPLE, "given": abbreviate(value)})
@@ -46,5 +46,5 @@ def _plain(value: Any) -> Any:
 class Preset(Table):
     """Values that replace the scene's, before those of `--set`, when a user names the preset."""
 
-    reason: Annotated[str, AfterValidator(_stated)] = Field(description="what it is for, in a sentence")
-    set: Annotated[dict[str, Any], BeforeValidator(_by_key)] = Field(description=f"by dotted key: {EXAMPLE}")
+    reason: Annotated[str, AfterValidator(_stated)] = Field(description="its purpose, in a sentence")
+    set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(description=f"by dotted key: {EXAMPLE}")

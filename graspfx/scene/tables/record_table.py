@@ -20,4 +20,4 @@ class Record(Table):
         default=(), description="names of variables as in the file, or of groups of them; all if not given"
     )
     every: Annotated[int, Field(strict=True, ge=1)] = Field(default=1, description="ticks from one row to the next")
-    compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="of the file, when the run ends")
+    compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="compression when the run ends")

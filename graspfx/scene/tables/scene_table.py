@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Name, Positive, Table, Vector
 from graspfx.scene.tables.hands import AnySharedHand
+from graspfx.scene.tables.operators_table import OperatorSpan
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
 from graspfx.scene.tables.preset_table import Preset
 from graspfx.scene.tables.reading import Readable
@@ -41,24 +42,33 @@ def _columns(value: Any) -> Any:
 class SceneTable(Readable, Table):
     """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
 
-    title: Annotated[str, AfterValidator(_writable)] = ""
-    dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
-    period: Positive = Field(description="T [s]")
+    title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title of figures and summaries")
+    dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(
+        description="d: 1 a line, 2 the plane, 3 space"
+    )
+    period: Positive = Field(description="T, from one tick to the next [s]")
     engine: Literal["auto", "generic", "compiled", "interpreted"] = Field(
         default="auto",
-        description="what runs the ticks: kernels that all scenes share, a program of this scene, the script itself",
+        description="program of the ticks: kernels of all scenes, one compiled for this scene, or the script itself",
     )
-    duration: Positive = Field(description="[s]")
+    duration: Positive = Field(description="duration of a run [s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
-    object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)]
-    coupling: Coupling
-    finger: tuple[Finger, ...]
-    device: tuple[SharedDevice, ...] = ()
-    hand: tuple[AnySharedHand, ...] = ()
-    obstacle: tuple[Obstacle, ...] = ()
-    world: World = World()
+    object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)] = Field(
+        description="object that the fingers touch: a table, or several as [[object]]"
+    )
+    coupling: Coupling = Field(description="how fingers hold objects")
+    finger: tuple[Finger, ...] = Field(description="a [[finger]] for each fingertip")
+    device: tuple[SharedDevice, ...] = Field(default=(), description="device with several fingers")
+    hand: tuple[AnySharedHand, ...] = Field(default=(), description="hand that holds several fingers")
+    obstacle: tuple[Obstacle, ...] = Field(default=(), description="obstacle that objects meet and nothing moves")
+    world: World = Field(default=World(), description="how objects meet obstacles and one another")
     safety: Safety | None = Field(
         default=None, description="the chain between law and devices; none in a simulation without the table"
     )
-    record: Annotated[Record, BeforeValidator(_columns)] = Record()
-    preset: dict[Name, Preset] = Field(default_factory=dict, description="by name")
+    record: Annotated[Record, BeforeValidator(_columns)] = Field(
+        default=Record(), description="which columns and ticks a recording has"
+    )
+    preset: dict[Name, Preset] = Field(default_factory=dict, description="values that replace the scene's, by name")
+    operators: dict[str, OperatorSpan] = Field(
+        default_factory=dict, description="ranges of keys over a set of operators, for certificates"
+    )

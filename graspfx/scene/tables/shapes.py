@@ -21,7 +21,7 @@ class Sphere(Table):
     """A sphere about the object's centre; a disc in the plane."""
 
     kind: Literal["sphere"]
-    radius: Positive = Field(description="[m]")
+    radius: Positive = Field(description="radius of its surface [m]")
 
 
 class HalfSpace(Table):
@@ -42,16 +42,16 @@ class Capsule(Table):
     """A round bar about the object's centre: along z in space, along x in the plane."""
 
     kind: Literal["capsule"]
-    radius: Positive = Field(description="[m]")
-    length: Positive = Field(description="of the straight part, between the centres of the round ends [m]")
+    radius: Positive = Field(description="radius of its surface [m]")
+    length: Positive = Field(description="length of the straight part, between the centres of the round ends [m]")
 
 
 class Cylinder(Table):
     """A cylinder about the object's centre, its axis along z; in space only."""
 
     kind: Literal["cylinder"]
-    radius: Positive = Field(description="[m]")
-    length: Positive = Field(description="[m]")
+    radius: Positive = Field(description="radius of its surface [m]")
+    length: Positive = Field(description="from end to end [m]")
 
 
 class Ellipsoid(Table):
@@ -65,12 +65,18 @@ class MeshShape(Table):
     """A surface of triangles, in a file or in the scene itself; the object's pose is that of the file's frame."""
 
     kind: Literal["mesh"] = "mesh"
-    mesh: str | None = Field(default=None, description="a file in STL, OBJ, PLY, OFF or GLB, relative to the scene's")
+    mesh: str | None = Field(
+        default=None,
+        description="a file in STL, OBJ, PLY, OFF or GLB, relative to the scene's",
+        json_schema_extra={"excludes": "`vertices`, `faces`"},
+    )
     vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="instead of a file, (v, 3) [m]"
+        default=None, description="instead of a file, (v, 3) [m]", json_schema_extra={"excludes": "`mesh`"}
     )
     faces: Annotated[tuple[tuple[Count, Count, Count], ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="(f, 3) numbers of vertices, counter-clockwise seen from outside"
+        default=None,
+        description="(f, 3) numbers of vertices, counter-clockwise seen from outside",
+        json_schema_extra={"excludes": "`mesh`"},
     )
     scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
     shell: Switch = Field(default=False, description="the surface need not close; it is touched from its front only")

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
+from graspfx.screen.socket_thread import require_websockets
 from graspfx.screen.touch_orders import ORDER, Kind
-from graspfx.screen.touch_server import SOCKET, require_websockets
+from graspfx.screen.touch_server import SOCKET
 from graspfx.testing.wire.wire import Failure, Wire
 
 if TYPE_CHECKING:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import pty
 import select
-import termios
 import threading
 import time
-import tty
 from abc import abstractmethod
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
+from graspfx.system import pseudo_terminal
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire.plug import Plug
 from graspfx.testing.wire.wire import Wire
@@ -75,8 +72,7 @@ class SerialWire(Wire):
             self._plug.remove()
 
     def _insert(self) -> None:
-        self._master, self._slave = pty.openpty()  # its own end of the slave, so that the line stays
-        tty.setraw(self._slave)
+        self._master, self._slave = pseudo_terminal.pair()  # its own end of the slave, so that the line stays
         self._plug.lead(os.ttyname(self._slave))
 
     def _pull(self) -> None:
@@ -113,7 +109,7 @@ class SerialWire(Wire):
         with suppress(OSError, ValueError):  # pulled meanwhile
             if select.select([master], [], [], wait)[0]:
                 return os.read(master, MOST)
-            fcntl.ioctl(self._slave, termios.TIOCNXCL)  # a dead user's claim goes with it, as a board's does
+            pseudo_terminal.release(self._slave)  # a dead user's claim goes with it, as a board's does
         return b""
 
     def _put(self, data: bytes) -> None:

@@ -77,6 +77,5 @@ def server_protocol() -> ServerProtocol:
     try:
         from websockets.server import ServerProtocol
     except ImportError as error:
-        how = "pip install 'graspfx[inverse]', or '.[inverse]' in a checkout"
-        raise MissingPackageError("websockets", "the emulator of the Inverse service", how) from error
+        raise MissingPackageError.of_extra("websockets", "the emulator of the Inverse service", "inverse") from error
     return ServerProtocol()

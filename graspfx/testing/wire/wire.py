@@ -14,8 +14,10 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 Failure = Literal["late", "drop", "flip", "cut", "garbage", "wrong-id", "unplugged", "blocked"]
+"""Names of the ways in which an emulator fails."""
 
 FAILURES: tuple[Failure, ...] = get_args(Failure)
+"""All names of `Failure`."""
 NUMBERS: Mapping[Failure, float] = MappingProxyType(
     {"late": 0.004, "drop": 2.0, "flip": 0.5, "cut": -1.0, "garbage": 20.0}
 )

@@ -28,6 +28,8 @@ from graspfx.objects.body_state import EXACT, BodyState, Motion
 from graspfx.objects.integrators import orient
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box
+from tests.support.carriers import CARRIERS
+from tests.support.carriers import require as require_dynamics
 from tests.support.optional import require
 
 WATCH = {"coupling.passivity": "observe"}
@@ -265,9 +267,10 @@ def test_a_body_of_three_moments_that_spins_freely_gains_nothing_but_the_defect_
     assert found[1] < found[0] / 2**3.9
 
 
-def test_bullet_s_contacts_are_what_is_left_over() -> None:
-    pytest.importorskip("pybullet")
-    free = spinning(**{"object.dynamics": "bullet", "object.viscosity": 0.0, "object.rotational_viscosity": 0.0,
+@pytest.mark.parametrize("dynamics", CARRIERS)
+def test_contacts_of_others_are_what_is_left_over(dynamics: str) -> None:
+    require_dynamics(dynamics)
+    free = spinning(**{"object.dynamics": dynamics, "object.viscosity": 0.0, "object.rotational_viscosity": 0.0,
                        "object.inertia": 1e-4})  # fmt: skip
     books = gx.run(free, duration=0.2).energy["object"]
     assert np.abs(books["contact"]).max() < 1e-9 * peak(books)

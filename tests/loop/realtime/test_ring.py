@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import os
 from collections.abc import Iterator
 from itertools import pairwise
@@ -203,6 +204,12 @@ def test_errors_travel_whole(error: BaseException) -> None:
     assert (str(again), again.args) == (str(error), error.args)
     for name in ("name", "given", "expected", "do", "kind", "known", "source", "faults", "code", "errno"):
         assert getattr(again, name, None) == getattr(error, name, None)
+
+
+def test_errors_travel_in_their_own_way_whatever_way_others_register(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(copyreg.dispatch_table, SystemExit, lambda error: (SystemExit.__new__, (SystemExit, 7)))
+    again = carried_errors.unpack(carried_errors.pack(SystemExit(7)))
+    assert isinstance(again, SystemExit) and again.code == 7
 
 
 def test_errors_that_cannot_travel_leave_their_words() -> None:

@@ -21,19 +21,21 @@ from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody, pybullet
 from graspfx.spatial import Vector
-
-pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+from tests.support.carriers import require
 
 Array = NDArray[np.float64]
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "line": ("reference-1dof", {"object.dynamics": "bullet"}),
     "plane": ("paper-waving-turning", {"object.dynamics": "bullet"}),
     "world": ("two-objects", {}),
+    "plane, MuJoCo": ("paper-waving-turning", {"object.dynamics": "mujoco"}),
+    "world, MuJoCo": ("two-objects", {"object.*.dynamics": "mujoco"}),
 }
 
 
 def rows(name: str, ticks: int, engine: str, run: Callable[[Any, Recorder, int], None], **changes: Any) -> Any:
     scene, overrides = SCENES[name]
+    require("mujoco" if "MuJoCo" in name else "bullet")
     loaded = gx.load(scene, {**overrides, "engine": engine, **changes})
     with build(loaded) as servo, Recorder(servo.layout, Header(loaded.period)) as recorder:
         run(servo, recorder, ticks)
@@ -76,7 +78,7 @@ def test_all_ways_to_run_give_the_same_bits(name: str) -> None:
         np.testing.assert_array_equal(state, end)
 
 
-@pytest.mark.parametrize("name", ["line", "plane"])
+@pytest.mark.parametrize("name", ["line", "plane", "plane, MuJoCo"])
 def test_compiled_and_interpreted_give_the_same_bits(name: str) -> None:
     pytest.importorskip("llvmlite")
     expected, end = rows(name, 300, "interpreted", at_once)
@@ -100,6 +102,7 @@ def test_exchanges_in_machine_code_and_in_python_give_the_same_bits(
 @pytest.mark.parametrize("engine", ["interpreted", "generic"])
 def test_what_pybullet_raises_ends_the_run_where_it_stood(engine: str) -> None:
     """The ticks before are there; that of the exchange is none yet."""
+    require("bullet")
     pytest.importorskip("llvmlite")
     scene, overrides = SCENES["plane"]
     loaded = gx.load(scene, {**overrides, "engine": engine})
@@ -113,6 +116,7 @@ def test_what_pybullet_raises_ends_the_run_where_it_stood(engine: str) -> None:
 
 def test_a_hundred_thousand_exchanges_leave_nothing_behind() -> None:
     """Neither memory nor references: what PyBullet is given and gives is let go."""
+    require("bullet")
     pytest.importorskip("llvmlite")
     from graspfx.compile.rounds import Rounds
 
@@ -151,8 +155,35 @@ def test_a_turn_too_fast_is_a_fault_of_its_tick(
     assert state[at.ANGLE] == 0.0  # stays as it was
 
 
+def test_a_hundred_thousand_steps_of_mujoco_leave_nothing_behind() -> None:
+    """Neither memory nor references, nor are its arrays moved."""
+    pytest.importorskip("llvmlite")
+    require("mujoco")
+    from graspfx.compile.rounds import Rounds
+    from graspfx.objects.mujoco.mujoco import MujocoBody
+
+    state = np.zeros(at.SIZE)
+    fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8)
+    body = MujocoBody(state)
+    body.hold(1e-6)
+    rounds = Rounds(body.calls)
+    push = guest.GuestState(memoryview(body.buffer))
+    push.push, push.twist = Vector(1e-3, 2e-3, 0.0), Vector(0.0, 0.0, 1e-9)
+    parts = [part for call in body.calls for part in (call.function, call.arguments)]
+    rounds.run(0, 1000, 0)
+    gc.collect()
+    before = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+    assert rounds.run(0, 100_000, 0) == 100_000
+    gc.collect()
+    after = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+    assert after[:-1] == before[:-1]
+    assert abs(after[-1] - before[-1]) < 200
+    assert push.velocity.y == pytest.approx(2.0 * push.velocity.x) != 0.0
+
+
 def test_what_pybullet_is_not_asked_for_is_what_it_would_say() -> None:
     """The position of bodies that cannot turn, to the last bit: masses 1 mg to 1 t, from 1 mm to 1 km away."""
+    require("bullet")
     rng = np.random.default_rng(7)
     for case in range(20):
         d = 1 + case % 3
@@ -172,6 +203,7 @@ def test_what_pybullet_is_not_asked_for_is_what_it_would_say() -> None:
 
 
 def test_structure_stays_the_same() -> None:
+    require("bullet")
     state = np.zeros(at.SIZE)
     fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8, velocity=[1.0, 2.0])
     body = BulletBody(state)
@@ -185,6 +217,8 @@ def test_structure_stays_the_same() -> None:
 
 
 def test_a_step_of_ones_own_is_called() -> None:
+    require("bullet")
+
     class Slower(BulletBody):
         def step(self, T: float) -> None:
             super().step(0.5 * T)

@@ -1,11 +1,9 @@
-"""PyBullet bodies: the same motion as native semi-implicit, exact viscosity, locked freedoms, limits that are told."""
+"""PyBullet's bodies alone: the banner, limits on turns and on locked rotations."""
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,264 +11,59 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError, MissingPackageError
+from graspfx.errors import InputError
 from graspfx.objects import integrators as at
-from graspfx.objects.body import Body, NativeBody, fill_body
-from graspfx.objects.bullet.bullet import BulletBody, create
+from graspfx.objects.body import fill_body
+from graspfx.objects.bullet.bullet import BulletBody
+from graspfx.objects.bullet.world import BulletWorld
+from graspfx.objects.surroundings import Meeting, Member
+from graspfx.surfaces.closed_form.shape import Box
 
-Array = NDArray[np.float64]
+pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+
 ROOT = Path(__file__).parents[3]
 T = 0.005
-CUBE = 0.1 * 0.05**2 / 6
-CROOKED = (3e-5, 5e-5, 6e-5)
 
 
-@pytest.fixture
-def bodies() -> Iterator[Any]:
-    """Makes BulletBody objects from fill_body's arguments and closes them."""
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
-    made: list[BulletBody] = []
-
-    def make(**given: Any) -> BulletBody:
-        made.append(create(block(**given)))
-        return made[-1]
-
-    yield make
-    for body in made:
-        body.close()
-
-
-def block(**given: Any) -> Array:
-    state = np.zeros(at.SIZE)
+def body(**given: Any) -> BulletBody:
+    state: NDArray[np.float64] = np.zeros(at.SIZE)
     fill_body(state, **given)
-    return state
+    return BulletBody(state)
 
 
-def native_body(**given: Any) -> Any:
-    return NativeBody(block(**given))
-
-
-def push(body: Body, force: Any = (), moment: Any = ()) -> None:
-    body.state[at.FORCE : at.FORCE + len(force)] = force
-    body.state[at.MOMENT : at.MOMENT + len(moment)] = moment
-
-
-def wrench(k: int) -> tuple[Array, float]:
-    """A push in the plane that varies from sample to sample: up to 0.3 N and 3e-4 N m."""
-    t = T * k
-    return np.array([0.2 * math.sin(3 * t) + 0.1 * math.cos(11 * t), 0.15 * math.cos(2 * t)]), 2e-4 * (
-        math.sin(5 * t) + 0.5
-    )
-
-
-def test_one_second_at_a_tenth_of_a_newton(bodies: Any) -> None:
-    """Semi-implicit: 0.5025 m, 1 m/s, as native."""
-    body, native = bodies(dimensions=1, mass=0.1), native_body(dimensions=1, mass=0.1)
-    for each in (body, native):
-        push(each, [0.1])
-        for _ in range(200):
-            each.step(T)
-        assert each.position[0] == pytest.approx(0.5025, abs=1e-14)
-        assert each.velocity[0] == pytest.approx(1.0, abs=1e-14)
-
-
-def test_ten_seconds_in_the_plane_agree_with_native_semi_implicit(bodies: Any) -> None:
-    """Viscosity passed in as the force -b v, the body's own zero: 1e-9 m and 1e-9 rad over 10 s."""
-    given = {"dimensions": 2, "mass": 0.1, "inertia": CUBE, "integrator": "semi-implicit", "gravity": (0.0, -0.2)}
-    bullet, native = bodies(**given), native_body(**given)
-    worst = np.zeros(2)
-    for k in range(2000):
-        f, moment = wrench(k)
-        for body in (bullet, native):
-            push(body, f - 0.8 * body.velocity, (0.0, 0.0, moment - 3e-4 * body.angular_velocity))
-            body.step(T)
-        worst[0] = max(worst[0], np.abs(bullet.position - native.position).max())
-        worst[1] = max(worst[1], abs(bullet.orientation - native.orientation))
-    assert np.abs(native.position).max() > 0.05
-    assert abs(native.orientation) > 3.2  # more than half a turn
-    assert (worst < 1e-9).all()
-
-
-def test_own_viscosity_is_exact(bodies: Any) -> None:
-    """v+ = E v + (1 - E)/b (f + m g), E = exp(-b T/m), x+ = x + T v+; rotation likewise: 1e-9 over 10 s."""
-    m, b, bw = 0.1, 0.8, 3e-4
-    body = bodies(dimensions=2, mass=m, inertia=CUBE, viscosity=b, rotational_viscosity=bw, gravity=(0.0, -0.2))
-    E, Ew = math.exp(-b * T / m), math.exp(-bw * T / CUBE)
-    x, v, angle, w = np.zeros(2), np.zeros(2), 0.0, 0.0
-    for k in range(2000):
-        f, moment = wrench(k)
-        push(body, f, (0.0, 0.0, moment))
-        body.step(T)
-        v = E * v + (1 - E) / b * (f + m * np.array([0.0, -0.2]))
-        w = Ew * w + (1 - Ew) / bw * moment
-        x, angle = x + T * v, angle + T * w
-        assert np.abs(body.position - x).max() < 1e-9
-        assert abs(body.orientation - angle) < 1e-9
-
-
-def test_strong_viscosity_is_stable(bodies: Any) -> None:
-    """b T/m = 1000: at rest at once but for f/b."""
-    body = bodies(dimensions=1, mass=0.1, viscosity=2e4, velocity=[1.0])
-    push(body, [2.0])
-    for _ in range(10):
-        body.step(T)
-        assert body.velocity[0] == pytest.approx(1e-4, rel=1e-9)
-
-
-def test_tumbling_in_space_is_native_semi_implicit(bodies: Any) -> None:
-    """Crooked body, 3 rad/s, moments in world axes: PyBullet's own gyroscopic term is that of the explicit step."""
-    q = np.array([0.1, -0.7, 0.5, 0.5])
-    given = {
-        "dimensions": 3, "mass": 0.1, "inertia": CROOKED, "orientation": q, "angular_velocity": (1.0, 2.0, -2.0),
-        "velocity": (0.1, 0.2, 0.3), "integrator": "semi-implicit",
-    }  # fmt: skip
-    bullet, native = bodies(**given), native_body(**given)
-    for k in range(400):
-        f, moment = wrench(k)
-        for body in (bullet, native):
-            push(body, (*f, 0.1), (moment, -moment, 0.5 * moment))
-            body.step(T)
-        assert np.abs(bullet.position - native.position).max() < 1e-9
-        assert np.abs(bullet.orientation - native.orientation).max() < 1e-9
-        assert (
-            np.abs(bullet.state[at.ROTATION : at.ROTATION + 9] - native.state[at.ROTATION : at.ROTATION + 9]).max()
-            < 1e-9
-        )
-
-
-def test_own_viscosity_in_space_goes_by_principal_axes(bodies: Any) -> None:
-    """About one principal axis, turned away from the world's: w = exp(-b_w t/I) w0."""
-    s = math.sqrt(0.5)
-    for i, axis in enumerate(np.eye(3)):
-        world = np.array([axis[0], -axis[2], axis[1]])  # by a quarter turn about x
-        body = bodies(
-            dimensions=3, mass=0.1, inertia=CROOKED, rotational_viscosity=1e-3, orientation=(s, 0, 0, s),
-            angular_velocity=2.0 * world,
-        )  # fmt: skip
-        for _ in range(20):
-            body.step(T)
-        np.testing.assert_allclose(body.angular_velocity, 2.0 * math.exp(-0.1 * 1e-3 / CROOKED[i]) * world, atol=1e-12)
-
-
-@pytest.mark.parametrize("free", [(1, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 1), (0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 0, 0)])
-def test_locked_freedoms_stay_exactly_still(bodies: Any, free: tuple[int, ...]) -> None:
-    q = np.array([0.1, -0.7, 0.5, 0.5])
-    body = bodies(
-        dimensions=3, mass=0.1, inertia=CROOKED, free=free, position=(1, 2, 3), orientation=q, gravity=(1, 1, 1)
-    )
-    first = body.state.copy()
-    for k in range(200):
-        push(body, (0.1, -0.2, 0.3), (1e-4, 2e-4 * math.sin(k), -1e-4))
-        body.step(T)
-    locked = np.flatnonzero(np.array(free) == 0)
-    position, spin = locked[locked < 3], locked[locked >= 3] - 3
-    np.testing.assert_array_equal(body.position[position], first[at.POSITION + position])
-    np.testing.assert_array_equal(body.velocity[position], 0.0)
-    np.testing.assert_array_equal(body.state[at.ANGULAR_VELOCITY + spin], 0.0)
-    if not any(free[3:]):
-        np.testing.assert_array_equal(body.orientation, first[at.QUATERNION : at.QUATERNION + 4])
-    for a in np.flatnonzero(free[:3]):
-        assert abs(body.velocity[a]) > 0.1
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_knob_turns_as_native(bodies: Any, axis: int) -> None:
-    """One free rotation of a crooked, turned body pushed across it too: the moment about that axis counts."""
-    free = np.eye(6, dtype=bool)[3 + axis]
-    given = {
-        "dimensions": 3, "mass": 0.1, "inertia": CROOKED, "orientation": (0.1, -0.7, 0.5, 0.5), "free": free,
-        "angular_velocity": 2.0 * np.eye(3)[axis], "integrator": "semi-implicit",
-    }  # fmt: skip
-    bullet, native = bodies(**given), native_body(**given)
-    for _ in range(400):
-        for body in (bullet, native):
-            push(body, (), (1e-5, 1e-5, 1e-5))
-            body.step(T)
-        np.testing.assert_allclose(bullet.orientation, native.orientation, atol=1e-11)
-        np.testing.assert_allclose(bullet.angular_velocity, native.angular_velocity, atol=1e-11)
-
-
-def test_the_angle_is_unwrapped_from_where_it_began(bodies: Any) -> None:
-    """100 rad/s for 1 s, backwards too, from 7 rad."""
-    for w in (100.0, -100.0):
-        body = bodies(dimensions=2, mass=1.0, inertia=1.0, orientation=7.0, angular_velocity=w)
-        for _ in range(200):
-            body.step(T)
-        assert body.orientation == pytest.approx(7.0 + w, abs=1e-10)
-
-
-def test_speed_is_not_clamped(bodies: Any) -> None:
-    """PyBullet would hold 100 m/s."""
-    body = bodies(dimensions=1, mass=1.0, velocity=[5000.0])
-    body.step(T)
-    assert (body.position[0], body.velocity[0]) == pytest.approx((25.0, 5000.0))
-
-
-def test_a_turn_that_pybullet_would_cut_short_is_refused(bodies: Any) -> None:
+def test_a_turn_that_pybullet_would_cut_short_is_refused() -> None:
     """45 degrees a step are 157.1 rad/s at 5 ms."""
-    bodies(dimensions=2, mass=1.0, inertia=1.0, angular_velocity=157.0).step(T)
+    body(dimensions=2, mass=1.0, inertia=1.0, angular_velocity=157.0).step(T)
     with pytest.raises(InputError, match=r"at most 157\.1 rad/s"):
-        bodies(dimensions=2, mass=1.0, inertia=1.0, angular_velocity=158.0).step(T)
+        body(dimensions=2, mass=1.0, inertia=1.0, angular_velocity=158.0).step(T)
 
 
-def test_a_resting_body_does_not_fall_asleep(bodies: Any) -> None:
-    """A micronewton after 10 s of nothing: T f/m."""
-    body = bodies(dimensions=1, mass=0.1)
-    for _ in range(2000):
-        body.step(T)
-    push(body, [1e-6])
-    body.step(T)
-    assert body.velocity[0] == pytest.approx(5e-8, rel=1e-12)
-
-
-def test_the_step_may_change(bodies: Any) -> None:
-    """v = exp(-b t/m) v0 whatever the steps."""
-    body = bodies(dimensions=1, mass=0.1, viscosity=0.8, velocity=[1.0])
-    for step in (0.005, 0.001, 0.02):
-        body.step(step)
-    assert body.velocity[0] == pytest.approx(math.exp(-8.0 * 0.026), rel=1e-12)
-    for wrong in (0.0, -0.005, math.nan, math.inf):
-        with pytest.raises(InputError, match="T: given"):
-            body.step(wrong)
-
-
-def test_bodies_do_not_share_a_world(bodies: Any) -> None:
-    """One is closed, and one step of another moves it alone."""
-    a, b, c = (bodies(dimensions=1, mass=0.1, velocity=[1.0]) for _ in range(3))
-    a.close()
-    a.close()
-    b.step(T)
-    assert (a.position[0], b.position[0], c.position[0]) == (0.0, pytest.approx(T), 0.0)
-
-
-def test_what_it_cannot_do(bodies: Any) -> None:
-    with pytest.raises(InputError, match="PyBullet has one integrator"):
-        bodies(dimensions=1, mass=0.1).free_motion(T)
+def test_two_free_rotations_of_unequal_moments_are_refused() -> None:
     with pytest.raises(InputError, match="equal moments of inertia"):
-        bodies(dimensions=3, mass=0.1, inertia=CROOKED, free=(1, 1, 1, 1, 1, 0))
-    even = bodies(dimensions=3, mass=0.1, inertia=CUBE, free=(1, 1, 1, 1, 1, 0))
-    push(even, (), (1e-4, 1e-4, 1e-4))
-    even.step(T)
-    np.testing.assert_allclose(even.angular_velocity, [T * 1e-4 / CUBE, T * 1e-4 / CUBE, 0.0], rtol=1e-13)
+        body(dimensions=3, mass=0.1, inertia=(3e-5, 5e-5, 6e-5), free=(1, 1, 1, 1, 1, 0))
 
 
-def test_without_pybullet_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(name: str) -> Any:
-        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+def test_what_a_world_cannot_hold_is_refused() -> None:
+    cube = Box((0.05, 0.05, 0.05))
+    flat, partial = np.zeros(at.SIZE), np.zeros(at.SIZE)
+    fill_body(flat, dimensions=2, mass=0.1, inertia=1e-5)
+    fill_body(partial, dimensions=3, mass=0.1, inertia=1e-5, free=(True, True, True, False, False, True))
+    with pytest.raises(InputError, match="in space"):
+        BulletWorld([Member(flat, None)], [], Meeting())
+    with pytest.raises(InputError, match="all or none"):
+        BulletWorld([Member(partial, cube)], [], Meeting())
 
-    monkeypatch.delitem(sys.modules, "pybullet", raising=False)
-    monkeypatch.setattr("graspfx.objects.bullet.bullet.import_module", missing)
-    with pytest.raises(MissingPackageError, match=r"install graspfx\[bullet\]"):
-        BulletBody(block(dimensions=1, mass=0.1))
 
-
-def test_nothing_is_printed(bodies: Any) -> None:
+def test_nothing_is_printed() -> None:
     """In a fresh process: neither stdout nor stderr has PyBullet's banner, and both still work."""
     code = """
 import sys, numpy as np
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody
+from graspfx.objects.bullet.world import BulletWorld
+from graspfx.objects.surroundings import Meeting, Member
+from graspfx.surfaces.closed_form.shape import Box
 assert "pybullet" not in sys.modules
 state = np.zeros(at.SIZE)
 fill_body(state, dimensions=1, mass=0.1)

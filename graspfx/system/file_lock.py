@@ -16,10 +16,13 @@ NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 PAUSE = 0.05  # between two attempts [s]
 
 
-def lock(descriptor: int) -> bool:
+def lock(descriptor: int, *, lockless: bool = True) -> bool:
     """Take the lock of an open file; False where another has it.
 
-    A file system without locks takes everyone: there it is the part's presence that keeps a second run out.
+    Args:
+        descriptor: of the file.
+        lockless: the answer of a system or file system without locks: it may let everyone in, where something else
+            than the lock keeps a second program out as well.
     """
     try:
         if sys.platform == "win32":
@@ -32,9 +35,11 @@ def lock(descriptor: int) -> bool:
             import fcntl
 
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:
+        return lockless
     except OSError as error:
         if error.errno in NO_LOCKS:
-            return True
+            return lockless
         if error.errno in BUSY:
             return False
         raise

@@ -1,0 +1,134 @@
+"""Point masses in the hands of an operator who is not a spring."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices._plant import NOT_FINITE, HeldPlant
+from graspfx.devices.simulated.operated_sample import MOST, TOO_STIFF, OperatedPlantState, advance
+from graspfx.protocols import Hand, InputError, Operator, layout
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """Point masses in the hand of an operator: `graspfx.loop.operator.Operator` has the equations.
+
+    While a sample lasts, the efforts, the grip forces and the operator's voluntary force hold, and the targets follow
+    the cubic through their values and velocities at its ends, as for `PointPlant`. The motion of tips and limbs is then
+    that of linear equations; their Taylor series are summed to rounding, in as many parts of a sample as that takes.
+
+    Args:
+        mass: (n,) [kg].
+        damping: (n,) [N s/m].
+        dimensions: d.
+        room: samples of reactions that are remembered; 0 without a reaction.
+        operator: who holds them at first; `hold` brings that of its hand.
+
+    Attributes:
+        live: whether mechanics and hand may change in mid-run: they always may.
+    """
+
+    kernel = staticmethod(advance)
+    live = True
+
+    def __init__(
+        self,
+        mass: Sequence[float],
+        damping: Sequence[float],
+        dimensions: int,
+        room: int = 0,
+        operator: Operator | None = None,
+    ) -> None:
+        super().__init__(OperatedPlantState, len(mass), dimensions, room=room)
+        self._block = OperatedPlantState(self.state)
+        self._block.room = room
+        self._array("mass")[:], self._array("friction")[:] = mass, damping
+        self._operator = Operator(len(mass)) if operator is None else operator
+
+    def _array(self, name: str) -> FloatArray:
+        values: FloatArray = self._block.array(getattr(OperatedPlantState, name))
+        return values
+
+    @property
+    def structure(self) -> Index:
+        """Counts, and the room of the line."""
+        return np.array(
+            [layout(OperatedPlantState)[name].place(self._block) for name in ("fingers", "dimensions", "room")]
+        )
+
+    def hold(self, hand: Hand, T: float) -> None:
+        """Put the hand's gains, its operator, its targets and samples of T seconds into the block."""
+        operator = getattr(hand, "operator", None)
+        self._operator = Operator(len(self.position)) if operator is None else operator
+        super().hold(hand, T)
+
+    def adopt(self, other: OperatedPlant) -> None:
+        """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
+        self.mechanics = other.mechanics
+
+    @property
+    def mechanics(self) -> FloatArray:
+        """Masses [kg] and dampings [N s/m], then the operator's numbers, (2, entries); `hold` comes next."""
+        own = [self._array("mass"), self._operator.numbers.ravel(), self._array("friction")]
+        flat = np.concatenate(own)
+        return np.asarray(np.append(flat, np.zeros(len(flat) % 2)).reshape(2, -1))
+
+    @mechanics.setter
+    def mechanics(self, values: FloatArray) -> None:
+        n, flat = len(self.position), values.ravel()
+        own = self._operator.numbers
+        self._array("mass")[:], own[:] = flat[:n], flat[n : n + own.size].reshape(own.shape)
+        self._array("friction")[:] = flat[n + own.size : 2 * n + own.size]
+
+    def _put(self, position: FloatArray) -> None:
+        """Place the limbs at the fingertips, at rest; nothing is remembered of what was before."""
+        self._array("limb")[:] = position.ravel()
+        for name in ("limb_rate", "command", "pull"):
+            self._array(name)[:] = 0.0
+        self._block.slot = 0
+        self._line()[:] = 0.0
+        for finger in self._block.operators:
+            finger.grip = 0.0
+
+    def _line(self) -> FloatArray:
+        start = self._block.line.offset
+        line: FloatArray = self.state[start : start + self._block.room * self.position.size]
+        return line
+
+    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
+        self._array("stiffness")[:], self._array("damping")[:] = K.ravel(), B.ravel()
+        for i, finger in enumerate(self._block.operators):
+            own = self._operator.finger(i)
+            start = finger.now.offset
+            self.state[start : start + self._operator.numbers.shape[1]] = self._operator.numbers[i]
+            finger.grip_share = math.exp(-T / own.grip_lag) if own.grip_lag > 0.0 else 0.0
+            finger.command_share = math.exp(-T / own.command_lag) if own.command_lag > 0.0 else 0.0
+            finger.delay = samples_of(own.delay, T)
+            if self._block.room and finger.delay >= self._block.room:
+                raise InputError("delay", own.delay, f"less than {self._block.room} samples, which is the line's room")
+
+    def fault_text(self, code: int) -> str:
+        """Why the kernel gave this number."""
+        if code == TOO_STIFF:
+            return (
+                f"the operator's gains ask for {MOST} parts of a sample or more: a hand is too stiff or too strongly "
+                "damped for the masses that it holds"
+            )
+        text: str = super().fault_text(NOT_FINITE)
+        return text
+
+
+def samples_of(delay: float, T: float) -> int:
+    """Give a delay in samples, the nearest whole number, one at least if there is any."""
+    return max(1, round(delay / T)) if delay > 0.0 else 0
+
+
+def room_for(delay: float, T: float) -> int:
+    """Give the room of a line for a delay [s]: a power of two, so that like delays share a program; 0 without one."""
+    return 0 if delay <= 0.0 else 1 << samples_of(delay, T).bit_length()

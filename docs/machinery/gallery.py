@@ -1,0 +1,84 @@
+"""The shelf of scenes as a gallery: a card for each scene with its picture, and its file below its section."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+PAGE = "scenes"
+SCENES = Path(__file__).parents[2] / "scenes"
+PICTURE = r"!\[(?P<alt>[^\]]*)\]\([^)]*\)"
+SECTION = re.compile(rf"^### (?P<name>[\w-]+)\n\n{PICTURE}\n\n(?P<text>.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
+
+
+def scene_files() -> dict[str, Path]:
+    """List the files of the shelf by the scenes' names."""
+    files = (path for path in sorted(SCENES.glob("[!_]*.*")) if path.suffix in (".toml", ".py"))
+    return {path.stem.replace("_", "-"): path for path in files}
+
+
+def as_gallery(text: str) -> str:
+    """Write the page with a card for each scene above its first section, and with the files below each section."""
+    sections = {match["name"]: match for match in SECTION.finditer(text)}
+    files = scene_files()
+    names = sorted(files, key=lambda name: _place(name, text))
+    cards = [line for name in names for line in _card(name, sections)]
+    parts, end = [], 0
+    for match in sections.values():
+        own = [name for name in files if _section(name, sections) == match["name"]]
+        parts += [text[end : match.end()], *(line for name in own for line in _file(files[name]))]
+        end = match.end()
+    written = "".join([*parts, text[end:]])
+    first = written.index("\n## ")
+    return "\n".join([written[:first], ":::::{container} cards", *cards, ":::::", written[first:]])
+
+
+def _section(name: str, sections: dict[str, re.Match[str]]) -> str:
+    """Say which section a scene belongs to: its own, or the first that names it."""
+    if name in sections:
+        return name
+    return next(each for each, match in sections.items() if f"`{name}`" in match["text"])
+
+
+def _place(name: str, text: str) -> int:
+    return text.index(f"### {name}\n") if f"### {name}\n" in text else text.index(f"`{name}`")
+
+
+def _card(name: str, sections: dict[str, re.Match[str]]) -> Iterator[str]:
+    section, title = sections[_section(name, sections)], _title(scene_files()[name])
+    alt = section["alt"] if section["name"] == name else title
+    yield from ("::::{container} card", f"[![{alt}](pictures/scenes/{name}.png)](#{section['name']})", "")
+    yield from (f"[{name}](#{section['name']})", "", title, "::::", "")
+
+
+def _title(path: Path) -> str:
+    """Read a scene's title, or the first line of its module."""
+    text = path.read_text("utf-8")
+    if path.suffix == ".toml":
+        return str(tomllib.loads(text)["title"])
+    return (ast.get_docstring(ast.parse(text)) or "").split("\n\n")[0]
+
+
+def _file(path: Path) -> Iterator[str]:
+    """Show a scene's file, folded."""
+    where = f"scenes/{path.name}"
+    yield f"\n<details><summary>{where}</summary>\n\n```{{literalinclude}} ../{where}\n"
+    yield f":language: {'toml' if path.suffix == '.toml' else 'python'}\n```\n\n</details>\n\n"
+
+
+def _read(app: Sphinx, name: str, content: list[str]) -> None:
+    if name == PAGE:
+        content[0] = as_gallery(content[0])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Rewrite the page where it is read."""
+    app.connect("source-read", _read)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,44 @@
+"""The glossary: in the repository a table, on the site terms that links and the search lead to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+PAGE = "glossary"
+HEAD = re.compile(r"^\|(.*)\|\n\|(?:-+\|)+\n", re.MULTILINE)
+CELLS = re.compile(r"(?<!\\)\|")
+
+
+def as_terms(text: str) -> str:
+    """Write the table of a page, of words, meanings and what they do not mean, as terms and their definitions."""
+    match = HEAD.search(text)
+    if match is None:
+        raise ValueError("the glossary has no table")
+    rows, _, rest = text[match.end() :].partition("\n\n")
+    lines = [line for row in rows.splitlines() for line in _term(row)]
+    return "\n".join([text[: match.start()], "````{glossary}", *lines, "````", "", rest])
+
+
+def _term(row: str) -> Iterator[str]:
+    words, means, *others = (cell.strip() for cell in CELLS.split(row.strip().strip("|")))
+    yield from (word.strip() for word in words.split(","))
+    yield f"  {means[:1].upper()}{means[1:]}." if not means.endswith(".") else f"  {means}"
+    if others and others[0]:
+        yield f"\n  *Not:* {others[0]}."
+    yield ""
+
+
+def _read(app: Sphinx, name: str, content: list[str]) -> None:
+    if name == PAGE:
+        content[0] = as_terms(content[0])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Rewrite the page where it is read."""
+    app.connect("source-read", _read)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,86 @@
+"""Pages of the public names: a directive that documents those of a module, from the table of docs/reference/python.md.
+
+`.. public-names:: graspfx.stability` documents the names of a module, `.. public-names:: graspfx runs` a part of them.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
+
+from machinery import docstrings
+from tests.support.face import MODULES, constant_text, home, members, names
+
+
+class PublicNames(SphinxDirective):
+    """The documentation of a module's public names, one after another."""
+
+    required_arguments, optional_arguments = 1, 1
+
+    def run(self) -> list[nodes.Node]:
+        """Write what autodoc is asked for, and parse it here."""
+        module = self.arguments[0]
+        lines = [line for name in names(*self.arguments) for line in _wish(module, MODULES[module], name)]
+        box = nodes.container()
+        self.state.nested_parse(StringList(lines, self.get_source_info()[0]), self.content_offset, box)
+        return box.children
+
+
+def _wish(path: str, module: ModuleType, name: str) -> Iterator[str]:
+    """Write the directive for one name."""
+    value = getattr(module, name)
+    if inspect.isclass(value):
+        kind = "exception" if issubclass(value, BaseException) else "class"
+        yield f".. auto{kind}:: {path}.{name}"
+        if home(value, name) != path:
+            yield "   :no-index:"
+        if public := [member.removesuffix("()") for member, _ in members(value)]:
+            yield f"   :members: {', '.join(public)}"
+    elif inspect.isroutine(value):
+        yield f".. autofunction:: {path}.{name}"
+    else:
+        yield f".. py:data:: {path}.{name}"
+        yield f"   :value: {str(value).replace('typing.', '').replace('collections.abc.', '')}"
+        yield ""
+        yield f"   {docstrings.plain(constant_text(module, name), _places())}"
+    yield ""
+
+
+@cache
+def _places() -> dict[str, str]:
+    """List where each public name stands in the index; of one that stands for several things, the first."""
+    return {
+        name: f"{home(getattr(MODULES[path], name), name)}.{name}" for path in reversed(MODULES) for name in names(path)
+    }
+
+
+def _docstring(app: Sphinx, kind: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
+    """Take docstrings for the plain text that `help()` shows, before napoleon reads their sections."""
+    lines[:] = docstrings.as_rest(lines, _places())
+
+
+def _all_there(app: Sphinx, env: BuildEnvironment) -> None:
+    """Warn of public names that no page documents."""
+    here = env.domains.python_domain.objects
+    for module in MODULES:
+        for name in names(module):
+            if f"{home(getattr(MODULES[module], name), name)}.{name}" not in here:
+                logging.getLogger(__name__).warning("%s.%s is on no page of docs/reference", module, name)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Add the directive, and what prepares docstrings for it."""
+    app.add_directive("public-names", PublicNames)
+    app.connect("autodoc-process-docstring", _docstring, priority=400)
+    app.connect("env-check-consistency", _all_there)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

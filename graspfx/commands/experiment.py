@@ -1,0 +1,181 @@
+"""graspfx experiment: trials with people, or with simulated observers; a recording and a row for each."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspfx.commands.destination import OUT
+from graspfx.commands.interrupt import interruptible
+from graspfx.commands.loudness import is_quiet
+from graspfx.commands.output import FAULTS, INTERRUPTED, SUCCESS
+from graspfx.errors import InputError
+
+if TYPE_CHECKING:
+    from graspfx.experiment.answer_page import AnswerPage
+    from graspfx.experiment.answering import Answerer, Keys
+    from graspfx.experiment.experiment import Experiment
+    from graspfx.experiment.markers import Event
+    from graspfx.experiment.presenters import Presenter, Watcher
+    from graspfx.experiment.session_files import SessionFiles
+
+EXAMPLE = """  graspfx experiment stiffness-jnd --simulate
+  graspfx experiment mine.toml --participant 03 --page
+  graspfx experiment mine.toml --participant 03 --resume"""
+FACTOR = 2.718281828459045
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    text = "the path of an experiment's .toml file, or the name of one that comes with GraspFX: stiffness-jnd"
+    parser.add_argument("experiment", metavar="EXPERIMENT", help=text)
+    parser.add_argument("--participant", metavar="LABEL", default="01", help="letters and digits, as 03")
+    parser.add_argument("--session", metavar="LABEL", default="01", help="of the participant (01)")
+    parser.add_argument("--run", metavar="N", type=int, default=1, help="of the session, from 1 on")
+    parser.add_argument("--resume", action="store_true", help="go on with a session that was broken off")
+    simulate = "let the file's [observer] answer, with runs as fast as they compute"
+    parser.add_argument("--simulate", action="store_true", help=simulate)
+    parser.add_argument("--plan", action="store_true", help="print the order of the session, and run nothing")
+    parser.add_argument("--page", action="store_true", help="take answers from a page on this machine, too")
+    parser.add_argument("--port", metavar="N", type=int, help="of the page (the first that is free from 8080 on)")
+    parser.add_argument("--stream", action="store_true", help="stream states to other programs by a WebSocket")
+    parser.add_argument("--lsl", action="store_true", help="stream markers and rows by the Lab Streaming Layer")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the study (out/NAME)")
+    whole = "let the experiment and its scene name files outside of their folders: what is Python among them runs"
+    parser.add_argument("--trust", action="store_true", help=whole)
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.experiment.experiment_file import load
+    from graspfx.experiment.session_files import SessionFiles
+
+    if options.simulate and (options.page or options.lsl or options.stream):
+        raise InputError("--simulate", "with --page, --lsl or --stream", "a person, or a simulated observer alone")
+    experiment = load(options.experiment)
+    if options.plan:
+        return _print_plan(experiment, options)
+    root = options.out if options.out is not None else OUT / experiment.name
+    files = SessionFiles(root, options.participant, options.session, experiment.name, options.run)
+    with interruptible() as stop, ExitStack() as stack:
+        return _run(experiment, files, options, stop, stack)
+
+
+def _run(
+    experiment: Experiment, files: SessionFiles, options: Namespace, stop: Callable[[], bool], stack: ExitStack
+) -> int:
+    from graspfx.experiment.answering import Function, Keys
+    from graspfx.experiment.experiment import REAL_TIME, SIMULATED
+    from graspfx.experiment.presenters import RealTime, Simulated
+    from graspfx.experiment.simulated_observers import simulated_observer
+
+    tellers: list[Callable[[str], object]] = []
+    answerer: Answerer
+    presenter: Presenter
+    listeners: list[Callable[[Event], object]] = []
+    keys: Keys | None = None
+    if options.simulate:
+        answerer = Function(simulated_observer(experiment.table, files.participant, files.session))
+        presenter = Simulated(experiment.scene, experiment.duration)
+    else:
+        watchers: list[Watcher] = []
+        tellers.append(_say)
+        answerer = keys = Keys(lambda text: [tell(text) for tell in tellers], stop)
+        if options.page:
+            page = _page(experiment, keys, options, stack)
+            watchers.append(page)
+            tellers.append(page.tell)
+        if options.stream:
+            from graspfx.live.stream.stream_socket import stream_of
+
+            stream, address = stream_of(stack)
+            _say(address)
+            watchers.append(stream)
+        if options.lsl:
+            listen, rows = _streams(experiment, stack)
+            listeners.append(listen)
+            watchers.append(rows)
+        presenter = RealTime(experiment.scene, experiment.duration, watchers)
+    trials = experiment.session(
+        stack, files, presenter, answerer, mode=SIMULATED if options.simulate else REAL_TIME, resume=options.resume,
+        stop=stop, tell=lambda text: [tell(text) for tell in tellers], listeners=listeners,
+        is_paced=not options.simulate,
+    )  # fmt: skip
+    if keys is not None:
+        from graspfx.system.terminal_keys import terminal_keys
+
+        stack.enter_context(terminal_keys(keys.press, keys.end if not options.page else _nothing))
+    total, faults = len(trials.plan.slots), 0
+    for row in trials.trials():
+        faults += bool(row.fault)
+        if options.simulate and not is_quiet() and row.trial.number % 20 == 0:
+            _say(f"{row.trial.number} of {total} trials")
+        elif row.fault:
+            _say(f"fault: {row.fault}")
+    _sum_up(experiment, files)
+    if trials.plan.done < total:
+        _say(f"ended after trial {trials.plan.done} of {total}; --resume goes on with the next")
+        return INTERRUPTED
+    return FAULTS if faults else SUCCESS
+
+
+def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitStack) -> AnswerPage:
+    from graspfx.experiment.answer_page import AnswerPage
+
+    table = experiment.table
+    answers = table.question.keys if table.question is not None else {}
+    scene = experiment.scene if table.page == "scene" else None
+    page = stack.enter_context(AnswerPage(experiment.title, answers, keys.press, scene, port=options.port))
+    _say(f"{page.server.url}  (this machine only)")
+    return page
+
+
+def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
+    """Print how often each condition was answered rightly, thresholds, and where the table is."""
+    from graspfx.experiment.thresholds import thresholds
+    from graspfx.experiment.trial_table import read_table
+
+    if is_quiet():
+        return
+    rows = [row for row in read_table(files.table) if row["trial_type"] == "test"]
+    right = Counter(row["condition"] for row in rows if row["correct"] == "true")
+    judged = Counter(row["condition"] for row in rows if row["correct"] in ("true", "false"))
+    for name, count in judged.items():
+        print(f"{name}: {right[name]} of {count} answers right")
+    if experiment.table.staircase is not None and rows:
+        for each in thresholds(experiment, rows):
+            if each.trials:
+                low, high = (100.0 * each.value * FACTOR ** (sign * each.spread) for sign in (-1.0, 1.0))
+                print(f"{each.condition}: threshold {100.0 * each.value:.1f} % ({low:.1f} to {high:.1f} %)")
+    print(f"wrote {files.table}")
+
+
+def _print_plan(experiment: Experiment, options: Namespace) -> int:
+    for trial in experiment.order(options.participant, options.session):
+        kind = "practice" if trial.is_practice else "test"
+        levels = "".join(f"  {name}={level}" for name, level in trial.levels.items())
+        size = "" if trial.increment != trial.increment else f"  +{100.0 * trial.increment:.4g} %"
+        answer = f"  {trial.answer}" if trial.answer else ""
+        print(f"{trial.number}  {kind}  {trial.condition}{levels}{size}{answer}")
+    return SUCCESS
+
+
+def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
+    """Open LSL streams of markers and of rows."""
+    from graspfx.experiment.lsl_watcher import LslMarkers, LslRows
+
+    rows = LslRows(f"GraspFX {experiment.name}")
+    stack.callback(rows.close)
+    return LslMarkers(f"GraspFX {experiment.name} markers").mark, rows
+
+
+def _nothing() -> None:
+    """Do nothing: a page goes on without a terminal."""
+
+
+def _say(text: str) -> None:
+    print(text)
+    sys.stdout.flush()

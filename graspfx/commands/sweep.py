@@ -1,0 +1,210 @@
+"""graspfx sweep: many variants of a scene, in chunks that stay, as one file, a table and a figure."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from graspfx.commands.arguments import add_scene, add_style, picture_name
+from graspfx.commands.destination import OUT, add_destination, destination
+from graspfx.commands.output import INTERRUPTED, SUCCESS, name_files, note, print_json, require_place
+from graspfx.errors import InputError
+from graspfx.loop.recording.places import placing
+
+if TYPE_CHECKING:
+    from graspfx.sweeps.sweep_result import SweepResult
+
+EXAMPLE = """  graspfx sweep paper-spring --over coupling.external.stiffness=20:70:25 --over object.viscosity=0.4:1.6:20
+  graspfx sweep paper-spring --over object.mass=0.05:0.4 --over object.viscosity=0.4:1.6 --sample lhs:500"""
+MOST = 3  # variants at either end of the table, and reasons of failures
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument(
+        "--over", metavar="KEY=FROM:TO:COUNT", action="append", default=[],
+        help="a key and its values: evenly spaced, with :log in even ratios, or a list as in object.mass=0.1,0.2; "
+        "another one makes a grid",
+    )  # fmt: skip
+    parser.add_argument("--zip", action="store_true", help="take first values together, then second ones, ...")
+    parser.add_argument("--sample", metavar="lhs:N", default="", help="N variants of a Latin hypercube, not a grid")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the sample (0)")
+    parser.add_argument("--duration", metavar="SECONDS", type=float, help="instead of the scene's own")
+    parser.add_argument(
+        "--measure", metavar="NAME", action="append", default=[],
+        help="a quantity, as finger_force, or one of its statistics, as finger_force.peak; the first ranks the table",
+    )  # fmt: skip
+    parser.add_argument(
+        "--executor", metavar="KIND", help="threads:N or processes:N instead of this process on all processors"
+    )
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask: local:N, or tcp://HOST:PORT of a scheduler")
+    parser.add_argument("--chunk", metavar="N", type=int, help="variants in a chunk (a second or two of them)")
+    parser.add_argument("--resume", action="store_true", help="go on with the same sweep where it was")
+    add_destination(parser, "DIR", "folder of chunks/, sweep.nc and sweep.png (out/SCENE-sweep, or ...-2, ...)")
+    add_style(parser)
+    parser.add_argument("--json", action="store_true", help="print all values and measures as JSON, and nothing else")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.progress import clear, waiting
+    from graspfx.scene.load import load
+
+    arguments = _arguments(options)
+    with waiting(f"reading {options.scene}"):
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    with _place(options) as folder:
+        from graspfx.sweeps.sweep import sweep
+
+        try:
+            result = sweep(scene, out=folder, **arguments)
+        except KeyboardInterrupt as error:
+            clear()
+            done = str(error).partition(":")[0]
+            print(f"interrupted: {done}; the same command with --out {folder} --resume goes on", file=sys.stderr)
+            return INTERRUPTED
+        files = [folder / "sweep.nc", *_draw(result, folder, options)]
+    if options.json:
+        print_json(result.to_dict())
+        return SUCCESS
+    for line in table(result, _ranked(result, options)):
+        print(line)
+    note(result.notes)
+    name_files(files)
+    return SUCCESS
+
+
+def _arguments(options: Namespace) -> dict[str, Any]:
+    """Read what the sweep is to be, before anything is loaded that takes long."""
+    from graspfx.batch.batch import MEASURED
+    from graspfx.batch.statistics import STATISTICS
+    from graspfx.sweeps.ranges import read_over
+
+    if not options.over:
+        raise InputError("--over", "nothing", "at least one key, as in --over object.viscosity=0.8:1.5:15")
+    if options.cluster and options.executor:
+        raise InputError("--cluster", options.cluster, "no --executor beside it", "a cluster is one")
+    values = dict(map(read_over, options.over))
+    if len(values) < len(options.over):
+        raise InputError("--over", ", ".join(options.over), "each key once")
+    names = [name.strip() for text in options.measure for name in text.split(",") if name.strip()]
+    quantities = dict.fromkeys(_split(name)[0] for name in names)
+    statistics = dict.fromkeys(_split(name)[1] for name in names)
+    return {
+        "values": values,
+        "zip": options.zip,
+        "sample": options.sample,
+        "seed": options.seed,
+        "duration": options.duration,
+        "measure": list(quantities) or MEASURED,
+        "statistics": STATISTICS if not names or "" in statistics else list(statistics),
+        "executor": _cluster(options.cluster) if options.cluster else options.executor,
+        "chunk": options.chunk,
+        "resume": options.resume,
+        "overwrite": options.overwrite,
+    }
+
+
+def _cluster(address: str) -> str:
+    if address != "local" and not address.startswith("local:") and "://" not in address:
+        raise InputError("--cluster", address, "local:N, or the address of a scheduler, tcp://HOST:PORT")
+    return address
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Split quantity and statistic; the latter is empty where all are meant."""
+    from graspfx.batch.statistics import STATISTICS
+
+    quantity, _, statistic = name.rpartition(".")
+    return (quantity, statistic) if quantity and statistic in STATISTICS else (name, "")
+
+
+@contextmanager
+def _place(options: Namespace) -> Iterator[Path]:
+    """Choose the folder: that of --out, or a new one; with --resume the last one of the scene."""
+    name = f"{Path(options.scene).stem}-sweep"
+    if options.out is None and options.resume:
+        folders = [path.parent for path in OUT.glob(f"{name}*/sweep.json")]
+        if not folders:
+            raise InputError("--resume", str(OUT / name), "a sweep that was begun", "name its folder with --out")
+        yield max(folders, key=lambda path: path.stat().st_mtime_ns)
+        return
+    with destination(options, name) as folder:
+        yield folder
+
+
+def _draw(result: SweepResult, folder: Path, options: Namespace) -> Iterator[Path]:
+    """Draw the measures that were asked for: curves and marginals on one sheet, a map for each."""
+    from graspfx.progress import waiting
+
+    names = [_whole(result, name) for text in options.measure for name in text.split(",") if name.strip()]
+    names = list(dict.fromkeys(names)) or result.drawn()
+    sheets = [[name] for name in names] if result.has_maps else [names]
+    for k, sheet in enumerate(sheets):
+        picture = folder / picture_name("sweep" if not k else f"sweep-{sheet[0].replace('/', '-')}", options)
+        require_place(picture)
+        with waiting(f"drawing {picture.name}"), placing(picture) as file:
+            result.plot(*sheet, width=options.width).save(file, options.format or "png")
+        yield picture
+
+
+def _whole(result: SweepResult, name: str) -> str:
+    quantity, statistic = _split(name.strip())
+    return f"{quantity}.{statistic}" if statistic else result.first_of(quantity)
+
+
+def _ranked(result: SweepResult, options: Namespace) -> str:
+    return next((_whole(result, name) for text in options.measure for name in text.split(",")), "")
+
+
+def table(result: SweepResult, measure: str = "") -> Iterator[str]:
+    """Write the variants with the least and the largest of a measure, and say how many failed and why."""
+    from shutil import get_terminal_size
+
+    from graspfx.show.table import ASCII, RULES, Column, lines
+
+    name, values = result.scalar(measure)
+    order = result.ranking(name).tolist()
+    least, largest = order[:MOST], order[max(MOST, len(order) - MOST) :][::-1]
+    keys = list(result.values)
+    rows = [*(("least", k) for k in least), *(("largest", k) for k in largest)]
+    yield f"{result.scene}: {len(result)} variants, {result.seconds[0]:.3g} s"
+    if rows:
+        flat = values.ravel()
+        columns = [
+            Column("", [text for text, _ in rows]),
+            Column(f"{name}{_unit(result, name)}", [f"{flat[k]:.4g}" for _, k in rows], right=True),
+            *(
+                Column(title, [_text(result.overrides(k)[key]) for _, k in rows], folds=True)
+                for key, title in zip(keys, _titles(keys), strict=True)
+            ),
+            Column("variant", [str(k) for _, k in rows], right=True),
+        ]
+        plain = not (sys.stdout.encoding or "").lower().startswith("utf")
+        yield from lines(columns, get_terminal_size().columns, rules=ASCII if plain else RULES)
+    faults, failures = int((result.fault_tick >= 0).sum()), int(result.failed.sum())
+    if name.endswith(".growth"):
+        grows = int((values > 1.0).sum())
+        yield f"growing, above 1: {grows} of {len(result)}"
+    yield f"faults: {faults}; failures: {failures}"
+    for text in result.reasons(MOST):
+        yield f"  {text}"
+
+
+def _unit(result: SweepResult, name: str) -> str:
+    quantity, statistic = result.measure_of(name)
+    unit = result.column(quantity).unit
+    return "" if statistic == "growth" or unit == "1" else f" [{unit}]"
+
+
+def _titles(keys: list[str]) -> list[str]:
+    """Shorten keys to their last two parts, where these tell them apart."""
+    short = [".".join(key.split(".")[-2:]) for key in keys]
+    return short if len(set(short)) == len(keys) else keys
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,67 @@
+"""graspfx tune: the largest gains that keep a scene's margins in the hands of every operator of a set."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from time import perf_counter
+
+from graspfx.commands.arguments import add_operators, add_scene
+from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
+from graspfx.loop.recording.places import make_folder, placing
+from graspfx.progress import waiting
+
+EXAMPLE = """  graspfx tune paper-waving --maximise internal.stiffness --subject-to "margin >= 1.3, grip >= 1.2"
+  graspfx tune mug --over internal.stiffness=100:3000 --operators 'hand.*.arm.stiffness=50:1000'"""
+FILE = "tuned.toml"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument(
+        "--maximise", metavar="FORMULA", default="internal.stiffness",
+        help="of measures and keys, as internal.stiffness (the default) or external.stiffness + internal.stiffness",
+    )  # fmt: skip
+    parser.add_argument(
+        "--subject-to", metavar="COMPARISONS", action="append", default=[],
+        help="between commas, as in 'margin >= 1.3, grip >= 1.2' (margin >= 1.5)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--over", metavar="KEY=FROM:TO", action="append", default=[],
+        help="a key that may change; several may follow one --over (the gains of the formula)",
+    )  # fmt: skip
+    add_operators(parser, "own: the scene's own alone")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the hands that verify the answer (0)")
+    add_destination(parser, "DIR", f"folder of {FILE}, the tuned values as a preset; nothing is written if not given")
+    parser.add_argument("--json", action="store_true", help="print the answer as JSON, and nothing else")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.scene.load import load
+    from graspfx.tuning.tune import USUAL, tune
+
+    file = None if options.out is None else options.out / FILE
+    if file is not None:
+        require_place(file)
+        require_room(options, [file])
+    with waiting(f"reading {options.scene}"):
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    ranges = [text for text in options.operators or [] if text]
+    began = perf_counter()
+    answer = tune(
+        scene, options.maximise, options.subject_to or USUAL, over=options.over or None,
+        operators="own" if ranges == ["own"] else ranges or None, seed=options.seed,
+    )  # fmt: skip
+    if options.json:
+        print_json(answer.to_dict())
+    else:
+        print(*answer.lines(), sep="\n")
+        print(f"  {perf_counter() - began:.2g} s")
+    if file is not None and answer.feasible:
+        make_folder(file.parent)
+        with placing(file) as place:
+            Path(place).write_text(answer.toml, encoding="utf-8")
+        if not options.json:
+            name_files([file])
+    return SUCCESS if answer.feasible else REFUSED

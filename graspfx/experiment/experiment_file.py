@@ -1,0 +1,86 @@
+"""Experiments by name or path: tables in TOML, with every fault at once, each with its line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from graspfx import plugins
+from graspfx.build.checks.faults import field_faults
+from graspfx.environment import require_file, resolved, to_path
+from graspfx.errors import Fault, InputError, SceneError, UnknownNameError
+from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.experiment_faults import experiment_faults, scene_of
+from graspfx.experiment.experiment_table import ExperimentTable
+from graspfx.scene.keys import Key, as_faults, parts_of
+from graspfx.scene.lines import KeyLines
+from graspfx.scene.load import file_text, parse
+from graspfx.scene.source import Source
+from graspfx.scene.tables.fields import DRAFT
+
+EXAMPLES = Path(__file__).parent / "examples"
+
+
+def names() -> dict[str, Path]:
+    """List the experiments that come with GraspFX, by name."""
+    return {path.stem: path for path in sorted(EXAMPLES.glob("*.toml"))}
+
+
+def load(name: str | PathLike[str]) -> Experiment:
+    """Load an experiment: the name of one that comes with GraspFX, or the path of a .toml file.
+
+    Args:
+        name: such as "stiffness-jnd", or a path.
+
+    Raises:
+        SceneError: with every fault at once, each with its line; those that its scene has with its values, too.
+        UnknownNameError: no experiment has that name.
+        InputError: the path leads to no file.
+    """
+    if not isinstance(name, str | PathLike):
+        raise InputError("experiment", name, "a name or the path of a .toml file")
+    text = fspath(name)
+    if text.endswith(".toml"):
+        path = resolved("experiment", to_path("experiment", text))
+        require_file("experiment", text, path)
+    elif text in names():
+        path = names()[text]
+    else:
+        raise UnknownNameError("experiment", text, names(), "a file is named with its .toml")
+    return read(file_text(path), plugins.shown_path(path), path)
+
+
+def read(text: str, name: str, path: Path | None = None) -> Experiment:
+    """Read an experiment from the text of a file.
+
+    Args:
+        text: TOML.
+        name: as it stands in messages.
+        path: of the file, from whose folder a scene is looked for.
+
+    Raises:
+        SceneError: with every fault at once.
+    """
+    data = parse(text, name)
+    source = Source(name, text, path)
+    faults: list[tuple[Key, str]] = []
+    try:
+        table = draft = ExperimentTable.model_validate(data)
+    except ValidationError as error:
+        draft = ExperimentTable.model_validate(data, context=DRAFT)
+        faults = list(field_faults(error, draft))
+    with plugins.unchanged():
+        faults += experiment_faults(draft, source)
+        if faults:
+            raise SceneError(name, _placed(data, faults, text))
+        return Experiment(table, scene_of(table, source), source)
+
+
+def _placed(data: Mapping[str, Any], faults: list[tuple[Key, str]], text: str) -> list[Fault]:
+    lines = KeyLines(text)
+    placed = [Fault(each.key, each.message, lines[parts_of(each.key)]) for each in as_faults(data, faults)]
+    return sorted(placed, key=lambda fault: fault.line or 0)

@@ -1,0 +1,105 @@
+"""Markers: what happened when, in the events of a session, beside each recording, and for whoever listens."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from graspfx.experiment.session_files import RowFile, SessionFiles, cell, place_file
+
+EVENTS = {
+    "onset": {"Description": "since the session began", "Units": "s"},
+    "duration": {"Description": "none: an event is an instant", "Units": "s"},
+    "trial_number": {"Description": "of the trial"},
+    "event": {
+        "Description": "what happened",
+        "Levels": {
+            "trial": "the trial began",
+            "stimulus": "first tick of an interval's run",
+            "end": "its forces had faded",
+            "question": "it could be answered",
+            "response": "it was answered",
+            "break": "a pause began",
+            "resume": "the session went on, in another process",
+        },
+    },
+    "interval": {"Description": "of the trial, from 1"},
+    "value": {"Description": "condition, answer, or what the event is about"},
+}
+FILE = "events.tsv"  # beside a recording
+
+
+class Event(NamedTuple):
+    """Something that happened.
+
+    Attributes:
+        clock: of `time.monotonic` [s].
+        trial: its number; 0 outside of trials.
+        name: what happened.
+        interval: of the trial, from 1; 0 for none.
+        value: what the event is about.
+    """
+
+    clock: float
+    trial: int
+    name: str
+    interval: int = 0
+    value: str = ""
+
+
+class Markers:
+    """The events of a session.
+
+    Args:
+        files: of the session.
+        resume: whether its table of events goes on.
+        started: time of day at which the session began [s].
+        listeners: are told of every event, as an LSL stream is.
+    """
+
+    def __init__(
+        self, files: SessionFiles, started: float, *, resume: bool = False,
+        listeners: Sequence[Callable[[Event], object]] = (),
+    ) -> None:  # fmt: skip
+        self._zero = time.monotonic() - (time.time() - started)
+        self._listeners = tuple(listeners)
+        goes_on = resume and files.events.exists()
+        if not files.events_description.exists():
+            place_file(files.events_description, json.dumps(EVENTS, indent=2) + "\n")
+        self._file = RowFile(files.events, list(EVENTS), resume=goes_on)
+
+    def onset(self, clock: float) -> float:
+        """Give the time since the session began [s]."""
+        return clock - self._zero
+
+    def mark(self, event: Event) -> None:
+        """Tell the listeners of an event, and write it."""
+        for listen in self._listeners:
+            listen(event)
+        self._file.write({
+            "onset": cell(round(self.onset(event.clock), 6)), "duration": "0", "trial_number": cell(event.trial or ""),
+            "event": cell(event.name), "interval": cell(event.interval or ""), "value": cell(event.value),
+        })  # fmt: skip
+
+    def close(self) -> None:
+        """Close the table of events."""
+        self._file.close()
+
+
+def write_beside(recording: Path, zero: float, events: Sequence[Event]) -> None:
+    """Write events beside a recording, with times from its first tick on.
+
+    Args:
+        recording: its file.
+        zero: of the first tick, of `time.monotonic` [s].
+        events: of its trial.
+    """
+    lines = ["onset\tduration\tevent\tinterval\tvalue"]
+    lines += [
+        "\t".join([cell(round(each.clock - zero, 6)), "0", each.name, cell(each.interval or ""), cell(each.value)])
+        for each in events
+    ]
+    place_file(recording.with_name(FILE), "\n".join(lines) + "\n")

@@ -1,0 +1,170 @@
+"""A session: trial after trial, each written before the next one begins."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspfx.errors import InputError
+from graspfx.experiment.answering import Answerer, Stopped
+from graspfx.experiment.markers import Event, Markers, write_beside
+from graspfx.experiment.presenters import Presenter, Showing
+from graspfx.experiment.session_files import RowFile, SessionFiles, cell
+from graspfx.experiment.trial import FIRST, SECOND, Presentation, Row, Trial
+from graspfx.experiment.trial_table import cells_of
+
+if TYPE_CHECKING:
+    from graspfx.experiment.experiment_table import ExperimentTable
+    from graspfx.experiment.session_plan import SessionPlan
+
+PLACES = (FIRST, SECOND)  # folders of two intervals
+FORCES = "hold the device; its forces come when you press Enter"
+
+
+class _BrokenOff(Exception):
+    """A trial that was broken off: it is written nowhere, and comes again."""
+
+
+@dataclass
+class SessionOfTrials:
+    """A session that goes on from where its plan is.
+
+    Attributes:
+        table: of the experiment.
+        files: of the session.
+        plan: its order.
+        rows: the table of trials.
+        markers: its events.
+        presenter: shows intervals.
+        answerer: answers.
+        tell: shows a text.
+        stop: whether to end.
+        is_paced: whether gaps and breaks are waited for, and times of responses mean something.
+    """
+
+    table: ExperimentTable
+    files: SessionFiles
+    plan: SessionPlan
+    rows: RowFile
+    markers: Markers
+    presenter: Presenter
+    answerer: Answerer
+    tell: Callable[[str], object]
+    stop: Callable[[], bool]
+    is_paced: bool = True
+    _events: list[Event] = field(default_factory=list)
+
+    def trials(self) -> Iterator[Row]:
+        """Run trial after trial; a row is on the disk before it is given.
+
+        It ends after the last trial, or where it is stopped. A fault of hardware ends it too: nothing arms it again.
+
+        Raises:
+            InputError: hardware that ended in a fault.
+        """
+        if self.plan.done:
+            self.markers.mark(Event(time.monotonic(), 0, "resume"))
+        while (trial := self.plan.trial()) is not None:
+            try:
+                self._pause_before(trial)
+                row = self._run(trial)
+            except (_BrokenOff, Stopped):
+                return
+            self.rows.write({name: cell(value) for name, value in cells_of(row).items()})
+            self.plan.take(row)
+            yield row
+            if row.fault and self.presenter.has_hardware:
+                do = "see to the device, and go on with --resume"
+                raise InputError(
+                    "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware at work", do
+                )
+
+    def _pause_before(self, trial: Trial) -> None:
+        breaks = self.table.breaks
+        if breaks is None or trial.is_practice or not self.is_paced:
+            return
+        count = trial.number - 1 - sum(slot.is_practice for slot in self.plan.slots)
+        if count > 0 and count % breaks.every == 0:
+            self._mark(trial, "break", value=breaks.text)
+            self.answerer.ready(f"{breaks.text}; press Enter to go on")
+
+    def _run(self, trial: Trial) -> Row:
+        self._events = []
+        question = self.table.question
+        during = question is not None and question.when == "during"
+        if self.table.ready and not self.presenter.has_hardware and self.is_paced:
+            self.answerer.ready(f"trial {trial.number} of {len(self.plan.slots)}: press Enter")
+        self._mark(trial, "trial", value=trial.condition)
+        home = self.files.trial_folder(trial.number)
+        showings: list[Showing] = []
+        for place in range(len(trial.intervals)):
+            showings.append(self._show(trial, place, home, showings, during=during))
+            if not showings[-1].is_whole and not showings[-1].fault:
+                raise _BrokenOff
+            if showings[-1].fault:
+                break
+        fault = next((each.fault for each in showings if each.fault), "")
+        response, clock, seconds = "", showings[-1].end, math.nan
+        if question is not None and not fault:
+            since = showings[-1].zero if during else self._ask(trial)
+            answer = self.answerer.answer(Presentation(trial, [each.recording for each in showings]))
+            response, clock = answer.response, answer.clock
+            seconds = clock - since if self.is_paced else math.nan
+            self._mark(trial, "response", value=response, clock=clock)
+        zero = showings[0].zero
+        for each in showings:
+            if each.recording.is_file():
+                write_beside(each.recording, each.zero, self._events)
+        path = Path(os.path.relpath(home, self.files.folder)).as_posix()
+        return Row(trial, response, seconds, self.markers.onset(zero), clock - zero, fault, path)
+
+    def _show(self, trial: Trial, place: int, home: Path, before: Sequence[Showing], *, during: bool) -> Showing:
+        """Show an interval; with hardware a person acts first, each time."""
+        question, number = self.table.question, place + 1 if trial.is_comparison else 0
+        if self.presenter.has_hardware:
+            label = f"trial {trial.number} of {len(self.plan.slots)}" + (f", interval {number}" if number else "")
+            self.answerer.ready(f"{label}: {FORCES}")
+        if before and self.is_paced:
+            while (left := before[-1].end + self.table.gap - time.monotonic()) > 0.0:
+                if self.stop():
+                    raise Stopped
+                time.sleep(min(left, 0.05))
+        if trial.is_comparison:
+            self.tell(PLACES[place])
+
+        def begin(zero: float) -> None:
+            self._mark(trial, "stimulus", number, clock=zero)
+            if during and question is not None:
+                self._mark(trial, "question", value=question.text, clock=zero)
+                self.tell(_prompt(question.text, question.keys))
+                self.answerer.listen(question.keys)
+
+        folder = home / PLACES[place] if trial.is_comparison else home
+        answered = self.answerer.has_answered if during else lambda: False
+        showing = self.presenter.show(trial.intervals[place], folder, begin, answered, self.stop)
+        self._mark(trial, "end", number, clock=showing.end)
+        return showing
+
+    def _ask(self, trial: Trial) -> float:
+        """Ask the question; give when it could be answered."""
+        question = self.table.question
+        assert question is not None
+        self.answerer.listen(question.keys)
+        self.tell(_prompt(question.text, question.keys))
+        since = time.monotonic()
+        self._mark(trial, "question", value=question.text, clock=since)
+        return since
+
+    def _mark(self, trial: Trial, name: str, interval: int = 0, value: str = "", clock: float | None = None) -> None:
+        event = Event(time.monotonic() if clock is None else clock, trial.number, name, interval, value)
+        self._events.append(event)
+        self.markers.mark(event)
+
+
+def _prompt(text: str, keys: dict[str, str]) -> str:
+    return f"{text}  {'   '.join(f'[{key}] {answer}' for key, answer in keys.items())}"

@@ -1,0 +1,95 @@
+"""A staircase: QUEST+ chooses the increment whose answer says most about the threshold."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import MissingPackageError
+
+if TYPE_CHECKING:
+    from graspfx.experiment.experiment_table import Span, Staircase
+
+FloatArray = NDArray[np.float64]
+GUESS = 0.5  # rate of right answers between two intervals without any difference
+
+
+class Stair:
+    """A staircase of one condition: the posterior of its threshold, with a flat prior over the logarithm.
+
+    The chance of a right answer to an increment x is the Weibull function
+    p(x) = 1 - l - (1/2 - l) exp(-(x/t)^s), with threshold t, slope s and lapse rate l; p(t) is 0.80 for l = 0.02.
+    (A. B. Watson, QUEST+: a general multidimensional Bayesian adaptive psychometric method, J. Vision 17(3):10, 2017.)
+
+    Args:
+        table: domains, slope and lapse rate.
+
+    Raises:
+        MissingPackageError: questplus is not installed.
+    """
+
+    def __init__(self, table: Staircase) -> None:
+        self.table = table
+        self.increments, self.thresholds = span_values(table.increments), span_values(table.threshold)
+        self._quest: Any = _quest_plus()(
+            stim_domain={"intensity": self.increments},
+            param_domain={
+                "threshold": self.thresholds, "slope": [table.slope], "lower_asymptote": [GUESS],
+                "lapse_rate": [table.lapse],
+            },
+            outcome_domain={"response": ["Yes", "No"]}, func="weibull", stim_scale="linear",
+            stim_selection_method="min_entropy", param_estimation_method="mean",
+        )  # fmt: skip
+        self.trials = 0
+
+    def increment(self) -> float:
+        """Choose the next increment, relative."""
+        return float(self._quest.next_stim["intensity"])
+
+    def easiest(self, size: float | None) -> float:
+        """Give the increment of practice: the one that is asked for, else the largest."""
+        return float(self.increments[-1]) if size is None else size
+
+    def update(self, increment: float, *, is_correct: bool) -> None:
+        """Take an answer over; an increment that was written as text goes to the one that it was."""
+        nearest = self.increments[np.abs(self.increments - increment).argmin()]
+        self._quest.update(stim={"intensity": nearest}, outcome={"response": "Yes" if is_correct else "No"})
+        self.trials += 1
+
+    def posterior(self) -> FloatArray:
+        """Give the probability of each threshold."""
+        return np.asarray(self._quest.posterior.sum(("slope", "lower_asymptote", "lapse_rate")).values)
+
+    def threshold(self) -> tuple[float, float]:
+        """Estimate the threshold, relative: the geometric mean over the posterior, and the deviation of its log."""
+        log, weight = np.log(self.thresholds), self.posterior()
+        mean = float(weight @ log)
+        return float(np.exp(mean)), float(np.sqrt(weight @ (log - mean) ** 2))
+
+
+def span_values(span: Span) -> FloatArray:
+    """List the values of a span, equally far apart as ratios."""
+    return np.geomspace(span.least, span.most, span.count)
+
+
+def chance(increment: float, threshold: float, slope: float, lapse: float) -> float:
+    """Give the chance of a right answer to an increment, by the Weibull function of `Stair`."""
+    return float(1.0 - lapse - (1.0 - GUESS - lapse) * np.exp(-((increment / threshold) ** slope)))
+
+
+def information(increment: float, threshold: float, slope: float, lapse: float) -> float:
+    """Give the Fisher information of one answer about the log of the threshold: p'^2 / (p (1 - p))."""
+    p = chance(increment, threshold, slope, lapse)
+    ratio = (increment / threshold) ** slope
+    change = -(1.0 - GUESS - lapse) * np.exp(-ratio) * ratio * slope  # dp / d log t
+    return float(change * change / (p * (1.0 - p)))
+
+
+def _quest_plus() -> Any:
+    try:
+        import questplus
+    except ImportError as error:
+        raise MissingPackageError.of_extra("questplus", "a staircase", "experiment") from error
+    return questplus.QuestPlus

@@ -1,0 +1,178 @@
+"""The table of a session: a row for each trial, with a description of its columns; and how it is read again."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from datetime import datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from graspfx import __version__
+from graspfx.errors import RecordingError
+from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file
+from graspfx.experiment.study import Study
+from graspfx.experiment.trial import FIRST, SECOND, Row
+
+if TYPE_CHECKING:
+    from graspfx.experiment.session_plan import SessionPlan
+
+COLUMNS: dict[str, dict[str, Any]] = {
+    "trial_number": {"Description": "order of the trial in the session, from 1"},
+    "trial_type": {"Description": "what the trial counts for", "Levels": {"test": "counts", "practice": "does not"}},
+    "condition": {"Description": "name of the condition"},
+    "repetition": {"Description": "of the condition, from 1; of practice trials among themselves"},
+    "reference": {"Description": "smaller value of a comparison, in units of its key"},
+    "increment": {"Description": "by which the larger value is larger, relative to the reference", "Units": "1"},
+    "larger": {"Description": "interval of the larger value", "Levels": {FIRST: "", SECOND: ""}},
+    "response": {"Description": "answer of the participant"},
+    "correct": {"Description": "whether it is the right one", "Levels": {"true": "", "false": ""}},
+    "response_time": {"Description": "from when the question could be answered to the response", "Units": "s"},
+    "onset": {"Description": "first stimulus of the trial, since the session began", "Units": "s"},
+    "duration": {"Description": "from there to the response", "Units": "s"},
+    "fault": {"Description": "fault of a run in the trial, from which on its forces were zero"},
+    "path": {"Description": "folder of the trial's recordings, relative to this file"},
+}
+RESERVED = frozenset(COLUMNS)
+DIGEST = "Digest"
+
+
+def columns_of(experiment: Study) -> list[str]:
+    """Name the columns: those of factors stand after the repetition."""
+    factors = [factor.name for factor in experiment.table.factor]
+    names = list(COLUMNS)
+    at = names.index("reference")
+    return [*names[:at], *factors, *names[at:]]
+
+
+def digest(experiment: Study, files: SessionFiles, mode: str) -> str:
+    """Give what says whether a session is of the same experiment, scene, participant and mode."""
+    about = [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
+    return sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+
+
+def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
+    """Describe a session: its columns as BIDS wants it, and the experiment that it can be made again from."""
+    table = experiment.table
+    factors = {factor.name: {"Description": f"level of the factor; values of {factor.key or 'several keys'}"}
+               for factor in table.factor}  # fmt: skip
+    columns = COLUMNS | factors
+    question = table.question
+    return {
+        "TaskName": table.name,
+        "TaskDescription": table.title,
+        "Instructions": question.text if question is not None else "",
+        **{name: columns[name] for name in columns_of(experiment)},
+        "GraspFX": {
+            "Version": __version__,
+            "Started": now_precisely(),
+            "Participant": files.participant,
+            "Session": files.session,
+            "Seed": table.seed,
+            "Mode": mode,
+            "Keys": dict(question.keys) if question is not None else {},
+            "Experiment": table.model_dump(mode="json", exclude_unset=True),
+            "ExperimentText": experiment.source.text,
+            "Scene": experiment.scene.to_dict(),
+            DIGEST: digest(experiment, files, mode),
+        },
+    }
+
+
+def now_precisely() -> str:
+    """Give the time of day, UTC, ISO 8601, with microseconds."""
+    from datetime import UTC
+
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, float]:
+    """Begin the table of a session; give it, and the time of day at which the session began [s].
+
+    Raises:
+        RecordingError: it is there already, or cannot be written.
+    """
+    about = describe(experiment, files, mode)
+    if not files.study.exists():
+        study = {"Name": experiment.table.title or experiment.table.name, "BIDSVersion": "1.10.0", "DatasetType": "raw",
+                 "GeneratedBy": [{"Name": "GraspFX", "Version": __version__}]}  # fmt: skip
+        place_file(files.study, json.dumps(study, indent=2) + "\n")
+    if files.table.exists():
+        raise RecordingError(f"{files.table}: is there already; --resume goes on with it, --run N begins another")
+    place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
+    return RowFile(files.table, columns_of(experiment)), _started(about)
+
+
+def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan) -> tuple[RowFile, float]:
+    """Go on with the table of a session: the plan goes to where it broke off.
+
+    Raises:
+        RecordingError: there is none, or one of another experiment, scene, order or mode.
+    """
+    try:
+        about = json.loads(files.table_description.read_text("utf-8"))
+        before = about["GraspFX"][DIGEST]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f"{files.table_description}: no session to go on with was there") from error
+    if before != digest(experiment, files, mode):
+        text = "is of another experiment, scene or mode: what was begun goes on as it was, or --run N begins another"
+        raise RecordingError(f"{files.table_description}: {text}")
+    rows = RowFile(files.table, columns_of(experiment), resume=files.table.exists())
+    try:
+        for number, row in enumerate(rows.rows):
+            _take(plan, row, f"{files.table}:{number + 2}")
+    except BaseException:
+        rows.close()
+        raise
+    return rows, _started(about)
+
+
+def _started(about: Mapping[str, Any]) -> float:
+    return datetime.fromisoformat(about["GraspFX"]["Started"]).timestamp()
+
+
+def _take(plan: SessionPlan, row: Mapping[str, str], where: str) -> None:
+    """Let a plan go on by a row that was written: a response moves its staircase as it did."""
+    trial = plan.trial()
+    expected = {} if trial is None else cells_of(Row(trial))
+    same = ("trial_number", "trial_type", "condition", "repetition", "increment", "larger")
+    if trial is None or any(row.get(name) != cell(expected[name]) for name in same):
+        raise RecordingError(f"{where}: is no trial of this session's order")
+    response = row.get("response", MISSING)
+    plan.take(Row(trial, "" if response == MISSING else response))
+
+
+def cells_of(row: Row) -> dict[str, Any]:
+    """Write a trial's row by column."""
+    trial = row.trial
+    return {
+        "trial_number": trial.number,
+        "trial_type": "practice" if trial.is_practice else "test",
+        "condition": trial.condition,
+        "repetition": trial.repetition,
+        **{name: level if isinstance(level, str | float | int) else json.dumps(level)
+           for name, level in trial.levels.items()},
+        "reference": trial.reference,
+        "increment": trial.increment,
+        "larger": trial.answer if trial.is_comparison else "",
+        "response": row.response,
+        "correct": row.is_correct,
+        "response_time": _rounded(row.response_time),
+        "onset": _rounded(row.onset),
+        "duration": _rounded(row.duration),
+        "fault": row.fault,
+        "path": row.path,
+    }  # fmt: skip
+
+
+def _rounded(seconds: float) -> float:
+    return seconds if math.isnan(seconds) else round(seconds, 6)
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out."""
+    text = path.read_text("utf-8")
+    head, *lines = text[: text.rfind("\n") + 1].splitlines()
+    return [dict(zip(head.split("\t"), line.split("\t"), strict=True)) for line in lines]

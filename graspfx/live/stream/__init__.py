@@ -1,0 +1,1 @@
+"""A stream of a running scene for other programs: states as JSON, and goals of its guides."""

@@ -1,0 +1,131 @@
+"""Messages of a stream: what is streamed, once, and states; JSON, lengths in metres, right-handed, all in space."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from graspfx import __version__
+from graspfx.live.frame import Frame
+from graspfx.live.guides import Guide
+from graspfx.live.scenery import Scenery
+from graspfx.show.picture.described import lifted
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+PROTOCOL = "graspfx-stream/1"  # counts up with each change that an older reader cannot read
+UNITS = {"length": "m", "force": "N", "time": "s"}
+
+
+def hello_message(
+    scene: Scene, scenery: Scenery, guides: Sequence[Guide], *, rate: float, farthest: float, closest: float,
+    run: int,
+) -> str:  # fmt: skip
+    """Write what is streamed: names, frames and units, and which guides may be led.
+
+    Args:
+        scene: that runs.
+        scenery: of it.
+        guides: that clients may lead; none where they may not.
+        rate: of states, at most [Hz].
+        farthest: that a component of an offset may be [m].
+        closest: that a squeeze may be, either way [m].
+        run: counts runs of the stream.
+    """
+    table = scene.to_dict()
+    return _json({
+        "type": "hello",
+        "protocol": PROTOCOL,
+        "version": __version__,
+        "title": scene.title,
+        "run": run,
+        "dimensions": scene.dimensions,
+        "period": scene.period,
+        "rate": rate,
+        "units": UNITS,
+        "handedness": "right",
+        "up": "z" if scenery.up[2] else "y",
+        "fingers": [
+            {"name": name, "object": scene.object[own].name, "colour": colour, "radius": float(radius)}
+            for name, own, colour, radius in zip(
+                scene.finger_names, scene.finger_objects, scenery.colours, scenery.radii, strict=True
+            )
+        ],
+        "objects": [
+            {"name": each.name, "shape": _shape(table, "object", i)} for i, each in enumerate(scene.object)
+        ],
+        "obstacles": [
+            {"name": each.name, "shape": _shape(table, "obstacle", i)} for i, each in enumerate(scene.obstacle)
+        ],
+        "guides": [
+            {"name": each.name, "fingers": list(each.fingers), "position": _triple(lifted(each.position[None], 3)[0]),
+             "squeezes": each.place is None}
+            for each in guides
+        ],
+        "farthest": farthest,
+        "closest": closest,
+    })  # fmt: skip
+
+
+def state_message(frame: Frame, number: int, run: int, state: str, fault: str) -> str:
+    """Write a state.
+
+    Args:
+        frame: of a row.
+        number: counts states.
+        run: counts runs of the stream.
+        state: "running", "paused" or "ended".
+        fault: of the run, in words.
+    """
+    missing = [None] * len(frame.states)
+    forces, internal, external = (
+        missing if each is None else each for each in (frame.force, frame.internal, frame.external)
+    )
+    return _json({
+        "type": "state",
+        "number": number,
+        "run": run,
+        "tick": frame.tick,
+        "time": frame.time,
+        "state": state,
+        "fault": fault,
+        "objects": [
+            {"name": name, "position": _triple(pose.position), "orientation": _xyzw(pose.wxyz)}
+            for name, pose in frame.objects.items()
+        ],
+        "fingers": [
+            {
+                "position": _triple(frame.fingertips[i]), "contact": contact,
+                "contact_position": _triple(frame.contact_position[i]), "force": _triple(forces[i]),
+                "internal": _triple(internal[i]), "external": _triple(external[i]),
+            }
+            for i, contact in enumerate(frame.states)
+        ],
+    })  # fmt: skip
+
+
+def _json(table: dict[str, Any]) -> str:
+    return json.dumps(table, separators=(",", ":"), allow_nan=False)
+
+
+def _triple(vector: Any) -> list[float] | None:
+    """Write a vector; None where it is not there."""
+    if vector is None:
+        return None
+    numbers = [float(each) for each in vector]
+    return numbers if all(map(math.isfinite, numbers)) else None
+
+
+def _xyzw(wxyz: Any) -> list[float] | None:
+    w, x, y, z = (float(each) for each in wxyz)
+    return [x, y, z, w] if all(map(math.isfinite, (w, x, y, z))) else None
+
+
+def _shape(table: dict[str, Any], kind: str, number: int) -> Any:
+    """Give a shape as the scene has it; None for a point."""
+    entries = table.get(kind)
+    entry = entries if isinstance(entries, dict) else entries[number] if entries else {}
+    return entry.get("shape")

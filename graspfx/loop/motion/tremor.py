@@ -1,0 +1,78 @@
+"""A tremor: sines in a narrow band of frequencies, with random phases, the same ones for one seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import size_for
+from graspfx.errors import InputError
+from graspfx.loop.motion.motion import Part, _Parts
+from graspfx.loop.motion.state import TREMOR, TremorPart
+
+FloatArray = NDArray[np.float64]
+
+SINES = 16  # of a tremor on one axis
+
+
+class Tremor(_Parts):
+    """x_a(t) = A s((t - begin)/ramp) sqrt(2/N) sum_k sin(2 pi f_ak t + phi_ak) on each axis a, zero before `begin`.
+
+    The N frequencies are drawn one from each of N equal parts of the band, the phases evenly: by the central limit
+    theorem nearly Gaussian, flat over the band, of root mean square A over a long time (M. Shinozuka, Simulation of
+    multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). A function of time
+    alone: the same at every period of sampling.
+
+    Args:
+        amplitude: A, root mean square [m].
+        frequency: the middle of the band [Hz].
+        width: of the band [Hz]; zero is one sine.
+        dimensions: d.
+        seed: of the random numbers, whole numbers of zero or more.
+        begin: [s].
+        ramp: over which it fades in by a minimum-jerk step [s].
+    """
+
+    def __init__(
+        self,
+        amplitude: float,
+        frequency: float,
+        width: float,
+        dimensions: int,
+        seed: Sequence[int] = (0,),
+        begin: float = 0.0,
+        ramp: float = 0.0,
+    ) -> None:
+        values = (amplitude, frequency, width, begin, ramp)
+        if not all(map(math.isfinite, values)) or min(amplitude, width, ramp) < 0.0 or frequency <= 0.0:
+            raise InputError("tremor", values, "a finite amplitude, frequency, width, begin and ramp, none negative")
+        if width >= 2.0 * frequency:
+            raise InputError("width", width, f"less than twice the frequency, {2.0 * frequency:g} Hz")
+        if not 1 <= dimensions <= 3:
+            raise InputError("dimensions", dimensions, "1, 2 or 3")
+        count = SINES if width > 0.0 else 1
+        part = TremorPart(np.zeros(size_for(TremorPart, count=count, dimensions=dimensions)))
+        part.kind, part.entries, part.count, part.dimensions = TREMOR, len(part.buffer), count, dimensions
+        part.amplitude, part.begin, part.ramp = amplitude * math.sqrt(2.0 / count), begin, ramp
+        low, high = frequency - 0.5 * width, frequency + 0.5 * width
+        for a in range(dimensions):
+            f, phi = random_sines([*seed, a], low, high, count)
+            part.array(TremorPart.frequency).reshape(dimensions, count)[a] = 2.0 * math.pi * f
+            part.array(TremorPart.phase).reshape(dimensions, count)[a] = phi
+        super().__init__(dimensions, [Part(part.buffer)])
+
+
+def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:
+    """Draw frequencies, one from each of `count` equal parts of a band, and phases: (count,) each.
+
+    Args:
+        seed: whole numbers of zero or more.
+        low, high: ends of the band.
+        count: of sines.
+    """
+    random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(list(seed))))
+    places = (np.arange(count) + random.random(count)) / count
+    return low + (high - low) * places, 2.0 * math.pi * random.random(count)

@@ -1,0 +1,170 @@
+"""An operator who is not a spring: what holds each finger besides the stiffness and the damping of its hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import Floats, Record, floats, size_of
+from graspfx.loop.motion.tremor import random_sines
+from graspfx.spatial import Vector
+
+FloatArray = NDArray[np.float64]
+
+WAVES = 24  # sines of the noise of one finger
+
+
+class FingerOperator(Record):
+    """Hold on one finger besides its hand's spring and damper; zeros where there is nothing."""
+
+    limb_mass: float  # M [kg]
+    limb_stiffness: Vector  # K_l, per axis [N/m]
+    limb_damping: Vector  # B_l [N s/m]
+    rise: float  # of the stiffness with the grip force [N/m per N]
+    damping_rise: float  # [N s/m per N]
+    grip_lag: float  # with which the grip force follows the displayed one [s]
+    delay: float  # of the voluntary force [s]
+    pull: float  # its stiffness k [N/m]
+    pull_damping: float  # b [N s/m]
+    counter: float  # its share g of the displayed force
+    share: float  # of the muscle's force, that its noise has
+    command_lag: float  # with which the noise follows that force [s]
+    frequency: Floats = floats("24")  # of the noise's sines [rad/s]
+    phase: Floats = floats("24")
+
+
+class Operator:
+    """Hold on n fingers besides the springs and dampers of their hand: a limb, stiffening, a reaction, noise.
+
+        m p'' + b p' = u + F (+ h where there is no limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
+        F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
+        h(t) = (k (r - p) + b (r' - p') - g u)(t - delay) + share x(t) F_m
+
+    y is r where there is no limb, F_m the muscle's force behind its lag, and x noise of mean 0 and variance 1.
+
+    Args:
+        fingers: n.
+
+    Attributes:
+        numbers: (n, entries), a `FingerOperator` in each row; zeros at first.
+    """
+
+    def __init__(self, fingers: int) -> None:
+        self.numbers: FloatArray = np.zeros((fingers, size_of(FingerOperator)))
+
+    def finger(self, i: int) -> FingerOperator:
+        """Give the record of one finger, to be read and written."""
+        return FingerOperator(self.numbers.reshape(-1), i * self.numbers.shape[1])
+
+    def set_limb(self, mass: float, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set M [kg], K_l and B_l per axis (d,) [N/m, N s/m] of every finger."""
+        for i in range(len(self.numbers)):
+            finger = self.finger(i)
+            finger.limb_mass = mass
+            finger.limb_stiffness, finger.limb_damping = _vector(stiffness), _vector(damping)
+
+    def set_stiffening(self, stiffness: float, damping: float, lag: float) -> None:
+        """Set k [N/m per N], b [N s/m per N] and the lag [s] of every finger."""
+        for i in range(len(self.numbers)):
+            finger = self.finger(i)
+            finger.rise, finger.damping_rise, finger.grip_lag = stiffness, damping, lag
+
+    def set_reaction(self, delay: float, stiffness: float, damping: float, force: float) -> None:
+        """Set the delay [s], k [N/m], b [N s/m] and g of every finger."""
+        for i in range(len(self.numbers)):
+            finger = self.finger(i)
+            finger.delay, finger.pull, finger.pull_damping, finger.counter = delay, stiffness, damping, force
+
+    def set_noise(self, share: float, cutoff: float, lag: float, seeds: Sequence[Sequence[int]]) -> None:
+        """Set the share, the cutoff [Hz] and the lag [s]; of each finger the seed of its random numbers."""
+        for i, seed in enumerate(seeds):
+            finger = self.finger(i)
+            finger.share, finger.command_lag = share, lag
+            frequency, phase = random_sines(seed, 0.0, cutoff, WAVES)
+            finger.array(FingerOperator.frequency)[:] = 2.0 * math.pi * frequency
+            finger.array(FingerOperator.phase)[:] = phase
+
+    @property
+    def reach(self) -> float:
+        """The longest delay [s]."""
+        return max(self.finger(i).delay for i in range(len(self.numbers)))
+
+    def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
+        """Compute what the hand's stiffness K (d, n, n) comes to at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
+
+        Stiffened by the grip forces |f|, in series with the limb, the reaction added.
+
+        Args:
+            stiffness: K.
+            force: f, that the fingers exert at rest (n, d) [N].
+        """
+        return self._rest(stiffness, force)[0]
+
+    def stretch_at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
+        """Compute y - p, or r - p where there is no limb, of a hand that rests with these forces, (n, d) [m].
+
+        The arguments are those of `at_rest`.
+        """
+        K, X = self._rest(stiffness, force)
+        away = [X[a] @ np.linalg.lstsq(K[a], force[:, a], rcond=None)[0] for a in range(len(K))]
+        return np.stack(away, axis=1)
+
+    def _rest(self, stiffness: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute f and the stretch of the tips' springs, each per r - p, (d, n, n)."""
+        n = len(self.numbers)
+        whole = np.array(stiffness, dtype=float)
+        stretch = np.zeros_like(whole)
+        grip = np.linalg.norm(force, axis=1)
+        fingers = [self.finger(i) for i in range(n)]
+        rise = np.array([finger.rise for finger in fingers])
+        pull = np.array([finger.pull for finger in fingers])
+        counter = np.array([finger.counter for finger in fingers])
+        for a in range(len(whole)):
+            tip = whole[a] + np.diag(rise * grip)
+            limb = np.array([finger.limb_stiffness[a] if finger.limb_mass else np.inf for finger in fingers])
+            soft = np.isfinite(limb)
+            # F = tip (y - p); limb (r - y) + h = F, h = pull (r - p) - counter u, u = -f; f = F without a limb plus h
+            both = _with_limb(tip, np.where(soft, limb, 0.0), soft, pull, counter)
+            stretch[a], whole[a] = both[:n], both[n:]
+        return whole, stretch
+
+
+def _with_limb(
+    tip: FloatArray, limb: FloatArray, soft: NDArray[np.bool_], pull: FloatArray, counter: FloatArray
+) -> FloatArray:
+    """Solve for x = y - p and the force f on the tips per r - p, (2 n, n): f = tip x + h where there is no limb."""
+    n = len(tip)
+    I = np.eye(n)  # noqa: E741 (the identity's letter)
+    s, hard = np.diag(soft.astype(float)), np.diag((~soft).astype(float))
+    # unknowns x, f for r - p = I:  f = tip x + hard h,  h = pull + counter f
+    # where soft: limb (I - x) + h - tip x = 0; else x = I
+    C = np.diag(counter)
+    A = np.zeros((2 * n, 2 * n))
+    right = np.zeros((2 * n, n))
+    A[:n, :n], A[:n, n:], right[:n] = -tip, I - hard @ C, hard * pull
+    A[n:, :n], A[n:, n:] = s @ (np.diag(limb) + tip) + hard, -s @ C
+    right[n:] = s * (limb + pull) + hard
+    return np.asarray(np.linalg.solve(A, right))
+
+
+def joined(operators: Sequence[Operator | None], fingers: Sequence[int], order: Sequence[int]) -> Operator | None:
+    """Join the operators of several hands to one; None where none of them has one.
+
+    Args:
+        operators: of each hand, None for a hand that is spring and damper alone.
+        fingers: of each hand, how many.
+        order: the place of each finger of the whole among the hands' fingers, one after another.
+    """
+    if all(operator is None for operator in operators):
+        return None
+    whole = Operator(len(order))
+    rows = [Operator(n) if each is None else each for each, n in zip(operators, fingers, strict=True)]
+    whole.numbers[:] = np.concatenate([each.numbers for each in rows])[list(order)]
+    return whole
+
+
+def _vector(values: FloatArray) -> Vector:
+    return Vector(*[*values.tolist(), 0.0, 0.0][:3])

@@ -1,0 +1,223 @@
+"""A rigid body in a MuJoCo world: its joints, the numbers that pass, and a world of its own without contacts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from graspfx.compile.calls import Call
+from graspfx.compile.records import numbers, start_of
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.log import info
+from graspfx.objects import guest
+from graspfx.objects.body import BlockBody, FloatArray
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.objects.carrier import CarriedBody, Carrier, numbers_of
+from graspfx.objects.dynamics_table import DYNAMICS
+from graspfx.objects.guest import GuestState
+from graspfx.objects.mujoco.joints import RANGE, hand_to_joints, take_from_joints
+from graspfx.spatial import Quaternion, Vector, rotate
+
+WHOLE = slice(None)
+SLACK = 1e-9  # of the triangle inequality of moments, which MuJoCo takes to the last bit
+UNUSED = ("SENSOR", "ACTUATION", "EULERDAMP", "GRAVITY", "SPRING", "DAMPER", "AUTORESET", "LIMIT", "EQUALITY")
+
+
+class MujocoMember(CarriedBody):
+    """A block's body in a MuJoCo world: a free joint, or a slide for each free translation and then what turns.
+
+    One free rotation is a hinge about the world's axis, three are a ball. Two of three are a ball too, which is no
+    more turned about the third axis than by what it meets: among contacts they are refused.
+
+    Args:
+        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+        part: (guest.SIZE,) of the buffer, for the wrench and the motion; overwritten whole.
+        spec: of the world, to which the body is added.
+        number: of the body in it.
+    """
+
+    handing = staticmethod(hand_to_joints)
+    taking = staticmethod(take_from_joints)
+
+    def __init__(self, state: FloatArray, part: FloatArray, spec: Any, number: int) -> None:
+        super().__init__(state, part)
+        kinds = mujoco().mjtJoint
+        self._names = [f"{number}{letter}" for letter in "xyz"]
+        self._turn = f"{number}turn"
+        self._ball = len(self.turns) > 1
+        whole = len(self.shifts) + len(self.turns) == 6
+        x, y, z, w = self.start
+        frame = (1.0, 0.0, 0.0, 0.0) if self._ball else (w, x, y, z)  # a ball's angle is its whole orientation
+        self.shape_body = body = spec.worldbody.add_body(
+            name=str(number), pos=self.place, quat=frame, mass=self._body.mass, inertia=_possible(self.moments),
+            ipos=(0.0, 0.0, 0.0), iquat=(1.0, 0.0, 0.0, 0.0), explicitinertial=True,
+        )  # fmt: skip
+        self._whole = whole
+        if whole:
+            body.add_freejoint(name=self._turn)
+            return
+        back = Quaternion(0.0, 0.0, 0.0, 1.0) if self._ball else Quaternion(x, y, z, w).conjugate
+        axes = [tuple(numbers(rotate(back, Vector(*row)))) for row in np.eye(3).tolist()]
+        for a in self.shifts:
+            body.add_joint(type=kinds.mjJNT_SLIDE, name=self._names[a], axis=axes[a], ref=self.place[a])
+        if self._ball:
+            body.add_joint(type=kinds.mjJNT_BALL, name=self._turn)
+        elif self.turns:
+            body.add_joint(type=kinds.mjJNT_HINGE, name=self._turn, axis=axes[self.turns[0]])
+
+    def begin(self, model: Any, data: Any) -> None:
+        """Put the body of the block into the compiled world, and list the calls that push and read it."""
+        self.pushes: list[Call] = []
+        self.readings: list[Call] = []
+        if self.fixed:
+            return
+        motion = BodyState(self.state).motion
+        v = numbers_of(motion, Motion.velocity)
+        w = numbers_of(motion, Motion.angular_velocity)
+        x, y, z, r = self.start
+        own = tuple(numbers(rotate(Quaternion(x, y, z, r).conjugate, Vector(*w))))
+        self._pass(data.xfrc_applied[model.body(self.shape_body.name).id], "push", 6, into=True)
+        for a in self.shifts if not self._whole else ():
+            q, u = _places(model, self._names[a])
+            data.qpos[q], data.qvel[u] = self.place[a], v[a]
+            self._pass(data.qpos[q : q + 1], "place", 1, a)
+            self._pass(data.qvel[u : u + 1], "velocity", 1, a)
+        if not self.turns:
+            return
+        if len(self.turns) > 1:
+            self.part.spin = Vector(*own)
+        q, u = _places(model, self._turn)
+        if self._whole:
+            data.qpos[q : q + 7], data.qvel[u : u + 6] = (*self.place, r, x, y, z), (*v, *own)
+            self._pass(data.qpos[q : q + 7], "place", 7)  # and `turn`
+            self._pass(data.qvel[u : u + 3], "velocity", 3)
+            self._pass(data.qvel[u + 3 : u + 6], "spin", 3)
+        elif self._ball:
+            data.qpos[q : q + 4], data.qvel[u : u + 3] = (r, x, y, z), own
+            self._pass(data.qpos[q : q + 4], "turn", 4)
+            self._pass(data.qvel[u : u + 3], "spin", 3)
+        else:
+            data.qvel[u] = w[self.turns[0]]
+            self._pass(data.qpos[q : q + 1], "angle", 1)
+            self._pass(data.qvel[u : u + 1], "spin", 1, self.turns[0])
+
+    def _pass(self, theirs: FloatArray, name: str, count: int, first: int = 0, *, into: bool = False) -> None:
+        """Add the call that copies numbers between MuJoCo's memory and the body's part of the buffer."""
+        start = self.part.offset + start_of(GuestState, name) + first
+        ours, other = memoryview(self.part.buffer)[start : start + count], memoryview(theirs)
+        if into:
+            self.pushes.append(Call(other.__setitem__, (WHOLE, ours)))
+        else:
+            self.readings.append(Call(ours.__setitem__, (WHOLE, other)))
+
+
+class MujocoCarrier(Carrier):
+    """Bodies in one MuJoCo world that is their own.
+
+    Args:
+        buffer: (bodies guest.SIZE,), flat; each body of `carried` has its part of it.
+        carried: bodies that were added to the spec.
+        spec: of the world.
+    """
+
+    program = "MuJoCo"
+    handing = staticmethod(hand_to_joints)
+    taking = staticmethod(take_from_joints)
+
+    def __init__(self, buffer: FloatArray, carried: Sequence[MujocoMember], spec: Any) -> None:
+        self.model = spec.compile()
+        self.data = mujoco().MjData(self.model)
+        for one in carried:
+            one.begin(self.model, self.data)
+        pushes = [call for one in carried for call in one.pushes]
+        readings = [call for one in carried for call in one.readings]
+        super().__init__(buffer, carried, [*pushes, self._stepping(), *readings])
+
+    def close(self) -> None:
+        """Do nothing: the world's memory is given back with the object."""
+
+    def _stepping(self) -> Call:
+        return Call(mujoco().mj_step, (self.model, self.data))
+
+    def _set_step(self, T: float) -> None:
+        self.model.opt.timestep = T
+
+    def _fault(self, code: int) -> InputError:
+        return InputError(
+            "motion", "an object that is out of all bounds", f"places and speeds below {RANGE:g} m, m/s and rad/s",
+            "the run is not stable; lower the period or the gains",
+        )  # fmt: skip
+
+
+class MujocoBody(BlockBody, MujocoCarrier):
+    """A rigid body in a MuJoCo world of its own, without shape or contacts.
+
+    Args:
+        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+
+    Raises:
+        MissingPackageError: MuJoCo is not installed.
+    """
+
+    def __init__(self, state: FloatArray) -> None:
+        BlockBody.__init__(self, state)
+        buffer = np.zeros(guest.SIZE)
+        spec = new_spec("CONTACT", "CONSTRAINT")
+        MujocoCarrier.__init__(self, buffer, [MujocoMember(state, buffer, spec, 0)], spec)
+
+
+def create(state: FloatArray) -> MujocoBody:
+    """Make the body for `dynamics = "mujoco"`."""
+    return MujocoBody(state)
+
+
+def new_spec(*disabled: str) -> Any:
+    """Begin a world without gravity: MuJoCo's semi-implicit integrator, and nothing that the bodies do not need.
+
+    Raises:
+        MissingPackageError: MuJoCo is not installed.
+    """
+    library = mujoco()
+    spec = library.MjSpec()
+    spec.option.gravity = (0.0, 0.0, 0.0)
+    spec.option.integrator = library.mjtIntegrator.mjINT_EULER
+    flags = library.mjtDisableBit
+    spec.option.disableflags = sum(int(getattr(flags, f"mjDSBL_{name}")) for name in (*UNUSED, *disabled))
+    return spec
+
+
+def mujoco() -> Any:
+    """Import the package; its warnings go to our log, unless somebody else takes them, and to no file.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        library = sys.modules.get("mujoco") or import_module("mujoco")
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("mujoco", "dynamics = 'mujoco'", DYNAMICS["mujoco"].remedy) from error
+    if library.get_mju_user_warning() is None:
+        library.set_mju_user_warning(_log_warning)
+    return library
+
+
+def _log_warning(text: object) -> None:
+    info("MuJoCo: %s", text)
+
+
+def _places(model: Any, joint: str) -> tuple[int, int]:
+    """Give where a joint's numbers begin in MuJoCo's positions and velocities."""
+    number = model.joint(joint).id
+    return int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
+
+
+def _possible(moments: Sequence[float]) -> tuple[float, ...]:
+    """Lower a largest moment that rounding makes more than the sum of the others, which MuJoCo refuses."""
+    largest, total = max(moments), sum(moments)
+    if largest <= total - largest or largest > (total - largest) * (1.0 + 1e3 * SLACK):
+        return tuple(moments)
+    return tuple(min(moment, (total - largest) * (1.0 - 1e-15)) for moment in moments)

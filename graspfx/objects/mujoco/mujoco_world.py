@@ -1,0 +1,174 @@
+"""Rigid bodies that meet obstacles and one another in one MuJoCo world, in space, in a plane or on a line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from graspfx.compile.calls import Call
+from graspfx.compile.records import numbers
+from graspfx.cones.cone import contact_frame
+from graspfx.errors import InputError
+from graspfx.objects import guest
+from graspfx.objects import integrators as at
+from graspfx.objects.body import FloatArray
+from graspfx.objects.floor.floor import plane_of
+from graspfx.objects.mujoco.contact_step import ContactStep
+from graspfx.objects.mujoco.geometry import Geometry, geometries
+from graspfx.objects.mujoco.mujoco import MujocoCarrier, MujocoMember, mujoco, new_spec
+from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.spatial import Vector
+from graspfx.surfaces.closed_form import proxy
+
+# Contact parameters with which bodies rest and grasps hold, by measurement: docs/explanation/worlds.md.
+IMPEDANCE = 0.9999  # MuJoCo's largest: how far a contact is a constraint and not a spring
+SETTLING = 0.02  # time constant with which a penetration is taken back [s]
+STICKING = 1e4  # how much harder a contact is along the surface than across it
+ITERATIONS = 100
+TOLERANCE = 1e-20
+NO_FRICTION = 1e-5  # MuJoCo's smallest coefficient
+
+
+class MujocoWorld(MujocoCarrier):
+    """Bodies in one MuJoCo world, with obstacles.
+
+    What MuJoCo calls stiffness and damping is chosen so that a contact parts in a step with the speed that takes a
+    share of its penetration back, or more, and along the surface stands still, within Coulomb's round cone.
+
+    Args:
+        members: blocks, filled by `fill_body`, and shapes.
+        obstacles: fixed; concave meshes as they are.
+        meeting: friction and restitution of every pair, and whether members meet one another.
+
+    Raises:
+        MissingPackageError: MuJoCo is not installed.
+        InputError: a body without end, or one that has a shape and two of three rotations free.
+    """
+
+    def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
+        self._members, self._meeting = members, meeting
+        self._count = 0  # of shapes
+        self._friction = meeting.friction if meeting.friction > NO_FRICTION else 0.0
+        self._spec = spec = new_spec()
+        _set_solver(spec)
+        buffer = np.zeros(len(members) * guest.SIZE)
+        parts = buffer.reshape(-1, guest.SIZE)
+        carried = [MujocoMember(m.state, part, spec, i) for i, (m, part) in enumerate(zip(members, parts, strict=True))]
+        for member, one in zip(members, carried, strict=True):
+            _require_joints(member, one)
+        shapes = [
+            [self._add(one.shape_body, geometry, f"{i}") for geometry in geometries(member.shape, one.dimensions)]
+            for i, (member, one) in enumerate(zip(members, carried, strict=True))
+        ]
+        for number, obstacle in enumerate(obstacles):
+            for i, names in self._place(number, obstacle):
+                self._meet(shapes[i], names)
+        if meeting.collide:
+            for i in range(len(members)):
+                for j in range(i):
+                    if not (carried[i].fixed and carried[j].fixed):
+                        self._meet(shapes[i], shapes[j])
+        super().__init__(buffer, carried, spec)
+
+    def contact_wrench(self, number: int) -> FloatArray:
+        """Sum force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
+        total = np.zeros(6)
+        body = self.model.body(str(number)).id
+        centre = self.data.xpos[body]
+        force = np.zeros(6)
+        for i, contact in enumerate(self.data.contact):
+            owners = [int(self.model.geom_bodyid[geom]) for geom in contact.geom]
+            if body not in owners:
+                continue
+            mujoco().mj_contactForce(self.model, self.data, i, force)
+            push = (1.0 if owners[1] == body else -1.0) * (contact.frame.reshape(3, 3).T @ force[:3])
+            total[:3] += push
+            total[3:] += np.cross(contact.pos - centre, push)
+        return total
+
+    def _stepping(self) -> Call:
+        friction, restitution = self._friction, self._meeting.restitution
+        if friction == restitution == 0.0:
+            return super()._stepping()
+        return Call(ContactStep(mujoco(), self.model, self.data, friction, restitution), ())
+
+    def _set_step(self, T: float) -> None:
+        super()._set_step(T)
+        share = -math.expm1(-T / SETTLING)
+        d = IMPEDANCE
+        self.model.pair_solref[:] = -share * d / (T * T), -d / T  # MuJoCo divides the one by d, too
+
+    def _add(self, body: Any, geometry: Geometry, owner: str) -> str:
+        """Add a shape to a body and give its name."""
+        spec = self._spec
+        name = f"{owner}.{self._count}"
+        self._count += 1
+        settings: dict[str, Any] = {"pos": geometry.position, "quat": geometry.quaternion}
+        if geometry.points is not None:
+            mesh = spec.add_mesh(name=name, uservert=np.ravel(geometry.points).tolist())
+            mesh.inertia = mujoco().mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            settings["meshname"] = name
+        else:
+            settings["size"] = geometry.size
+        kind = getattr(mujoco().mjtGeom, f"mjGEOM_{geometry.kind}")
+        body.add_geom(name=name, type=kind, contype=0, conaffinity=0, **settings)
+        return name
+
+    def _meet(self, shapes: Sequence[str], others: Sequence[str]) -> None:
+        """Let each of these shapes meet each of those."""
+        mu = self._friction
+        for one in shapes:
+            for other in others:
+                self._spec.add_pair(
+                    name=f"{one} {other}", geomname1=one, geomname2=other, condim=3 if mu > 0.0 else 1,
+                    friction=[max(mu, NO_FRICTION)] * 2 + [NO_FRICTION] * 3,
+                    solimp=(IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0),
+                )  # fmt: skip
+
+    def _place(self, number: int, obstacle: Obstacle) -> Iterator[tuple[int, list[str]]]:
+        """Add an obstacle's shapes to the world; tell for each member which of them it meets."""
+        world, owner = self._spec.worldbody, f"obstacle {number}"
+        d = int(self._members[0].state[at.DIMENSIONS])
+        kind = getattr(obstacle.shape, "kind", None)
+        if kind not in (proxy.HALF_SPACE, proxy.PLANE):
+            names = [
+                self._add(world, geometry.at(obstacle.position, obstacle.rotation), owner)
+                for geometry in geometries(obstacle.shape, d, fixed=True)
+            ]
+            yield from ((i, names) for i in range(len(self._members)))
+            return
+        sides: dict[tuple[float, ...], str] = {}
+        for i, member in enumerate(self._members):
+            normal, _ = plane_of(obstacle, member.state[at.POSITION : at.POSITION + 3])
+            side = tuple(normal.tolist())
+            if side not in sides:
+                n, first, second = np.reshape(list(numbers(contact_frame(Vector(*side), 3))), (3, 3))
+                face = Geometry("PLANE", (0.0, 0.0, 1.0))
+                sides[side] = self._add(
+                    world, face.at(obstacle.position, np.stack([first, second, n], axis=1)), owner + str(len(sides))
+                )
+            yield i, [sides[side]]
+
+
+def _set_solver(spec: Any) -> None:
+    library, option = mujoco(), spec.option
+    option.cone = library.mjtCone.mjCONE_ELLIPTIC
+    option.solver = library.mjtSolver.mjSOL_NEWTON
+    option.jacobian = library.mjtJacobian.mjJAC_DENSE
+    option.enableflags = int(library.mjtEnableBit.mjENBL_DIAGEXACT)
+    option.disableflags |= int(library.mjtDisableBit.mjDSBL_REFSAFE) | int(library.mjtDisableBit.mjDSBL_ISLAND)
+    option.impratio = STICKING
+    option.iterations, option.ls_iterations = ITERATIONS, ITERATIONS
+    option.tolerance, option.ls_tolerance = TOLERANCE, 1e-3
+    option.ccd_tolerance, option.ccd_iterations = 1e-12, 100
+
+
+def _require_joints(member: Member, carried: MujocoMember) -> None:
+    if member.shape is not None and len(carried.turns) == 2:
+        raise InputError(
+            "free", "two of three rotations", "none, one or three for a body that meets others",
+            "native dynamics take it on half-spaces and planes",
+        )  # fmt: skip

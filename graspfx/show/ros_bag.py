@@ -1,0 +1,214 @@
+"""Recordings as bags of ROS 1 and ROS 2: poses, velocities and wrenches with their times, as standard messages."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError, MissingPackageError, RecordingError, UnknownNameError
+from graspfx.loop.recording.places import placing, recording_path, require_vacancy
+from graspfx.show.picture.described import lifted
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.record import Recording
+
+FloatArray = NDArray[np.float64]
+
+BAGS = {"bag": ".bag", "mcap": ".mcap", "db3": ".db3"}  # ROS 1, and ROS 2 in either of its files
+FRAME = "world"  # of every message
+VERSION: Literal[9] = 9  # of the metadata of ROS 2's bags
+POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
+SECOND = 1_000_000_000  # [ns]
+
+
+class Topic(NamedTuple):
+    """A topic with a message for each row.
+
+    Attributes:
+        name: as "/fingers/thumb/wrench".
+        kind: of its messages.
+        linear: position [m], velocity [m/s] or force [N] (N, 3).
+        angular: a quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
+    """
+
+    name: str
+    kind: str
+    linear: FloatArray
+    angular: FloatArray
+
+
+def topics(recording: Recording) -> Iterator[Topic]:
+    """List the topics of a recording, of which some rows may have no number: such messages are left out.
+
+    Fingers have their position (a pose without a turn), velocity, and the force of the finger on the object, as a
+    whole and in its internal and external parts; objects their pose, twist, and the wrench that they receive. All is in
+    space: on the x axis of a line, in the plane of x and y.
+    """
+    rows, columns = len(recording), recording.layout.columns
+    unturned = np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1))
+    nothing = np.zeros((rows, 3))
+    moments: Mapping[str, FloatArray | None] = {
+        "": recording.finger_moment if "finger_moment" in columns else None,
+        "internal_": recording.internal_moment if "finger_moment" in columns else None,
+        "external_": recording.external_moment if "finger_moment" in columns else None,
+    }
+    for i, finger in enumerate(recording.layout.fingers):
+        home = f"/fingers/{_word(finger)}"
+        yield Topic(f"{home}/pose", POSE, lifted(recording.finger_position[:, i], 3), unturned)
+        yield Topic(f"{home}/twist", TWIST, lifted(recording.finger_velocity[:, i], 3), nothing)
+        for part in ("", "internal_", "external_"):
+            force = recording.finger_force if not part else getattr(recording, f"{part}force")
+            moment = moments[part]
+            angular = nothing if moment is None else _spatial(moment[:, i])
+            yield Topic(f"{home}/{part}wrench", WRENCH, lifted(force[:, i], 3), angular)
+    for name in recording.layout.objects:
+        motion, home = recording.objects[name], f"/objects/{_word(name)}"
+        yield Topic(f"{home}/pose", POSE, lifted(motion.position, 3), _quaternions(motion.orientation, rows))
+        spin = nothing if motion.angular_velocity is None else _spatial(motion.angular_velocity)
+        yield Topic(f"{home}/twist", TWIST, lifted(motion.velocity, 3), spin)
+        d = recording.layout.dimensions
+        torque = motion.wrench[:, d:]
+        angular = _spatial(torque if torque.shape[1] != 1 else torque[:, 0]) if torque.shape[1] else nothing
+        yield Topic(f"{home}/wrench", WRENCH, lifted(motion.wrench[:, :d], 3), angular)
+
+
+def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, overwrite: bool = False) -> None:
+    """Write a recording as a bag.
+
+    Args:
+        recording: with all of its columns.
+        path: of the file.
+        kind: "bag" for ROS 1, "mcap" or "db3" for ROS 2.
+        overwrite: whether a file that is there is replaced.
+
+    Raises:
+        MissingPackageError: rosbags is not installed.
+        RecordingError: the file is there, or cannot be written; a recording without columns that it takes.
+        UnknownNameError: no such kind.
+    """
+    if kind not in BAGS:
+        raise UnknownNameError("kind of bag", kind, BAGS)
+    place = recording_path(path, "path")
+    if not place.name:
+        raise InputError("path", str(path), "the path of a file, such as recording.mcap")
+    if not overwrite:
+        require_vacancy([place])
+    _require_rosbags()
+    with placing(place) as draft:
+        if kind == "bag":
+            draft.unlink(missing_ok=True)
+            _write_one(recording, draft)
+        else:
+            _write_two(recording, draft, kind)
+
+
+def stamps(recording: Recording) -> NDArray[np.int64]:
+    """Give the time of each row [ns] since 1970: when the recording was made, and tick x period from there on."""
+    try:
+        start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
+    except ValueError:
+        start = SECOND  # at zero there is no time in ROS
+    return start + np.round(recording.time * SECOND).astype(np.int64)
+
+
+def _write_one(recording: Recording, file: Path) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store: Any = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(file) as writer:
+        _write(recording, writer, store, store.serialize_ros1, with_number=True)
+
+
+def _write_two(recording: Recording, file: Path, kind: str) -> None:
+    """Write the one file of a bag of ROS 2, which says by itself what is in it."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store: Any = get_typestore(Stores.ROS2_HUMBLE)
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    with tempfile.TemporaryDirectory(dir=file.parent, prefix=".bag-") as home:
+        folder = Path(home) / "recording"
+        with Writer(folder, version=VERSION, storage_plugin=plugin) as writer:
+            _write(recording, writer, store, store.serialize_cdr, with_number=False)
+        (inside,) = folder.glob(f"*{BAGS[kind]}")
+        shutil.move(inside, file)
+
+
+def _write(
+    recording: Recording, writer: Any, store: Any, serialize: Callable[[Any, str], Any], *, with_number: bool
+) -> None:  # fmt: skip
+    """Write rows in the order of their times, each topic in each."""
+    times = stamps(recording).tolist()
+    every = list(topics(recording))
+    if not times:
+        raise RecordingError("recording: has no rows, of which a bag could be made")
+    connections = [writer.add_connection(each.name, each.kind, typestore=store) for each in every]
+    make = _maker(store, with_number=with_number)
+    rows: list[Any] = [
+        (each.kind, each.linear.tolist(), each.angular.tolist(),
+         (np.isfinite(each.linear).all(axis=1) & np.isfinite(each.angular).all(axis=1)).tolist())
+        for each in every
+    ]  # fmt: skip
+    for k, time in enumerate(times):
+        for connection, (kind, linear, angular, is_there) in zip(connections, rows, strict=True):
+            if is_there[k]:
+                message = make(kind, k, time, linear[k], angular[k])
+                writer.write(connection, time, serialize(message, kind))
+
+
+def _maker(store: Any, *, with_number: bool) -> Callable[..., Any]:
+    types = store.types
+    header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    vector, point = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Point"]
+    quaternion, pose = types["geometry_msgs/msg/Quaternion"], types["geometry_msgs/msg/Pose"]
+    plain = {TWIST: types["geometry_msgs/msg/Twist"], WRENCH: types["geometry_msgs/msg/Wrench"]}
+
+    def make(kind: str, number: int, time: int, linear: list[float], angular: list[float]) -> Any:
+        clock = stamp(sec=time // SECOND, nanosec=time % SECOND)
+        first = header(seq=number, stamp=clock, frame_id=FRAME) if with_number else header(stamp=clock, frame_id=FRAME)
+        if kind == POSE:
+            return types[kind](first, pose(point(*linear), quaternion(*angular)))
+        return types[kind](first, plain[kind](vector(*linear), vector(*angular)))
+
+    return make
+
+
+def _word(name: str) -> str:
+    """Write a name as a part of a topic, which has letters, digits and "_" alone."""
+    text = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
+    return text if text[:1].isalpha() else f"_{text}"
+
+
+def _spatial(spin: FloatArray) -> FloatArray:
+    """Write what turns as vectors (N, 3): about z in the plane."""
+    if spin.ndim == 2 and spin.shape[1] == 3:
+        return spin
+    vectors = np.zeros((len(spin), 3))
+    vectors[:, 2] = spin.reshape(len(spin))
+    return vectors
+
+
+def _quaternions(turn: FloatArray | None, rows: int) -> FloatArray:
+    """Write turns as quaternions x, y, z, w (N, 4): of an angle about z, or as they are."""
+    if turn is not None and turn.ndim == 2:
+        return turn
+    angle = np.zeros(rows) if turn is None else turn
+    quaternions = np.zeros((rows, 4))
+    quaternions[:, 2], quaternions[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+    return quaternions
+
+
+def _require_rosbags() -> None:
+    try:
+        import rosbags  # noqa: F401 (whether it is there)
+    except ImportError as error:
+        raise MissingPackageError.of_extra("rosbags", "a bag", "ros") from error

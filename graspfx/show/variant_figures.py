@@ -1,0 +1,340 @@
+"""Figures of measures over the keys of many variants: curves over one key, maps over two, slices of more, or marginals.
+
+Where a variant failed or has a fault there is a cross, and no number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+from graspfx.show import style
+from graspfx.show.key_names import label_of
+from graspfx.show.style import CONTACTS, INK, NEUTRAL, NOTE, panel, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+
+    from graspfx.show.sheet import Sheet
+
+FloatArray = NDArray[np.float64]
+
+CURVE, MAP, SCATTER = 1.5, 2.6, 1.4  # heights [inches]
+MOST_CELLS = 400  # along an axis of a map: more than a picture can show
+MOST_POINTS = 4000
+LEVELS = 7
+MANY = 50.0  # times the least number, up to which an axis is linear
+ROUNDING = 1e-6  # of a number: less is not drawn as a change
+SPREAD = 0.02  # of the numbers at either end may be beyond the colours, where they are far out
+BAD = CONTACTS["limit"]
+CROSSES = "no number: a failure or a fault"
+WORDS = {  # that a measure's name becomes
+    "finger_position": "finger position", "finger_force": "finger force", "object_position": "object position",
+}  # fmt: skip
+
+
+class Surface(NamedTuple):
+    """One number for each variant, of the grid's shape: its name, as `finger_force.peak`, and its unit."""
+
+    name: str
+    unit: str
+    values: FloatArray
+
+
+class Axis(NamedTuple):
+    """The values of a key along an axis: numbers, or places for words."""
+
+    label: str
+    places: FloatArray
+    words: tuple[str, ...] = ()
+
+
+def variants_sheet(
+    values: Mapping[str, NDArray[Any]],
+    surfaces: Sequence[Surface],
+    bad: NDArray[np.bool_],
+    title: str,
+    width: str = "screen",
+    slices: int = 3,
+    *,
+    together: bool = False,
+) -> Sheet:
+    """Draw measures over keys.
+
+    Args:
+        values: by key, its value in each variant, of the grid's shape.
+        surfaces: what is drawn; of maps the first.
+        bad: which variants have no number that counts.
+        title: of the figure.
+        width: "screen", "page" or "column".
+        slices: how many values of a third key have a map of their own.
+        together: whether the keys' values go together, so that there is no grid.
+
+    Raises:
+        InputError: no such width, or nothing to draw.
+    """
+    if not surfaces or not bad.size:
+        raise InputError("measures", len(surfaces), "at least one measure, of one variant")
+    clean = [each._replace(values=np.where(bad, np.nan, each.values)) for each in surfaces]
+    with style.look(width):
+        if len(values) == 1 and not together:
+            drawing = _curves(values, clean, bad, width)
+        elif together:
+            drawing = _marginals(values, clean, bad, width)
+        else:
+            drawing = _maps(values, clean[0], bad, width, max(1, slices))
+        drawing.title(plain(title) if together else f"{plain(title)}{_rest(values)}")
+    return drawing
+
+
+def _curves(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray[np.bool_], width: str) -> Sheet:
+    [(key, items)] = values.items()
+    axis = _axis(key, items)
+    order = np.argsort(axis.places, kind="stable")
+    drawing = style.figure([CURVE] * len(surfaces), width=width)
+    for ax, surface in zip(drawing.panels[:, 0], surfaces, strict=True):
+        y = surface.values[order]
+        ax.plot(axis.places[order], y, color=INK, marker="o" if len(y) <= 40 else "", ms=3.5)
+        _range(ax, y, grows=_grows(surface))
+        _cross(ax, axis.places[bad])
+        panel(ax, y=_label(surface))
+        _limit(ax, surface)
+    _along(drawing.panels[-1, 0], axis, "x")
+    _pad(drawing, axis.places)
+    if bad.any():
+        drawing.legend(0, [_bad_mark()])
+    drawing.letters()
+    return drawing
+
+
+def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], width: str, slices: int) -> Sheet:
+    """Draw a map, or one for each of some values of a third key, side by side; in a column of paper below one another.
+
+    Further keys stand at the value in the middle of their lists.
+    """
+    keys = list(values)
+    x, y = _axis(keys[0], _line(values[keys[0]], 0)), _axis(keys[1], _line(values[keys[1]], 1))
+    third = _line(values[keys[2]], 2) if len(keys) > 2 else None
+    picks = [0] if third is None else _picks(len(third), slices)
+    rest = tuple(size // 2 for size in bad.shape[3:])
+    across = 1 if width == "column" else len(picks)
+    drawing = style.figure([MAP] * (len(picks) // across), columns=across, width=width, bar=True)
+    shades = _shades(surface)
+    for ax, pick in zip(drawing.panels.ravel(), picks, strict=True):
+        where = (slice(None), slice(None)) + (() if third is None else (pick, *rest))
+        picture = _map(ax, x, y, surface.values[where], bad[where], shades, grows=_grows(surface))
+        if third is not None:
+            panel(ax, title=f"{_short(keys[2])} = {plain(_number(third[pick]))}")
+    for ax in drawing.panels[:, 0]:
+        _along(ax, y, "y")
+    for ax in drawing.panels[-1]:
+        _words(ax, x, "x")
+    panel(drawing.panels[-1, across // 2], x=x.label)
+    drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=_label(surface))
+    if bad.any():
+        drawing.legend(0, [_bad_mark()])
+    return drawing
+
+
+def _extension(values: FloatArray, shades: Normalize) -> str:
+    finite = values[np.isfinite(values)]
+    low, high = _ends(shades)
+    below, above = bool((finite < low).any()), bool((finite > high).any())
+    return "both" if below and above else "min" if below else "max" if above else "neither"
+
+
+def _map(
+    ax: Axes, x: Axis, y: Axis, values: FloatArray, bad: NDArray[np.bool_], shades: Normalize, *, grows: bool
+) -> Any:
+    """Draw a map with lines of equal numbers; of growth the line at 1, beyond which runs are not stable."""
+    steps = [max(1, -(-size // MOST_CELLS)) for size in values.shape]
+    cells = values[:: steps[0], :: steps[1]].T
+    across, up = x.places[:: steps[0]], y.places[:: steps[1]]
+    picture = ax.pcolormesh(across, up, cells, norm=shades, cmap="cividis", shading="nearest", rasterized=True)
+    finite = cells[np.isfinite(cells)]
+    if min(cells.shape) > 2 and finite.size > 8 and finite.min() < finite.max():
+        levels = LEVELS if not grows else [1.0] if finite.min() < 1.0 < finite.max() else []
+        drawn = ax.contour(across, up, np.clip(cells, *_ends(shades)), levels=levels, colors="white", linewidths=0.6)
+        ax.clabel(drawn, fontsize=6.0, fmt="%.4g")
+    i, j = np.nonzero(bad)
+    ax.plot(x.places[i], y.places[j], ls="", marker="x", ms=3.0, color=BAD)
+    ax.grid(visible=False)
+    return picture
+
+
+def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray[np.bool_], width: str) -> Sheet:
+    drawing = style.figure([SCATTER] * len(surfaces), columns=len(values), width=width, share_x=False)
+    some = np.unique(np.linspace(0, bad.size - 1, min(bad.size, MOST_POINTS)).astype(int))
+    for column, (key, items) in enumerate(values.items()):
+        axis = _axis(key, items)
+        for row, surface in enumerate(surfaces):
+            ax = drawing.panels[row, column]
+            x, y = axis.places.ravel()[some], surface.values.ravel()[some]
+            ax.plot(x, y, ls="", marker="o", ms=2.0, color=NEUTRAL, alpha=0.6, mew=0.0)
+            for middle, median in _medians(x, y):
+                ax.plot(middle, median, ls="", marker="_", ms=9.0, mew=1.6, color=INK)
+            _range(ax, y, grows=_grows(surface))
+            _cross(ax, axis.places.ravel()[bad.ravel()])
+            _limit(ax, surface)
+            if not column:
+                panel(ax, y=_label(surface))
+            if row + 1 < len(surfaces):
+                ax.tick_params(labelbottom=False)
+            else:
+                _along(ax, axis, "x")
+            low, high = float(axis.places.min()), float(axis.places.max())
+            ax.set_xlim(low - 0.03 * (high - low or 1.0), high + 0.03 * (high - low or 1.0))
+    if bad.any():
+        drawing.legend(0, [_bad_mark()])
+    drawing.letters()
+    return drawing
+
+
+def _medians(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
+    """Give the median in each of some bands of the abscissa, where there is enough in them."""
+    good = np.isfinite(y)
+    if good.sum() < 20:
+        return []
+    edges = np.linspace(x[good].min(), x[good].max(), 9)
+    bands = [(good & (x >= a) & (x <= b), 0.5 * (a + b)) for a, b in pairwise(edges)]
+    return [(float(middle), float(np.median(y[band]))) for band, middle in bands if band.sum() >= 3]
+
+
+# Axes -----------------------------------------------------------------------------------------------------------------
+
+
+def _axis(key: str, items: NDArray[Any]) -> Axis:
+    if items.dtype.kind == "f":
+        return Axis(label_of(key), np.asarray(items, dtype=float))
+    texts = [_number(each) for each in items.ravel()]
+    words = tuple(dict.fromkeys(texts))
+    places = np.array([float(words.index(text)) for text in texts]).reshape(items.shape)
+    return Axis(label_of(key), places, words)
+
+
+def _line(values: NDArray[Any], axis: int) -> NDArray[Any]:
+    """Give the values of a grid's key along its own axis."""
+    return np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)[:, 0]
+
+
+def _picks(count: int, slices: int) -> list[int]:
+    return sorted({int(k) for k in np.round(np.linspace(0, count - 1, min(slices, count)))})
+
+
+def _along(ax: Axes, axis: Axis, name: str) -> None:
+    panel(ax, **{name: axis.label})
+    _words(ax, axis, name)
+
+
+def _words(ax: Axes, axis: Axis, name: str) -> None:
+    """Write words along an axis that has them, and number one by powers of ten that goes over many."""
+    if not axis.words and _goes_over_many(float(axis.places.min()), float(axis.places.max())):
+        (ax.set_xscale if name == "x" else ax.set_yscale)("log")
+    if axis.words:
+        numbers = range(len(axis.words))
+        (ax.set_xticks if name == "x" else ax.set_yticks)(list(numbers), [word[:24] for word in axis.words])
+
+
+def _pad(drawing: Sheet, places: FloatArray) -> None:
+    low, high = float(places.min()), float(places.max())
+    if high > low:
+        drawing.panels[0, 0].set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
+
+
+def _grows(surface: Surface) -> bool:
+    return surface.name.endswith(".growth")
+
+
+def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
+    """Choose an ordinate that shows most of what there is, also where a few runs went wild; ratios by powers of ten."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        ax.text(0.5, 0.5, "no number", transform=ax.transAxes, ha="center", color=NOTE)
+        return
+    low, high = float(finite.min()), float(finite.max())
+    if grows and _goes_over_many(low, high):
+        ax.set_yscale("log")
+        ax.set_ylim(low / (high / low) ** 0.06, high * (high / low) ** 0.06)
+        return
+    low, high = _colours(values)
+    room = max(0.06 * (high - low), ROUNDING * abs(high)) or 1.0
+    ax.set_ylim(low - room, high + room)
+
+
+def _goes_over_many(low: float, high: float) -> bool:
+    """Tell whether numbers are shown by powers of ten."""
+    return low > 0.0 and high > MANY * low
+
+
+def _shades(surface: Surface) -> Normalize:
+    """Choose how numbers become colours: growth over powers of ten by its logarithm."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    finite = surface.values[np.isfinite(surface.values)]
+    if _grows(surface) and finite.size and _goes_over_many(float(finite.min()), float(finite.max())):
+        return LogNorm(float(finite.min()), float(finite.max()))
+    return Normalize(*_colours(surface.values))
+
+
+def _ends(shades: Normalize) -> tuple[float, float]:
+    assert shades.vmin is not None and shades.vmax is not None
+    return shades.vmin, shades.vmax
+
+
+def _colours(values: FloatArray) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    inner = np.quantile(finite, [SPREAD, 1.0 - SPREAD])
+    if high - low > 4.0 * (inner[1] - inner[0]) > 0.0:
+        low, high = max(low, float(2.0 * inner[0] - inner[1])), float(2.0 * inner[1] - inner[0])
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _limit(ax: Axes, surface: Surface) -> None:
+    """Draw where growth is none."""
+    if surface.name.endswith(".growth"):
+        ax.axhline(1.0, color=NOTE, lw=0.8, ls=(0.0, (4.0, 3.0)))
+
+
+def _cross(ax: Axes, places: FloatArray) -> None:
+    ax.plot(
+        places, np.full(len(places), 0.03), ls="", marker="x", ms=3.5, color=BAD, transform=ax.get_xaxis_transform()
+    )
+
+
+def _bad_mark() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], ls="", marker="x", ms=4.0, color=BAD, label=CROSSES)
+
+
+def _label(surface: Surface) -> str:
+    quantity, _, statistic = surface.name.rpartition(".")
+    words = WORDS.get(quantity, quantity.replace("_", " "))
+    return f"{words},\n{statistic}{f' [{surface.unit}]' if surface.unit and surface.unit != '1' else ''}"
+
+
+def _rest(values: Mapping[str, Any]) -> str:
+    """Say at which values the keys stand that have no axis."""
+    keys = list(values)[3:]
+    texts = []
+    for k, key in enumerate(keys, start=3):
+        line = _line(values[key], k)
+        texts.append(f"{_short(key)} = {plain(_number(line[len(line) // 2]))}")
+    return f"; {', '.join(texts)}" if texts else ""
+
+
+def _short(key: str) -> str:
+    return label_of(key).split(" [")[0]
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,239 @@
+"""Some variants of a sweep, run together in whatever process: measures, faults, and what failed."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from threading import local
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.batch.group_runs import Measures, measured_variants
+from graspfx.batch.part_memory import PartMemory
+from graspfx.batch.row_measures import measures_of_recording
+from graspfx.batch.variants import ForeignPartsError, Variants
+from graspfx.build.resolve import resolve
+from graspfx.build.run import run
+from graspfx.environment import processors
+from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
+from graspfx.sweeps.scene_order import SceneOrder, permitted, take_order
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+COMPILER = "llvmlite"
+_thread = local()  # of each thread the order that it works on, and the memory of its chunks
+ALL = {"columns": [], "every": 1}  # what is recorded of a run that is measured afterwards
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some variants of a sweep.
+
+    Attributes:
+        number: of the chunk in its sweep.
+        members: their numbers in the sweep, (V,).
+        lists: by key, the values that they have.
+        numbers: of the value that each key has in each variant, (V, keys).
+    """
+
+    number: int
+    members: IndexArray
+    lists: Mapping[str, list[Any]]
+    numbers: IndexArray
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def overrides(self, variant: int) -> dict[str, Any]:
+        """Give the values of one of them, by key."""
+        return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
+
+    def part(self, places: Sequence[int] | IndexArray) -> Chunk:
+        """Give some of them, by their places in the chunk."""
+        where = np.asarray(places, dtype=np.intp)
+        return Chunk(self.number, self.members[where], self.lists, self.numbers[where])
+
+    def halves(self) -> tuple[Chunk, Chunk]:
+        """Split them in two."""
+        half = len(self) // 2
+        return self.part(np.arange(half)), self.part(np.arange(half, len(self)))
+
+
+@dataclass
+class ChunkResult:
+    """How variants went.
+
+    Attributes:
+        measures: by quantity and statistic, (V, *quantity); NaN where a variant failed. No zero has a sign.
+        faults: the tick of each variant's first fault, -1 for none, (V,).
+        failures: why a variant has no measures, empty where it has, (V,).
+        notes: what took longer than it need have.
+        seconds: that it took.
+    """
+
+    measures: Measures
+    faults: IndexArray
+    failures: list[str]
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @classmethod
+    def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
+        """Make the result of variants that have not run."""
+        measures = {
+            quantity: {name: np.full((count, *shape), np.nan) for name in statistics}
+            for quantity, shape in shapes.items()
+        }
+        return cls(measures, np.full(count, -1), [""] * count)
+
+    def __len__(self) -> int:
+        return len(self.faults)
+
+    def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
+        """Fill in some variants; a quantity may have been measured of them in another shape.
+
+        Raises:
+            InputError: it was.
+        """
+        for quantity, by_name in self.measures.items():
+            for name, whole in by_name.items():
+                shape = measures[quantity][name].shape[1:]
+                if shape != whole.shape[1:]:
+                    same = f"the shape {whole.shape[1:]} that it has in other variants"
+                    raise InputError("measure", f"{quantity} of shape {shape}", same)
+        for quantity, by_name in self.measures.items():
+            for name, whole in by_name.items():
+                whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
+        self.faults[where] = faults
+
+    def include(self, where: IndexArray, other: ChunkResult) -> None:
+        """Fill in the results of a part, by its places."""
+        for quantity, by_name in self.measures.items():
+            for name, whole in by_name.items():
+                whole[where] = other.measures[quantity][name]
+        self.faults[where] = other.faults
+        for place, text in zip(where.tolist(), other.failures, strict=True):
+            self.failures[place] = text
+        self.notes = tuple(dict.fromkeys([*self.notes, *other.notes]))
+        self.seconds += other.seconds
+
+
+def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> ChunkResult:
+    """Run the variants of a chunk, in this process.
+
+    Args:
+        content: the order, as bytes.
+        chunk: the variants.
+        threads: on which they run; by default all in the process that ordered, else one.
+
+    Raises:
+        SweepError: this process has other files or another GraspFX.
+        MissingPackageError: a package that the whole sweep needs.
+    """
+    began = perf_counter()
+    order, scene = take_order(content)
+    if getattr(_thread, "content", None) != content:
+        _thread.content, _thread.memory = content, PartMemory()
+    at_home = (socket.gethostname(), os.getpid()) == order.home
+    threads = (processors() if at_home else 1) if threads is None else threads
+    with permitted(order), one_blas_thread():
+        result = _result(order, scene, chunk, threads)
+    result.seconds = perf_counter() - began
+    return result
+
+
+def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> ChunkResult:
+    result = ChunkResult.blank(len(chunk), order.shapes, order.statistics)
+    share = len(chunk) / order.total
+    if order.native:
+        try:
+            _batch(order, scene, chunk, np.arange(len(chunk)), threads, share, result)
+        except GraspFXError as error:
+            _require_compiler(error)
+        else:
+            return result
+    alike, alone = _sorted(scene, chunk, result) if order.native else ([], list(range(len(chunk))))
+    if alike:
+        try:
+            _batch(order, scene, chunk, np.array(alike), threads, share, result)
+        except GraspFXError as whole:  # of some that do not go together
+            _require_compiler(whole)
+            for member in alike:
+                try:
+                    _batch(order, scene, chunk, np.array([member]), threads, share, result)
+                except GraspFXError as error:
+                    result.failures[member] = reason(error)
+    for member in alone:
+        _run_alone(order, scene, chunk, member, result)
+    return result
+
+
+def _batch(
+    order: SceneOrder, scene: Scene, chunk: Chunk, members: IndexArray, threads: int, share: float, result: ChunkResult
+) -> None:
+    part = chunk.part(members)
+    measures, faults, notes = measured_variants(
+        scene, part.lists, part.numbers, order.duration, list(order.shapes), order.statistics, threads, share,
+        _thread.memory,
+    )  # fmt: skip
+    result.put(members, measures, faults)
+    result.notes += notes
+
+
+def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int], list[int]]:
+    """List the variants that run in a batch and those that run alone; what is no scene is a failure."""
+    variants = Variants(scene, chunk.lists, chunk.numbers)
+    alike, alone = [], []
+    for member, numbers in enumerate(chunk.numbers):
+        try:
+            variants.built(numbers)
+        except ForeignPartsError:
+            alone.append(member)
+        except GraspFXError as error:
+            result.failures[member] = reason(error)
+        else:
+            alike.append(member)
+    return alike, alone
+
+
+def reason(error: Exception) -> str:
+    """Say on one line why a variant failed; of a scene its faults, as its values are beside it."""
+    if isinstance(error, SceneError):
+        return message(GraspFXError("; ".join(f"{fault.key}: {fault.message}" for fault in error.faults)))
+    return message(error) or type(error).__name__
+
+
+def forget() -> None:
+    """Forget what serves further chunks in this thread."""
+    _thread.__dict__.clear()
+
+
+def _require_compiler(error: GraspFXError) -> None:
+    if isinstance(error, MissingPackageError) and error.package == COMPILER:
+        raise error
+
+
+def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, result: ChunkResult) -> None:
+    """Run one variant as `gx.run` does, and measure what it recorded; a simulation only, whatever a value names."""
+    try:
+        variant = scene.replace({**chunk.overrides(member), "record": ALL})
+        parts = resolve(variant)
+        if parts.hardware:
+            names = ", ".join(parts.hardware)
+            raise InputError("scene", names, "simulated devices", "a sweep moves no hardware")
+        recording = run(variant, duration=order.duration)
+        measures = measures_of_recording(recording, list(order.shapes), order.statistics)
+        fault = recording.faults[0].tick if recording.faults else -1
+        result.put(np.array([member]), measures, np.array([fault]))
+    except Exception as error:  # noqa: BLE001 - others' code may raise anything, and that is this variant's result
+        result.failures[member] = reason(error)

@@ -1,0 +1,279 @@
+"""Many variants in chunks, each kept as it comes: `sweep`."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from os import PathLike
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import __version__, plugins
+from graspfx.analysis.arguments import count
+from graspfx.batch.batch import MEASURED, names_of, require_known
+from graspfx.batch.statistics import STATISTICS, Statistics
+from graspfx.build.run_header import source_name
+from graspfx.environment import is_granted
+from graspfx.errors import InputError
+from graspfx.progress import waiting
+from graspfx.sweeps.chunk import Chunk, ChunkResult, forget
+from graspfx.sweeps.chunk_loop import ChunkLoop
+from graspfx.sweeps.chunk_store import ChunkStore, folder_of, now, open_store, write_whole
+from graspfx.sweeps.crews import Crew, crew_of
+from graspfx.sweeps.first_look import Prospect, look_at
+from graspfx.sweeps.identity import files_of, identity_of, sweep_parts
+from graspfx.sweeps.netcdf import is_whole, netcdf
+from graspfx.sweeps.scene_order import SceneOrder, SweepError
+from graspfx.sweeps.sweep_result import SweepResult
+from graspfx.sweeps.variant_grid import VariantGrid, make_grid, scattered
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+TICKS = 2_000_000  # of a chunk of native variants: a second or two
+ALONE = 100_000  # of one whose variants run one by one
+LEAST_SHARE = 4  # chunks for each worker, where the sweep is long enough
+
+
+class SweepWarning(UserWarning):
+    """A sweep that goes on, though something went wrong on the way: a damaged chunk, or a process that died."""
+
+
+def sweep(
+    scene: Scene | str | PathLike[str],
+    values: Mapping[str, Any],
+    *,
+    out: str | PathLike[str] | None = None,
+    executor: Any = None,
+    resume: bool = True,
+    overwrite: bool = False,
+    duration: float | None = None,
+    zip: bool = False,
+    measure: Sequence[str] = MEASURED,
+    statistics: Sequence[str] = STATISTICS,
+    sample: str = "",
+    seed: int = 0,
+    chunk: int | None = None,
+) -> SweepResult:
+    """Simulate many variants of any scene in chunks, which stay as they come: what is killed goes on where it was.
+
+    Variants are those of `run_batch`, to the last bit, and no zero has a sign; how they are split, and who runs them,
+    changes nothing. A variant that is not native is a run of its own, measured by the same code. A variant with a fault
+    has a `fault_tick`; one that is no scene, or that kills its process, a `failure` and NaN.
+
+    With `out` each chunk is a file, written beside its place, kept by the disk and moved there. A killed sweep is
+    started again with the same arguments, by any executor. When all chunks are there, `sweep.nc` is written: netCDF 4,
+    with names, units and coordinates, which xarray opens.
+
+    Args:
+        scene: a Scene, a name or a path; simulated devices only.
+        values: by dotted key, as for `scene.replace`: a list, an array, or a range as in "20:70:25" (25 values from 20
+            to 70) or "1:1000:4:log"; all combinations of them, the last key changing fastest.
+        out: a folder; None for a sweep in memory.
+        executor: None for this process, on all its processors; "threads:N", "processes:N"; "local:N" for a cluster of
+            dask on this machine, "tcp://..." for the scheduler of one; any executor of `concurrent.futures`, or a
+            client of dask. Scripts start processes below `if __name__ == "__main__":`.
+        resume: whether a sweep that `out` has already goes on, if it is the same.
+        overwrite: whether a sweep that `out` has already is removed, whatever it is.
+        duration: instead of the scene's own [s]; rounded to whole periods.
+        zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
+        measure, statistics: as for `run_batch`.
+        sample: "lhs:N" for N variants of a Latin hypercube: anywhere in a range, of a list each value as often.
+        seed: of the sample; it is recorded.
+        chunk: variants in a chunk; by default as many as take a second or two. A sweep that goes on has its own.
+
+    Raises:
+        SweepError: `out` has another sweep, or another process is at it; workers with other files.
+        SceneError: no variant is a scene.
+        InputError: values that are none; a scene with hardware; an executor that is none of these.
+        UnknownNameError: a quantity or statistic that there is not.
+        MissingPackageError: a package that the scene or the cluster needs.
+        RecordingError: the folder cannot be written.
+        KeyboardInterrupt: with what is done, and how to go on.
+    """
+    from graspfx.scene.load import to_scene
+
+    began = perf_counter()
+    scene_ = to_scene(scene)
+    measure, statistics = names_of("measure", measure), names_of("statistics", statistics)
+    if not measure or not statistics:
+        raise InputError("statistics" if measure else "measure", [], "at least one name")
+    require_known("statistic", statistics, STATISTICS)
+    if chunk is not None:
+        chunk = count("chunk", chunk, 1)
+    folder = None if out is None else folder_of(out)
+    variants = make_grid(values, zip=zip, sample=sample, seed=seed)
+    with plugins.unchanged(), waiting(f"looking at {source_name(scene_.source)}"):
+        prospect = look_at(scene_, variants, duration, measure)
+        files = files_of(scene_, variants)
+    seconds = float(scene_.duration if duration is None else duration)
+    parts = sweep_parts(scene_, variants, seconds, list(prospect.shapes), statistics, files)
+    order = SceneOrder(
+        scene_.to_dict(), scene_.source, is_granted(), duration, prospect.shapes, tuple(statistics), prospect.native,
+        len(variants), files, (socket.gethostname(), os.getpid()),
+    )  # fmt: skip
+    with crew_of(executor) as crew:
+        size = chunk or _size(len(variants), prospect, crew)
+        with _store(folder, parts, size, resume=resume, overwrite=overwrite) as store:
+            work = Work(scene_, variants, order, prospect, size if store is None else store.size, store)
+            work.recall()
+            work.do(crew)
+            return work.result(parts, perf_counter() - began)
+
+
+def _size(count: int, prospect: Prospect, crew: Crew) -> int:
+    """Choose how many variants go together: so many that building them is little, and that all workers have some."""
+    suits = (TICKS if prospect.native else ALONE) // prospect.ticks
+    share = -(-count // (LEAST_SHARE * crew.workers))
+    return max(1, min(suits, max(share, suits // LEAST_SHARE)))
+
+
+def _store(folder: Any, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool) -> Any:
+    if folder is None:
+        return nullcontext()
+    return open_store(folder, parts, size, resume=resume, overwrite=overwrite)
+
+
+@dataclass
+class Work:
+    """A sweep's chunks: those that are there, and those that are to be computed.
+
+    Args:
+        scene, variants: of the sweep.
+        order: what workers are told.
+        prospect: what was seen before.
+        size: variants in a chunk.
+        store: where chunks are written; None for memory alone.
+    """
+
+    scene: Scene
+    variants: VariantGrid
+    order: SceneOrder
+    prospect: Prospect
+    size: int
+    store: ChunkStore | None
+    total: ChunkResult = field(init=False)
+    members: list[NDArray[np.intp]] = field(init=False)
+    missing: list[int] = field(default_factory=list)
+    resumed: int = 0
+    done: int = 0
+
+    def __post_init__(self) -> None:
+        self.total = self._blank(len(self.variants))
+        self.members = scattered(len(self.variants), self.size)
+
+    def _blank(self, size: int) -> ChunkResult:
+        return ChunkResult.blank(size, self.order.shapes, self.order.statistics)
+
+    def recall(self) -> None:
+        """Read the chunks that are there, and say which are damaged."""
+        for number, place in enumerate(self.members):
+            result = self.store.load(number, self._blank(len(place))) if self.store is not None else None
+            if result is None:
+                self.missing.append(number)
+            else:
+                self.total.include(place, result)
+                self.resumed += len(result)
+        if self.store is not None and self.store.damaged:
+            names = ", ".join(path.name for path in self.store.damaged[:5])
+            more = f" and {len(self.store.damaged) - 5} more" if len(self.store.damaged) > 5 else ""
+            text = f"{self.store.damaged[0].parent}: damaged, and computed again: {names}{more}"
+            warnings.warn(text, SweepWarning, stacklevel=4)
+
+    def do(self, crew: Crew) -> None:
+        """Compute what is missing.
+
+        Raises:
+            KeyboardInterrupt: with what is done, and how to go on.
+        """
+        left = len(self.variants) - self.resumed
+        if not left:
+            return
+        text = f"sweeping {source_name(self.scene.source)}"
+        text += f" ({self.resumed} variants were there)" if self.resumed else ""
+        with self._farewell(), waiting(text, left, "variants", lambda: self.done):
+            try:
+                ChunkLoop(crew, self.order, self._finish, self._note).run(map(self._chunk, self.missing))
+            finally:
+                forget()
+
+    def _chunk(self, number: int) -> Chunk:
+        members = self.members[number]
+        return Chunk(number, members, *self.variants.part(members))
+
+    def _finish(self, chunk: Chunk, result: ChunkResult) -> None:
+        if self.store is not None:
+            self.store.save(chunk.number, result)
+        self.total.include(chunk.members, result)
+        self.done += len(result)
+
+    @staticmethod
+    def _note(text: str) -> None:
+        warnings.warn(text, SweepWarning, stacklevel=2)
+
+    @contextmanager
+    def _farewell(self) -> Iterator[None]:
+        """Say of a sweep that ends early what is done, and how to go on."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.folder}"
+            text = f"{done} of {len(self.variants)} variants are done{where}"
+            how = "the same call, with resume, goes on from there" if self.store else "without `out` they are lost"
+            raise KeyboardInterrupt(f"{text}: {how}") from None
+
+    def result(self, parts: Mapping[str, Any], took: float) -> SweepResult:
+        """Put all together, and write the file of it where there is a folder.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
+        shape, total = self.variants.shape, self.total
+        result = SweepResult(
+            values=self.variants.arrays,
+            fault_tick=total.faults.reshape(shape),
+            measures={
+                quantity: Statistics({name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()})
+                for quantity, by_name in total.measures.items()
+            },
+            notes=total.notes,
+            build_time=0.0,
+            run_time=total.seconds,
+            scene=source_name(self.scene.source),
+            layout=self.prospect.layout,
+            failure=np.array(total.failures, dtype=object).reshape(shape),
+            folder=None if self.store is None else self.store.folder,
+            about=self._about(parts),
+            resumed=self.resumed,
+            seconds=(took, total.seconds),
+        )
+        if self.store is not None and (self.done or not is_whole(self.store.final, self.store.identity)):
+            with waiting(f"writing {self.store.final.name}"):
+                write_whole(self.store.final, netcdf(result.labels()))
+        return result
+
+    def _about(self, parts: Mapping[str, Any]) -> dict[str, Any]:
+        scene, variants = self.scene, self.variants
+        return {
+            "title": f"sweep of {scene.title or source_name(scene.source)}",
+            "source": f"GraspFX {__version__}",
+            "scene": source_name(scene.source),
+            "scene_table": json.dumps(parts["scene"]),
+            "keys": json.dumps(variants.keys),
+            "duration": parts["duration"],
+            "sample": variants.sample,
+            "seed": variants.seed if variants.sample else "",
+            "identity": identity_of(parts),
+            "created": now() if self.store is None else str(self.store.manifest["created"]),
+        }
+
+
+__all__ = ["SweepError", "SweepWarning", "sweep"]

@@ -1,0 +1,234 @@
+"""The outcome of a sweep: measures of every variant, faults and failures."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.batch.batch import Batch
+from graspfx.card import Card, counted, listed
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.show.labelled import Labels, batch_dataset, batch_labels, grid_of
+from graspfx.show.tabular import batch_frame
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from graspfx.show.drawing import Drawing
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResult(Batch):
+    """The outcome of a sweep. Every array begins with the grid's axes, or with one of variants (zip, samples).
+
+    Attributes:
+        values, fault_tick, measures, notes, scene, layout: as those of a `Batch`; measures are NaN where there is a
+            failure, and no zero has a sign.
+        failure: why a variant has no measures, of the grid's shape; empty where it has.
+        folder: in which chunks and `sweep.nc` are; None of a sweep in memory.
+        about: what the file says of the sweep: scene, identity, duration, sample, seed, version.
+        resumed: variants that had been computed before.
+        seconds: that this call took, and that all chunks took where they ran.
+    """
+
+    failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
+    folder: Path | None = None
+    about: dict[str, Any] = field(default_factory=dict)
+    resumed: int = 0
+    seconds: tuple[float, float] = (0.0, 0.0)
+
+    def _card(self) -> Card:
+        grid = f" ({' x '.join(map(str, self.shape))})" if len(self.shape) > 1 else ""
+        how = (
+            f", {self.about['sample']}"
+            if self.about.get("sample")
+            else ", values taken together"
+            if self.is_together
+            else ""
+        )
+        rows = [
+            *((key, _extent(values)) for key, values in self.values.items()),
+            *((name, listed(by_name, len(by_name))) for name, by_name in self.measures.items()),
+            ("faults", _of(int((self.fault_tick >= 0).sum()))),
+            ("failures", "\n".join([_of(int(self.failed.sum())), *self.reasons(3)])),
+            ("files", str(self.folder) if self.folder is not None else ""),
+            ("time", self._time()),
+            ("notes", "\n".join(self.notes)),
+        ]
+        calls = "[quantity][statistic], .ranking(measure), .plot(), .to_xarray(), .to_frame(), .overrides(variant)"
+        return Card(f"Sweep of {self.scene}: {counted(len(self), 'variant')}{grid}{how}", rows, calls)
+
+    def _time(self) -> str:
+        again = f"; {counted(self.resumed, 'variant')} had been computed before" if self.resumed else ""
+        return f"{self.seconds[0]:.3g} s, {self.seconds[1]:.3g} s in chunks{again}"
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Whether each variant has no measures, of the grid's shape."""
+        return np.asarray(self.failure.astype(str) != "")
+
+    def reasons(self, most: int = 10) -> list[str]:
+        """List why variants have no measures, the most frequent reasons first, each with their number."""
+        texts = Counter(str(text) for text in self.failure.ravel() if text)
+        return [f"{count} x {text}" for text, count in texts.most_common(most)]
+
+    def overrides(self, variant: int) -> dict[str, Any]:
+        """Give the values of one variant by key, by its number in the flattened grid: `scene.replace` takes them."""
+        return {key: values.ravel()[variant : variant + 1].tolist()[0] for key, values in self.values.items()}
+
+    def scalar(self, measure: str = "") -> tuple[str, FloatArray]:
+        """Give one number for each variant, of the grid's shape: of a measure's entries the one of largest magnitude.
+
+        Args:
+            measure: as in `finger_force.peak`; by default the growth of the first quantity, else its first statistic.
+
+        Returns:
+            The measure's whole name, and the numbers; NaN where there is none.
+
+        Raises:
+            UnknownNameError: it was not measured.
+        """
+        quantity, statistic = self.measure_of(measure)
+        values = self[quantity][statistic].reshape(*self.shape, -1)
+        sizes = np.where(np.isnan(values), -1.0, np.abs(values))
+        largest = np.take_along_axis(values, sizes.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        return f"{quantity}.{statistic}", np.asarray(largest)
+
+    def measure_of(self, measure: str = "") -> tuple[str, str]:
+        """Take the name of a measure apart into quantity and statistic.
+
+        Raises:
+            UnknownNameError: it was not measured.
+        """
+        names = [f"{quantity}.{name}" for quantity, by_name in self.measures.items() for name in by_name]
+        if not measure:
+            first = next(iter(self.measures))
+            own = self.measures[first]
+            return first, "growth" if "growth" in own else next(iter(own))
+        if measure not in names:
+            raise UnknownNameError("measure", measure, names)
+        quantity, _, name = measure.rpartition(".")
+        return quantity, name
+
+    def ranking(self, measure: str = "") -> IndexArray:
+        """Order the variants by a measure, the least first, by their numbers in the flattened grid.
+
+        Variants without it, and those with a fault, are left out; the argument is that of `scalar`.
+        """
+        _, values = self.scalar(measure)
+        flat = np.where(self.fault_tick.ravel() >= 0, np.nan, values.ravel())
+        order = np.argsort(flat, kind="stable")
+        return np.asarray(order[: int(np.isfinite(flat).sum())])
+
+    def labels(self) -> Labels:
+        """Label all arrays, as files and xarray have them."""
+        labels = batch_labels(self)
+        grid, _ = grid_of(self)
+        meaning = {"long_name": "why the variant has no measures; empty where it has"}
+        variables = {"failure": (grid, self.failure.astype(str), meaning), **labels.variables}
+        attributes = {name: value for name, value in self.about.items() if value not in ("", None)}
+        return Labels(variables, labels.coordinates, {**attributes, "notes": list(self.notes)})
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to an xarray Dataset, as `sweep.nc` is one: its dimensions are the keys, or `variant`.
+
+        Measures are variables as `finger_force_rms`, each with `units` and `long_name`, beside `fault_tick` and
+        `failure`.
+
+        Raises:
+            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+        """
+        return batch_dataset(self, self.labels())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Convert to a pandas DataFrame: a row per variant, a column per key and component.
+
+        Components are called as `finger_force.rms.thumb.x`.
+
+        Raises:
+            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+        """
+        frame = batch_frame(self)
+        frame.insert(len(self.values), "failure", self.failure.astype(str).ravel())
+        return frame
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write values, faults, failures and measures as nested lists, for JSON; None is no number."""
+        table = {**super().to_dict(), "failure": self.failure.tolist(), "about": dict(self.about)}
+        whole: dict[str, Any] = json.loads(json.dumps(table, default=repr), parse_constant=lambda _: None)
+        return whole
+
+    def plot(self, *measures: str, width: Literal["screen", "page", "column"] = "screen", slices: int = 3) -> Drawing:
+        """Draw measures over the keys: curves of one key, maps of two, of more some slices; of a sample all marginals.
+
+        Args:
+            measures: as in `finger_force.peak`; by default one of each of the first three quantities, or of maps
+                the first; there is one sheet for each.
+            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+            slices: of a third key, how many values have a map of their own; further keys stand at their middle value.
+
+        Raises:
+            UnknownNameError: a measure that there is not.
+            InputError: no such width, or nothing to draw.
+        """
+        from graspfx.show.drawing import Drawing
+        from graspfx.show.variant_figures import Surface, variants_sheet
+
+        if not self.measures:
+            raise InputError("measures", (), "a sweep with measures")
+        names = measures or tuple(self.drawn()[:1] if self.has_maps else self.drawn())
+        if self.has_maps and len(names) > 1:
+            raise InputError("measures", names, "one measure, as keys have maps", "draw the others by themselves")
+        surfaces = []
+        for name in names:
+            whole, values = self.scalar(name)
+            quantity, statistic = self.measure_of(name)
+            unit = "" if statistic == "growth" else self.column(quantity).unit
+            surfaces.append(Surface(whole, unit, values))
+        bad = self.failed | (self.fault_tick >= 0)
+        sheet = variants_sheet(self.values, surfaces, bad, f"{self.scene}", width, slices, together=self.is_together)
+        return Drawing(sheet)
+
+    @property
+    def is_together(self) -> bool:
+        """Whether the keys' values go together, so that there is no grid of them."""
+        return len(self.values) > len(self.shape) or bool(self.about.get("sample"))
+
+    @property
+    def has_maps(self) -> bool:
+        """Whether measures are drawn as maps, each on a sheet of its own."""
+        return not self.is_together and len(self.values) > 1
+
+    def drawn(self) -> list[str]:
+        """List the measures that are drawn where none is named: one of each of the first three quantities."""
+        return [self.first_of(quantity) for quantity in list(self.measures)[:3]]
+
+    def first_of(self, quantity: str) -> str:
+        """Name the measure of a quantity that says most at a glance: growth or peak, else the first.
+
+        Raises:
+            UnknownNameError: the quantity was not measured.
+        """
+        names = self[quantity]
+        return f"{quantity}.{next((name for name in ('growth', 'peak') if name in names), next(iter(names)))}"
+
+
+def _of(count: int) -> str:
+    return f"in {counted(count, 'variant')}" if count else "none"
+
+
+def _extent(values: NDArray[Any]) -> str:
+    texts = list(dict.fromkeys(f"{each:.6g}" if isinstance(each, float) else f"{each}" for each in values.ravel()))
+    if values.dtype.kind == "f" and len(texts) > 6:
+        return f"{len(texts)} values from {values.min():.6g} to {values.max():.6g}"
+    return listed(texts)

@@ -1,0 +1,88 @@
+"""Priorities of threads and processes, their processors, and memory that is not moved to disk: on Linux, in part."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import Any
+
+from graspfx.system import c_library
+
+SLACK = 29  # PR_SET_TIMERSLACK
+CURRENT, FUTURE, TOUCHED = 1, 2, 4  # of mlockall: what is not touched is not locked, and takes no time as it ends
+OTHER = "other"  # the policy without real-time priority
+
+
+def processors() -> int:
+    """Count the processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def be_nice(number: int) -> None:
+    """Let other programs come before this process, where there is a number for it."""
+    if hasattr(os, "nice"):
+        with suppress(OSError):
+            os.nice(number)
+
+
+def set_fifo(priority: int) -> str:
+    """Let this thread run before all others of a lower priority; name the policy that it has.
+
+    Threads that it starts do not come by it.
+    """
+    fifo = getattr(os, "SCHED_FIFO", None)
+    if fifo is None or not hasattr(os, "sched_setscheduler"):
+        return OTHER
+    return f"fifo {priority}" if set_policy(fifo | getattr(os, "SCHED_RESET_ON_FORK", 0), priority) else OTHER
+
+
+def set_policy(policy: Any, priority: int) -> bool:
+    """Give this thread a policy and priority from `real_time_policy`; tell whether the system lets it."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        return True
+    return False
+
+
+def real_time_policy() -> tuple[Any, int] | None:
+    """Give the real-time policy and priority of this thread; None without."""
+    if not hasattr(os, "sched_getscheduler"):
+        return None
+    policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
+    if policy not in (os.SCHED_FIFO, os.SCHED_RR):
+        return None
+    return policy, os.sched_getparam(0).sched_priority
+
+
+def set_exact_timers() -> bool:
+    """Let timers of this thread end when they should; tell whether the system does."""
+    return c_library.call("prctl", SLACK, 1, 0, 0, 0) == 0
+
+
+def most_locked() -> float | None:
+    """Count the bytes that this process may keep from being moved to disk; None where that is not told."""
+    try:
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+        return float("inf") if limit == resource.RLIM_INFINITY or os.geteuid() == 0 else float(limit)
+    except (ImportError, AttributeError, OSError, ValueError):
+        return None
+
+
+def lock_memory() -> str:
+    """Keep this process's memory from being moved to disk: all that is to come too, where there is no limit."""
+    most = most_locked()
+    if most is None:
+        return "free"
+    if most == float("inf") and c_library.call("mlockall", CURRENT | FUTURE | TOUCHED) == 0:
+        return "locked"
+    return "locked so far" if c_library.call("mlockall", CURRENT | TOUCHED) == 0 else "free"
+
+
+def leave_no_core() -> None:
+    """Let a crash write no image of the memory: until that is written nobody can take the force away."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

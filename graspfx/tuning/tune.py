@@ -1,0 +1,190 @@
+"""The largest gains of a scene that keep margins in the hands of a set of operators, verified afresh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
+
+from graspfx.certificate.certificates import certificates
+from graspfx.certificate.judgement import Judgement
+from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, operator_set
+from graspfx.errors import InputError
+from graspfx.progress import waiting
+from graspfx.scene.load import to_scene
+from graspfx.scene.model import Scene
+from graspfx.tuning.formulas import Constraint, read_constraints, read_expression
+from graspfx.tuning.search import MET, Answer, Hand, search
+from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
+from graspfx.tuning.tuning_measures import numbers_of
+from graspfx.tuning.tuning_problem import Problem
+
+OWN = "own"
+USUAL = "margin >= 1.5"
+MORE = 1.01  # times the objective, where the verification looks
+NEAR = 2e-3  # slack up to which a constraint may be what binds
+FRESH = 32  # operators drawn afresh that the optimum is held against
+SAME = 1e-6  # relative: a rise of the objective that is rounding
+TIGHTEST = 6  # hands in which the objective 1 % higher is judged
+EDGE = 1e-6  # of a range: at its end
+
+
+def tune(
+    scene: Scene | str | PathLike[str],
+    maximise: str = "internal.stiffness",
+    subject_to: str | Sequence[str] = USUAL,
+    *,
+    over: Ranges | None = None,
+    operators: Ranges | str | None = None,
+    seed: int = 0,
+) -> Tuning:
+    """Find the largest gains with which a scene keeps its margins in the hands of every operator of a set.
+
+    Constraints hold in the worst hand: the best gains for a few hands, then the worst hand of the whole box there, and
+    again with it among the few, until none violates them (Blankenship and Falk 1976). Of one key roots are sought from
+    a grid, of more by sequential quadratic programming from points that fill the box. Each judgement is a certificate
+    at a rest of its own. The answer is judged afresh, in hands drawn at random too, and with the objective 1 % higher.
+
+    Names: `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
+    `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
+    `spectral_radius`, `displayed.stiffness` [N/m] (`tuning_measures.MEASURES` has the formulas), gains as
+    `internal.stiffness`, and any key of the scene that is a number.
+
+    Args:
+        scene: from `load`, or made in Python; or its name, or a path.
+        maximise: a formula of names, numbers, + - * / and brackets.
+        subject_to: comparisons of formulas by >= or <=, in one text between commas, or several.
+        over: ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO"; the gains of
+            the objective, a hundredth to a hundred times their values, if None.
+        operators: as `certify_operators`; "own" for the scene's own alone. The table [operators] of the scene, or the
+            usual ranges, if None.
+        seed: of the hands drawn afresh.
+
+    Returns:
+        A `Tuning`; of a problem that cannot be met, the nearest, which says so.
+
+    Raises:
+        InputError: an expression, a range or an objective that is none.
+        UnknownNameError: a name that is neither measure nor key.
+        SceneError: a value that the scene does not take.
+    """
+    scene_ = to_scene(scene)
+    text = subject_to if isinstance(subject_to, str) else ", ".join(subject_to)
+    objective, constraints = read_expression(maximise), read_constraints(text)
+    problem = Problem(scene_, objective, constraints, over, _operators(scene_, operators))
+    with problem.session(), waiting(f"tuning {scene_.source.name}", None, "judgements", lambda: float(problem.count)):
+        answer = search(problem)
+        return _verified(problem, answer, seed)
+
+
+def _operators(scene: Scene, operators: Ranges | str | None) -> OperatorSet | None:
+    if isinstance(operators, str):
+        if operators != OWN:
+            raise InputError("operators", operators, f"ranges by key, or {OWN!r}")
+        return None
+    if operators is None and not scene.operators and not (scene.hand or any(each.hand for each in scene.finger)):
+        return None  # nobody simulated holds it
+    return operator_set(scene, operators)
+
+
+def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
+    """Judge the answer afresh, with rounded values, and beyond it."""
+    values = {key: float(six_digits(value)) for key, value in problem.values(answer.point).items()}
+    hands = list(answer.hands)
+    if problem.operators is not None:
+        hands += problem.operators.population(FRESH, seed)
+        if answer.worst is not None:
+            hands.append(dict(problem.operators.values(answer.worst.point)))
+    values = _rounded_inwards(problem, answer, values, [*answer.hands, hands[-1]])
+    ones = [problem.judged_with(values, hand) for hand in hands]
+    at = [_nearest(problem, each, k, ones) for k, each in enumerate(problem.constraints)]
+    feasible = all(each.holds for each in at)
+    objective = min((problem.objective_of(one) for one in ones), default=math.nan)
+    own = problem.judged_with({}, {})
+    tightest = sorted(range(len(ones)), key=lambda k: problem.least(ones[k]))[:TIGHTEST]
+    more: tuple[Check, ...] = ()
+    if feasible:
+        more = tuple(_more(problem, values, [ones[k] for k in tightest], [hands[k] for k in tightest]))
+    end = next((each for each, x in zip(problem.over, answer.point, strict=True) if min(x, 1.0 - x) < EDGE), None)
+    return Tuning(
+        scene=problem.scene,
+        objective=problem.objective.text,
+        value=objective,
+        before=problem.objective_of(own),
+        values=values,
+        feasible=feasible,
+        constraints=tuple(at),
+        binding=_binding(at, more) if feasible else None,
+        more=more or (Check({}, None),) * feasible,
+        certificates=tuple(certificates(problem.scene.replace({**values, **hands[tightest[0]]}))),
+        end=end,
+        operators=problem.operators,
+        hands=tuple(answer.hands),
+        reach=_reach(problem, hands) if not feasible else {},
+        judged=problem.count,
+    )
+
+
+def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float], hands: list[Hand]) -> dict[str, float]:
+    """Round the tuned values to six digits on the side where the constraints hold."""
+    if not answer.feasible:
+        return values
+    exact = problem.values(answer.point)
+    for shrink in (0.0, -5e-7, 5e-7, -1e-6, 1e-6):
+        trial = {key: float(six_digits(value * (1.0 + shrink))) for key, value in exact.items()}
+        if all(problem.least(problem.judged_with(trial, hand)) >= 0.0 for hand in hands):
+            return trial
+    return values
+
+
+def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[Judgement]) -> ConstraintValue:
+    """Give a constraint in the hand that comes nearest to violating it."""
+    one = min(ones, key=lambda each: problem.slacks(each)[number])
+    numbers = numbers_of(problem.keys, one)
+    left, right = constraint.left.value(numbers), constraint.right.value(numbers)
+    return ConstraintValue(constraint.text, left, right, constraint.slack(numbers), one)
+
+
+def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
+    """Name the constraint that breaks beyond the optimum, else the one that is met without room."""
+    broken = [check.broken for check in more if check.broken is not None]
+    if broken and len(broken) == len(more):
+        first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))
+        return next(each for each in at if each.text == first.text)
+    least = min(at, key=lambda each: each.slack, default=None)
+    return least if least is not None and least.slack <= NEAR else None
+
+
+def _more(
+    problem: Problem, values: Mapping[str, float], ones: Sequence[Judgement], hands: Sequence[Hand]
+) -> Iterator[Check]:
+    """Judge each key 1 % further the way the objective rises, and name the constraint that breaks first."""
+    before = min(problem.objective_of(one) for one in ones)
+    for each in problem.over:
+        for factor in (MORE, 1.0 / MORE):
+            beyond = {**values, each.key: values[each.key] * factor}
+            further = [problem.judged_with(beyond, hand) for hand in hands]
+            if min(problem.objective_of(one) for one in further) > before + SAME * abs(before):
+                worst = [_nearest(problem, c, k, further) for k, c in enumerate(problem.constraints)]
+                broken = min(worst, key=lambda value: value.slack, default=None)
+                yield Check(beyond, broken if broken is not None and broken.slack < 0.0 else None, each.key)
+
+
+def _reach(problem: Problem, hands: list[Hand]) -> dict[str, float]:
+    """Give for each constraint that cannot be met even by itself how near its left side comes."""
+    result = {}
+    for each in problem.constraints:
+        alone = Problem(problem.scene, read_expression(_room(each)), (), list(problem.over), problem.operators)
+        with alone.session():
+            best = search(alone)
+            ones = [alone.judged(best.point, hand) for hand in hands]
+            slack = min(each.slack(numbers_of(problem.keys, one)) for one in ones)
+            if slack < -MET:
+                worst = min(ones, key=lambda one: each.slack(numbers_of(problem.keys, one)))
+                result[each.text] = each.left.value(numbers_of(problem.keys, worst))
+    return result
+
+
+def _room(constraint: Constraint) -> str:
+    left, right = constraint.left.text, constraint.right.text
+    return f"({left}) - ({right})" if constraint.is_least else f"({right}) - ({left})"

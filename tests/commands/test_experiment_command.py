@@ -1,0 +1,70 @@
+"""`graspfx experiment`: a plan, simulated sessions, sessions answered by keys, and what is refused."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from graspfx.__main__ import main
+from graspfx.experiment.trial_table import read_table
+from tests.support.experiments import COMPARED, PLAIN, table_of
+
+pytest.importorskip("questplus", reason="staircases: pip install 'graspfx[experiment]'")
+
+
+def written(folder: Path, text: str) -> str:
+    """Write an experiment's file, and give its path."""
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_the_plan_is_printed_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["experiment", written(tmp_path, COMPARED), "--plan", "--participant", "7"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 8 and lines[0].startswith("1  practice  ")
+    assert sum("  internal  " in line for line in lines[1:]) == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_a_simulated_session_sums_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["experiment", written(tmp_path, COMPARED), "--simulate", "--out", str(tmp_path / "study")]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert "internal: threshold " in text and " of 4 answers right" in text and "_beh.tsv" in text
+    assert main(words) == 2
+    assert "--resume goes on with it" in capsys.readouterr().err
+
+
+def test_lines_of_input_answer_and_its_end_is_the_end(tmp_path: Path) -> None:
+    """Answers come too late for the first question where input has ended: the session ends, and can go on."""
+    words = [sys.executable, "-m", "graspfx", "experiment", written(tmp_path, PLAIN), "--out", str(tmp_path / "study")]
+    done = subprocess.run(words, input="", capture_output=True, text=True, env=dict(os.environ), check=False)
+    assert done.returncode == 130, done.stderr
+    assert "ended after trial 0 of 4; --resume goes on with the next" in done.stdout
+    assert read_table(table_of(tmp_path / "study")) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["stifness-jnd"], "did you mean 'stiffness-jnd'"),
+        (["stiffness-jnd", "--participant", "a b", "--simulate"], "letters and digits alone"),
+        (["stiffness-jnd", "--resume", "--simulate"], "no session to go on with"),
+        (["stiffness-jnd", "--run", "0", "--simulate"], "from 1 to 99"),
+        (["stiffness-jnd", "--simulate", "--lsl"], "a simulated observer alone"),
+    ],
+)
+def test_what_is_refused(
+    words: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert main(["experiment", *words]) == 2
+    assert text in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.tsv"))

@@ -1,0 +1,38 @@
+"""`graspfx stream`: an address with a token, a recording, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from graspfx.__main__ import main
+from graspfx.loop.recording.record import Recording
+
+pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
+
+SCENE = ["stream", "paper-waving", "--set", "engine=interpreted", "--port", "0"]
+
+
+def test_it_prints_its_address_and_records(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SCENE, "--seconds", "0.4", "--out", str(tmp_path)]) == 0
+    assert re.search(r"^ws://127\.0\.0\.1:\d+/stream\?token=[\w-]{32}$", capsys.readouterr().out, re.MULTILINE)
+    recording = Recording.load(tmp_path)
+    assert len(recording) > 20 and not recording.faults
+    assert main([*SCENE, "--out", str(tmp_path)]) == 2  # over nothing that is there
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--seconds", "0"], "a time above zero"),
+        (["--rate", "0.5"], "1 to 120 states a second"),
+        (["--token", "short"], "16 letters"),
+        (["--origin", "*"], "the address of a page"),
+        (["--port", "70000"], "a port from 0"),
+    ],
+)
+def test_what_is_refused(words: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SCENE, *words]) == 2
+    assert text in capsys.readouterr().err

@@ -1,0 +1,203 @@
+"""The server of a stream: who is let in, whose goals count, and that a slow client delays nobody."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from graspfx.errors import InputError
+from graspfx.screen.own_page import NAMES, listen_at
+from graspfx.screen.stream_gate import StreamGate
+from graspfx.screen.stream_orders import LONGEST, StreamOrder, read_stream_order
+from graspfx.screen.stream_server import BURST, MOST_CLIENTS, SOCKET, Bounds, StreamServer
+
+pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as open_socket
+from websockets.sync.connection import Connection
+
+TOKEN = "a-token-of-the-tests"
+BOUNDS = Bounds(2, 0.2, 0.05)
+
+
+class Hands:
+    """Hands that note how they are led."""
+
+    def __init__(self) -> None:
+        self.orders: list[StreamOrder] = []
+        self.releases: list[int] = []
+
+    def lead(self, order: StreamOrder) -> None:
+        self.orders.append(order)
+
+    def release(self, guide: int) -> None:
+        self.releases.append(guide)
+
+
+class Stream:
+    """A server with its hands, and clients of it."""
+
+    def __init__(self, server: StreamServer, hands: Hands, host: str) -> None:
+        self.server, self.hands, self.host = server, hands, host
+
+    def client(self, token: str = TOKEN, path: str = SOCKET, origin: Any = None, **headers: str) -> ClientConnection:
+        return open_socket(
+            f"ws://{self.host}{path}?token={token}", origin=origin, additional_headers=headers, compression=None,
+            proxy=None,
+        )  # fmt: skip
+
+    def refusal(self, **choices: Any) -> int:
+        with pytest.raises(InvalidStatus) as caught:
+            self.client(**choices)
+        return int(caught.value.response.status_code)
+
+
+@contextmanager
+def streaming(**choices: Any) -> Iterator[Stream]:
+    hands = Hands()
+    with listen_at("127.0.0.1", 0, 0) as line:
+        port = line.getsockname()[1]
+        with StreamServer(line, StreamGate(NAMES, 0, TOKEN, **choices), hands) as server:
+            server.describe('{"type":"hello"}', BOUNDS)
+            yield Stream(server, hands, f"127.0.0.1:{port}")
+
+
+def until(condition: Callable[[], object], longest: float = 5.0) -> None:
+    end = time.monotonic() + longest
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def goal(number: int, guide: int = 0, **more: Any) -> str:
+    return json.dumps({"type": "goal", "number": number, "guide": guide, "offset": [0.01, 0.0, 0.0]} | more)
+
+
+def test_a_program_brings_the_token() -> None:
+    with streaming(origins=["http://localhost:5000"]) as stream:
+        assert stream.refusal(token="wrong" * 4) == 403
+        assert stream.refusal(token="") == 403
+        assert stream.refusal(origin="https://elsewhere.example") == 403
+        assert stream.refusal(Host="elsewhere.example") in (400, 403)
+        assert stream.refusal(path="/other") == 404
+        for origin in (None, f"http://{stream.host}", "http://localhost:5000"):
+            with stream.client(origin=origin) as client:
+                assert json.loads(client.recv(5.0)) == {"type": "hello"}
+        assert [stream.refusal(token="wrong" * 4) for _ in range(4)][-1] == 429  # then nobody of there gets in
+        assert stream.refusal() == 429
+
+
+def test_tokens_and_origins_that_are_none() -> None:
+    for token in ("short", "with a space in it", "a" * 16 + "&"):
+        with pytest.raises(InputError, match="16 letters"):
+            StreamGate(NAMES, 0, token)
+    with pytest.raises(InputError, match="the address of a page"):
+        StreamGate(NAMES, 0, origins=["*"])
+    assert len({StreamGate(NAMES, 0).token for _ in range(3)}) == 3
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"\x00" * 10, "length"), ("x" * (LONGEST + 1), "length"), ("[" * LONGEST, "json"), ("{", "json"),
+        ('{"type":"goal","number":1,"guide":0,"offset":[NaN,0,0]}', "json"), ("[]", "kind"), ('{"type":[]}', "kind"),
+        ('{"type":"goal","number":1,"guide":0,"more":1}', "kind"), ('{"type":"let_go","number":1,"guide":0}', "kind"),
+        ('{"type":"alive","number":true}', "number"), ('{"type":"alive","number":-1}', "number"),
+        ('{"type":"alive","number":9007199254740992}', "number"), (goal(1, 2), "guide"), (goal(1, True), "guide"),
+        (goal(1, offset=[0.0, 0.0]), "place"), (goal(1, offset=[0.3, 0.0, 0.0]), "place"),
+        (goal(1, offset=[1e400, 0.0, 0.0]), "json"), (goal(1, offset=["0", 0, 0]), "place"),
+        (goal(1, squeeze=0.06), "place"), (goal(1, squeeze=True), "place"),
+        ('{"type":"goal","number":1,"guide":0,"offset":[1e999,0,0]}', "place"),
+    ],
+)  # fmt: skip
+def test_orders_that_are_not_sound(data: bytes | str, reason: str) -> None:
+    assert read_stream_order(data, *BOUNDS) == reason
+
+
+def test_sound_orders() -> None:
+    assert read_stream_order(goal(3, 1, squeeze=-0.01), *BOUNDS) == StreamOrder("goal", 3, 1, (0.01, 0.0, 0.0), -0.01)
+    assert read_stream_order(goal(3, offset=None), *BOUNDS) == StreamOrder("goal", 3, 0)
+    assert read_stream_order('{"type":"release","number":4,"guide":1}', *BOUNDS) == StreamOrder("release", 4, 1)
+    assert read_stream_order('{"type":"alive","number":5}', *BOUNDS) == StreamOrder("alive", 5)
+
+
+def last(client: Connection, stream: Stream) -> dict[str, Any]:
+    """Have a state shown, and read what it says of the client."""
+    stream.server.show('{"type":"state"}')
+    while "you" not in (message := json.loads(client.recv(5.0))):
+        pass
+    return dict(message["you"])
+
+
+def test_one_client_leads_a_guide_until_it_leaves_or_falls_silent() -> None:
+    with streaming() as stream, stream.client() as one, stream.client() as other:
+        one.send(goal(1))
+        until(lambda: len(stream.hands.orders) == 1)
+        other.send(goal(1))
+        other.send(goal(2, 1))
+        until(lambda: len(stream.hands.orders) == 2)
+        assert stream.server.counts["claim"] == 1
+        one.send(goal(1))
+        until(lambda: stream.server.counts["number"] == 1)
+        assert last(other, stream) == {"last": 2, "leads": [1], "dropped": 1, "why": "claim"}
+        one.send('{"type":"release","number":2,"guide":0}')
+        until(lambda: stream.hands.releases == [0])
+        other.send(goal(3))
+        until(lambda: len(stream.hands.orders) == 3)
+        other.close()
+        until(lambda: sorted(stream.hands.releases) == [0, 0, 1])
+        one.send(goal(3))
+        until(lambda: len(stream.hands.orders) == 4)
+        until(lambda: stream.hands.releases.count(0) == 3)  # silent for half a second
+        stream.server.describe('{"type":"hello"}', Bounds())
+        one.send(goal(4))
+        until(lambda: stream.server.counts["guide"] == 1)
+
+
+def test_a_flood_is_dropped_and_a_long_message_ends_the_connection() -> None:
+    with streaming() as stream:
+        with stream.client() as client:
+            for number in range(1, int(3 * BURST)):
+                client.send(goal(number))
+            until(lambda: sum(stream.server.counts.values()) == 3 * BURST - 1)
+            assert stream.server.counts["rate"] > 0
+        with stream.client() as client:
+            client.send("x" * (LONGEST + 1))
+            client.recv(5.0)
+            with pytest.raises(ConnectionClosed):
+                client.recv(5.0)
+
+
+def test_a_slow_client_gets_the_newest_and_delays_nobody() -> None:
+    """One never reads: others get every state all the while; when it reads, few old ones come before the newest."""
+    pad = "x" * 4000
+    with streaming() as stream, stream.client() as slow, stream.client() as quick:
+        slow.recv(5.0), quick.recv(5.0)
+        slow.recv_messages.pause()
+        worst = 0.0
+        for number in range(1500):
+            began = time.monotonic()
+            stream.server.show(f'{{"type":"state","number":{number},"pad":"{pad}"}}')
+            while json.loads(quick.recv(5.0))["number"] != number:
+                pass
+            worst = max(worst, time.monotonic() - began)
+        slow.recv_messages.resume()
+        seen = 0
+        while json.loads(slow.recv(5.0))["number"] != 1499:
+            seen += 1
+        assert seen < 1400
+        assert worst < 5.0
+
+
+def test_there_is_room_for_some_clients() -> None:
+    with streaming() as stream:
+        clients = [stream.client() for _ in range(MOST_CLIENTS)]
+        assert stream.refusal() == 503
+        for client in clients:
+            client.close()

@@ -1,0 +1,62 @@
+"""Values of swept keys as they are typed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspfx.errors import InputError
+from graspfx.sweeps.ranges import Range, read_over
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a.b=1:3:5", [1.0, 1.5, 2.0, 2.5, 3.0]),
+        ("a.b=3:1:3", [3.0, 2.0, 1.0]),
+        ("a.b=1:1000:4:log", [1.0, 10.0, 100.0, 1000.0]),
+        ("a.b=2:2:1", [2.0]),
+        ("a.b=0.5,1,2", [0.5, 1, 2]),
+        ("a.b=native,bullet", ["native", "bullet"]),
+        ('a.b="x","y z"', ["x", "y z"]),
+        ("a.b=[0.0,1.0],[2.0,3.0]", [[0.0, 1.0], [2.0, 3.0]]),
+        ("a.b={ s = 1.0 },{ s = 2.0 }", [{"s": 1.0}, {"s": 2.0}]),
+        ("a.b=true,false", [True, False]),
+        ("a.b=1,soft", [1, "soft"]),
+        ("a.b=mesh/a.stl,mesh/b.stl", ["mesh/a.stl", "mesh/b.stl"]),
+        ("a.b=7", [7]),
+    ],
+)
+def test_values_are_read(text: str, values: list[Any]) -> None:
+    key, read = read_over(text)
+    items = read.grid().tolist() if isinstance(read, Range) else read
+    assert key == "a.b"
+    assert items == pytest.approx(values, rel=1e-15) if isinstance(read, Range) else items == values
+
+
+def test_ends_are_exact() -> None:
+    assert Range(0.1, 0.7, 4, log=True).grid()[[0, -1]].tolist() == [0.1, 0.7]
+    assert Range(0.1, 0.7).at(np.array([0.0, 0.5])).tolist() == [0.1, 0.4]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a",
+        "a=",
+        "=1:2:3",
+        "a=1:1:2",
+        "a=0:1:3:log",
+        "a=nan:1:3",
+        "a=1:2:0",
+        "a=1:2:99999999999",
+        "a=[1,2",
+        "a=b,[1",
+    ],
+)
+def test_others_are_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        read_over(text)
