@@ -19,6 +19,7 @@ BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, least=2, singles=1)
 
 FACE = "GraspFX Grasp.split, Coupling.force"
 SPLIT = "5 fingers, contacts fixed"
+MANY = "1000 sets of 5 fingers, one call"
 NORMALS = "frictionless, 5 fingers, gains' ratio 3"
 PIVOTING = "GraspFX pivoting, compiled"
 WALL = "device on a wall, 60 by 60"
@@ -46,7 +47,8 @@ def method_of(case: Case, name: str) -> tuple[Method, Row]:
         pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
         pytest.param("eq4", "5 fingers", FACE, "numpy pinv", 2.5, id="face-pinv"),
         pytest.param("eq4", SPLIT, "GraspFX Coupling.force, split known", "numpy, P known", 0.5, id="face-P-known"),
-        pytest.param("eq4", "1000 sets of 5 fingers, one call", FACE, "numpy pinv, stacked", 25.0, id="face-many"),
+        pytest.param("eq4", MANY, FACE, "numpy pinv, stacked", 12.0, id="face-many-pinv"),
+        pytest.param("eq4", MANY, FACE, "numpy, closed form, stacked", 1.25, id="face-many-closed-form"),
         pytest.param("projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 8.0, id="cone-clarabel"),
         pytest.param("maps", WALL, "GraspFX, numpy", "numpy eigenvalues, Brent", 100.0, id="map-eigenvalues"),
         pytest.param("maps", "limit of 20 fingers", "GraspFX", "numpy eigenvalues, Brent", 2.5, id="grasp-eigenvalues"),
