@@ -74,7 +74,7 @@ site: $(SITE_READY) ## build the documentation site: out/site/index.html; GRASPF
 
 test: $(WORK_READY) ## the tests and every example in the documents
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
-	$(PYTEST) -m alone tests/bench
+	$(PYTEST) -m alone tests/bench tests/build/calibration
 	$(TOGETHER) -m "not ($(UNASKED))"
 
 part: $(WORK_READY) ## of every room a test file or two, by tests/part.txt: what other Pythons are tried with

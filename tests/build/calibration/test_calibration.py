@@ -239,6 +239,7 @@ def on_wire(name: str, wire: Wire, **settings: Any) -> gx.Scene:
     )
 
 
+@pytest.mark.alone
 @needs_compiler
 def test_an_arm_of_the_rig_s_emulator_comes_back() -> None:
     """Mass to 4 %, friction to 20 %, and a lateness between zero and what a busy machine may add."""
@@ -259,6 +260,7 @@ def test_an_arm_of_the_rig_s_emulator_comes_back() -> None:
     assert 0.0 <= device.lateness < 0.01
 
 
+@pytest.mark.alone
 def test_a_2diy_s_emulator_with_heavy_links_comes_back() -> None:
     """Mass to 8 %, friction to 40 %: a step of its encoders is a tenth of a millimetre at the handle."""
     inertia, friction, home = 5e-4, 1e-3, (125.0, 55.0)
