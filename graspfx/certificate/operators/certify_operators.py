@@ -16,6 +16,7 @@ from graspfx.card import Card, Carded
 from graspfx.certificate.certificates import certificates
 from graspfx.certificate.judgement import Judge, Judgement
 from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, operator_set
+from graspfx.certificate.operators.passive_set import are_passive
 from graspfx.certificate.operators.share import Share, share_of
 from graspfx.certificate.operators.worst_operator import Search, worst_operator
 from graspfx.certificate.plain_data import plain
@@ -45,7 +46,8 @@ class OperatorCertificate(Carded):
         share: of the population that is stable, with its interval.
         box: every judgement of the search for the worst, by its point in the unit box.
         passive: largest gains that are passive to any operator, or None.
-        is_passive: whether the scene's gains are no larger: stable in the hands of every passive operator, guaranteed.
+        is_passive: whether stability is guaranteed by passivity for the whole set: the scene's gains are no larger than
+            `passive`, ranges are of springs, dampers and masses of hands alone, and no hand reacts late or stiffens.
         seed: that the population was drawn with.
     """
 
@@ -141,7 +143,7 @@ class OperatorCertificate(Carded):
     def guarantee(self) -> str:
         """A sentence that says what is guaranteed and what is sampled."""
         if self.is_passive:
-            return "guaranteed: the gains are passive to any operator, whatever the ranges"
+            return "guaranteed: the gains are passive to any hand of springs, dampers and masses, whatever the ranges"
         return (
             f"sampled: each of {self.judged} operators is judged in full (corners, points that fill the box, a descent "
             "to the worst, a random population); no bound between them. No gain is guaranteed for every operator"
@@ -215,11 +217,12 @@ def certify_operators(
         worst = judge.judge(worst.values, pushing=True)
     share = share_of(sum(one.stable for one in population), samples)
     leak = passive[0] if len(passive) == 1 else None
+    is_passive = worst.stable and share.count == samples and are_passive(scene_, set_) and _within(scene_, leak)
     name = (
         scene_.title or scene_.source.name if scene_.source.path is None else scene_.source.path.stem.replace("_", "-")
     )
     return OperatorCertificate(
-        name, set_, own, worst, tuple(population), share, search.every, leak, _within(scene_, leak), seed, scene_
+        name, set_, own, worst, tuple(population), share, search.every, leak, is_passive, seed, scene_
     )
 
 

@@ -92,6 +92,48 @@ def test_passive_gains_are_guaranteed() -> None:
     assert answer.is_passive and "guaranteed" in answer.guarantee and "by passivity" in answer.sentence
 
 
+REACTION = {"delay": 0.15, "stiffness": 25.0, "damping": 0.8, "force": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "ranges"),
+    [
+        ({"finger.*.hand.reaction": REACTION}, {"finger.*.hand.reaction.stiffness": (1.0, 400.0)}),
+        ({"finger.*.hand.reaction": REACTION}, {"finger.*.hand.stiffness": (50.0, 100.0)}),
+        ({"finger.*.hand.stiffening": {"stiffness": 300.0, "lag": 0.03}}, {"finger.*.hand.stiffness": (50.0, 100.0)}),
+        ({"coupling.external.stiffness": 120.0}, {"finger.*.device.damping": (0.001, 0.2)}),
+        ({"coupling.external.stiffness": 120.0}, {"object.viscosity": (0.0, 0.8, "uniform")}),
+        ({"coupling.external.stiffness": 120.0}, {"coupling.external.stiffness": (100.0, 150.0)}),
+        ({}, {"period": (0.002, 0.02)}),
+        ({}, {"finger.*.device.mass": (0.01, 0.1)}),
+    ],
+    ids=["reaction varies", "reaction", "stiffening", "device", "object", "gain", "period", "mass"],
+)
+def test_passivity_guarantees_nothing_for_sets_that_are_not_of_hands_alone(
+    changes: dict[str, Any], ranges: dict[str, Any]
+) -> None:
+    fingers = [
+        {
+            "device": {"name": "simulated", "mass": 0.1, "damping": 0.2},
+            "start": [x],
+            "hand": {"stiffness": 60.0, "damping": 1.0, "squeeze": 0.01, "closing": [-x]},
+        }
+        for x in (-0.025, 0.025)
+    ]
+    scene = gx.Scene(
+        dimensions=1,
+        period=0.002,
+        duration=1.0,
+        object=[{"mass": 0.1, "viscosity": 0.8}],
+        coupling={"contact": "attached", "external": {"stiffness": 20.0}, "internal": {"stiffness": 20.0}},
+        finger=fingers,
+    )
+    assert gx.certify_operators(scene, {"finger.*.hand.stiffness": (30.0, 500.0)}, samples=2).is_passive
+    answer = gx.certify_operators(scene.replace(changes), ranges, samples=2)
+    assert not answer.is_passive
+    assert "guaranteed:" not in answer.guarantee and "by passivity" not in answer.sentence
+
+
 def test_two_keys_have_a_region_drawn(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(operator_figures, "POINTS", 5)
     ranges = {STIFFNESS: (50.0, 400.0), "finger.*.device.mass": (0.1, 0.2, "uniform")}
