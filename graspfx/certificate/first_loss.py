@@ -14,24 +14,14 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.certificate.certificate import is_stable
 from graspfx.certificate.crossing import bracketed, crossings
+from graspfx.certificate.late_loss import late_reaches
+from graspfx.certificate.reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, ROUNDS, Reach
 from graspfx.certificate.whole_loop import Family, Stiffness, WholeLoop
 
 FloatArray = NDArray[np.float64]
 
-LEAST, MOST = 0.01, 100.0  # of a gain: where it is looked for
-GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
 BATCH = 2  # of factors that are looked at together, upwards until one is not stable
-ROUNDS = 8  # in which another root is looked for that crosses earlier
-BEYOND = 1e-9  # of the limit: where the root that has crossed is looked at
 ANOTHER = 1e-7  # above 1 there: |z| of a root that has crossed earlier
-
-
-@dataclass(frozen=True)
-class Reach:
-    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
-
-    factor: float
-    frequency: float
 
 
 @dataclass
@@ -67,7 +57,7 @@ class _Search:
                 self.lost = s
                 return
             elif not self.from_below:  # the present gain is not stable
-                self.from_below, self.factors = True, np.geomspace(LEAST, 1.0, GRID // 2).tolist()
+                self.from_below, self.factors = True, list(FACTORS_BELOW)
                 return
 
     @property
@@ -100,8 +90,8 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
     there, and it is told as inf.
     """
     if any(family.late for group in groups for family in group):
-        return [[late_reach(family) for family in group] for group in groups]
-    searches = [[_Search(family, np.geomspace(1.0, MOST, GRID // 2).tolist()) for family in group] for group in groups]
+        return [late_reaches(group) for group in groups]
+    searches = [[_Search(family, list(FACTORS_ABOVE)) for family in group] for group in groups]
     each = [search for group in searches for search in group]
     while some := [(search, factors) for search in each if (factors := search.upcoming())]:
         roots = farthest([(search.family, factors) for search, factors in some])
@@ -111,26 +101,6 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
             _drop_larger(group)
     _find_edges([search for search in each if search.lost is not None])
     return [[search.reach for search in group] for group in searches]
-
-
-def late_reach(family: Family) -> Reach:
-    """Find the reach of a family with a reaction too late for a state for each sample of it.
-
-    Factors as of `reach`, each by counting the eigenvalues beyond the circle; then a bracket on the radius.
-    """
-    if not family.unstable(1.0):
-        factors = np.geomspace(1.0, MOST, GRID // 2).tolist()
-    else:
-        factors = np.geomspace(LEAST, 1.0, GRID // 2).tolist()
-    before: float | None = None
-    for s in factors:
-        if not family.unstable(s):
-            before = s
-        elif before is not None:
-            edge = bracketed(partial(_excess, family), before, s)
-            z = family.farthest(edge * (1.0 + BEYOND))
-            return Reach(edge, abs(float(np.angle(z))) / (2 * math.pi * family.period))
-    return Reach(0.0 if before is None else math.inf, math.nan)
 
 
 def _drop_larger(group: Sequence[_Search]) -> None:

@@ -51,10 +51,10 @@ class WholeLoop:
     def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
         self.linear = linear
         parts = [Part(linear, None)] if gains is None else parts_of(linear, gains)
-        self.parts = [_PartLoop(part) for part in parts]
+        self.parts = [PartLoop(part) for part in parts]
 
 
-class _PartLoop:
+class PartLoop:
     """A(K) of a part, without motions that change no force: A(0) + W K C but for the implicit integrator."""
 
     def __init__(self, part: Part) -> None:
@@ -129,21 +129,24 @@ class Family:
 
     def farthest(self, factor: float) -> complex:
         """Find an eigenvalue of largest |z| for a factor, of parts with late reactions too."""
-        K = self.stiffness(factor)
-        far = [farthest_root(part.late_loop(K)) for part in self.loop.parts if part.late]
-        for part in self.loop.parts:
-            if not part.late:
-                z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])
-                far += [] if not z.size else [complex(z[np.abs(z).argmax()])]
-        return max(far, key=abs, default=0j)
+        return max((self.farthest_of(part, factor) for part in self.loop.parts), key=abs, default=0j)
+
+    def farthest_of(self, part: PartLoop, factor: float) -> complex:
+        """Find an eigenvalue of a part of largest |z| for a factor."""
+        if part.late:
+            return farthest_root(part.late_loop(self.stiffness(factor)))
+        z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])
+        return complex(z[np.abs(z).argmax()]) if z.size else 0j
 
     def unstable(self, factor: float) -> bool:
-        """Tell whether an eigenvalue of a late loop lies beyond the circle; others are compared by their radius."""
-        K = self.stiffness(factor)
-        if any(roots_beyond(part.late_loop(K), 1.0 + ROUNDING) for part in self.loop.parts if part.late):
-            return True
-        plain = [part.matrices(self.stiffness, [factor])[0] for part in self.loop.parts if not part.late]
-        return any(np.abs(np.linalg.eigvals(A)).max(initial=0.0) > 1.0 + ROUNDING for A in plain if A.size)
+        """Tell whether an eigenvalue lies beyond the circle."""
+        return any(self.unstable_of(part, factor) for part in self.loop.parts)
+
+    def unstable_of(self, part: PartLoop, factor: float) -> bool:
+        """Tell whether an eigenvalue of a part lies beyond the circle; those of a late one are counted."""
+        if part.late:
+            return roots_beyond(part.late_loop(self.stiffness(factor)), 1.0 + ROUNDING) > 0
+        return abs(self.farthest_of(part, factor)) > 1.0 + ROUNDING
 
     def radius(self, factor: float) -> float:
         """Find the largest |z| for a factor."""

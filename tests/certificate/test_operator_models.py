@@ -162,6 +162,17 @@ def test_long_delays_are_counted_and_short_ones_have_states_with_one_answer(monk
         assert row.frequency == pytest.approx(limits[row.mode].frequency, rel=1e-6)
 
 
+def test_motions_that_are_lost_together_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three fingers around a sphere are alike: eigenvalues that cross the circle are several times the same."""
+    scene = gx.load("sphere-three-fingers", {"hand.0.reaction": {"delay": 0.08, "stiffness": 60.0, "damping": 0.5}})
+    loop = linearise(scene)
+    limits = {row.mode: row for row in mode_limits(scene, loop, halves=False, compare=False)}
+    monkeypatch.setattr(fullloop, "MOST_LATE", 10_000)
+    for row in mode_limits(scene, loop, halves=False, compare=False):
+        assert row.limit == pytest.approx(limits[row.mode].limit, rel=1e-8)
+        assert row.frequency == pytest.approx(limits[row.mode].frequency, rel=1e-6)
+
+
 @pytest.mark.parametrize("own", [LIMB, STIFFENING, REACTION], ids=["limb", "grip", "late"])
 def test_parts_that_move_by_themselves_have_the_radius_of_the_whole(own: dict[str, Any]) -> None:
     loop = linearise(pinch(**own))
@@ -230,6 +241,6 @@ def test_matrices_that_do_not_fit_are_refused() -> None:
 
 
 def test_reactions_too_late_for_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fullloop, "MOST_WALKED", 149)  # two coordinates, 75 samples
+    monkeypatch.setattr(fullloop, "MOST_WALKED", 299)  # two coordinates, 75 samples
     with pytest.raises(InputError, match="not judged"):
         late_loop(linearise(pinch(**REACTION)).linear)

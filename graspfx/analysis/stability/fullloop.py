@@ -18,7 +18,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 MOST_LATE = 80  # samples of reactions, over all coordinates, that are states of a loop
-MOST_WALKED = 1500  # of these samples, of one part of a loop: beyond, judging it takes minutes
+MOST_WALKED = 100_000  # samples of delay times coordinates squared of one part of a loop: beyond, judging takes minutes
 DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of the stiffest are free
 
 
@@ -76,14 +76,15 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
         drift: count motions of everything that change no force, too.
 
     Raises:
-        InputError: more than 1500 samples of delay over all coordinates.
+        InputError: more samples of delay than so many coordinates are judged with.
     """
     operator = linear.operator
     assert operator is not None
-    samples = int(operator.delay.max()) * len(linear.mass)
-    if samples > MOST_WALKED:
+    m = len(linear.mass)
+    samples, most = int(operator.delay.max()), MOST_WALKED // m**2
+    if samples > most:
         raise InputError(
-            "reaction.delay", samples, f"at most {MOST_WALKED} samples over all coordinates of fingers; not judged",
+            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} coordinates of fingers; not judged",
             "a shorter delay, a longer period or fewer fingers; the scene can be run as it is",
         )  # fmt: skip
     plant = Plant(linear, motions, opened=True)

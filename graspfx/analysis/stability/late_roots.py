@@ -6,12 +6,16 @@ A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has the eigenvalues z
 
 as many as states and samples of delay together. How many of them lie beyond a circle |z| = rho is the number of times
 that det(T(z)/z), which is 1 far out and has no poles there, goes round zero on it, clockwise: the argument principle.
+On a circle it is computed through the Schur form of A = U S U^H, whose entries on the diagonal are l_i:
+
+    det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +26,20 @@ ComplexArray = NDArray[np.complex128]
 EVEN = 160  # points of the half circle to begin with
 NEAR = np.concatenate([-np.geomspace(0.1, 1e3, 9)[::-1], [0.0], np.geomspace(0.1, 1e3, 9)])  # about eigenvalues of A
 TURN = 0.7  # [rad]: the most that the determinant may turn from a point to the next, and its logarithm change
+UNEVEN = 4.0  # a step over the ones beside it, at most
 PER_TURN = 9.0  # points of a turn of z^-n where the reaction counts
 COUNTS = 0.2  # of 1: a gain of the reaction that turns the determinant
 ROUNDS = 40  # of halvings
 FINEST = 1e-13  # [rad]
-TRIES = 4  # of Newton's method, from circles of several radii, before counting alone decides
+TRIES = 4  # of looking for it, from circles of several radii, before counting alone decides
 LEAST, NARROW = 1e-3, 1e-11  # |z| below which nothing is looked for; relative width of what counting leaves
-STEPS = 60  # of Newton's method
-SAME = 1e-13  # relative: steps that are rounding
-STARTS = 24  # of Newton's method, the likeliest ones
+MOST_GROWTH = 1e200  # z^-n beyond which nothing is looked for either
+STEPS = 60  # of iterations
+SAME, SOUND = 1e-13, 1e-9  # relative: steps that are rounding; at an eigenvalue
+LONGEST = 0.05  # step
+STARTS = 24  # of each kind, the likeliest ones
+ROUNDING = 1e-15
+AT_ONCE = 1_000_000  # entries of (z I - S)^-1 U^H B, of some points together
 OUTSIDE = 1e-9  # beyond the farthest root, where none may be
 
 
@@ -60,11 +69,57 @@ class LateLoop:
         S[:, i, i] += 1.0
         return np.asarray(S)
 
+    @cached_property
+    def eigenvalues(self) -> ComplexArray:
+        """Eigenvalues of A, those of conjugate pairs both."""
+        return np.asarray(np.diag(self._schur[0]))
+
+    @cached_property
+    def _schur(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """S, U^H B and C U."""
+        from scipy.linalg import schur
+
+        S, U = schur(self.A, output="complex")
+        return S, U.conj().T @ self.B, self.C @ U
+
+    def responses(self, z: ComplexArray) -> ComplexArray:
+        """Compute H of each z, (points, p, p)."""
+        n, p = self.B.shape
+        return np.concatenate([self._responses(part) for part in np.array_split(z, 1 + len(z) * n * p // AT_ONCE)])
+
+    def _responses(self, z: ComplexArray) -> ComplexArray:
+        S, B, C = self._schur
+        n, p = B.shape
+        gaps = self._gaps(z)
+        Y = np.empty((n, len(z), p), dtype=complex)
+        for i in reversed(range(n)):
+            below = (S[i, i + 1 :] @ Y[i + 1 :].reshape(n - i - 1, len(z) * p)).reshape(len(z), p)
+            Y[i] = (B[i] + below) / gaps[:, i, None]
+        return np.asarray((C @ Y.reshape(n, -1)).reshape(p, len(z), p).transpose(1, 0, 2))
+
+    def _gaps(self, z: ComplexArray) -> ComplexArray:
+        """Compute z - l_i, (points, N); an eigenvalue of A that z is equal to counts as one rounding apart."""
+        gaps = z[:, None] - self.eigenvalues
+        return np.where(np.abs(gaps) > ROUNDING, gaps, ROUNDING)
+
+    def determinants(self, z: ComplexArray, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Compute phase and log of the size of det(T/z) of each z from the responses there."""
+        factors = self._gaps(z) / z[:, None]
+        late = z[:, None] ** -self.delay[None, :].astype(float)
+        sign, size = np.linalg.slogdet(np.eye(len(self.delay)) + late[:, :, None] * H)
+        return np.angle(sign) + np.angle(factors).sum(axis=1), size + np.log(np.abs(factors)).sum(axis=1)
+
 
 def roots_beyond(loop: LateLoop, radius: float) -> int:
     """Count the eigenvalues with |z| > radius."""
     count, _, _ = _walk(loop, radius)
     return count
+
+
+def root_at(loop: LateLoop, radius: float) -> complex | None:
+    """Find the eigenvalue next to where det(T/z) is least on a circle; None where iterations find none."""
+    _, angle, size = _walk(loop, radius)
+    return root_near(loop, complex(radius * np.exp(1j * angle[size.argmin()])))
 
 
 def farthest_root(loop: LateLoop) -> complex:
@@ -87,9 +142,10 @@ def farthest_root(loop: LateLoop) -> complex:
 
 
 def _bisected(loop: LateLoop) -> complex:
-    """Find the largest |z| by counting alone: where eigenvalues are many times the same, Newton's method is slow."""
+    """Find the largest |z| by counting alone: where eigenvalues are many times the same, iterations are slow."""
     low = high = 1.0
-    while low > LEAST and not _walk(loop, low)[0]:
+    least = max(LEAST, MOST_GROWTH ** (-1.0 / float(loop.delay.max())))
+    while low > least and not _walk(loop, low)[0]:
         low, high = 0.9 * low, low
     if low == high:
         while _walk(loop, high)[0]:
@@ -103,76 +159,100 @@ def _bisected(loop: LateLoop) -> complex:
 
 def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
     """Walk along half a circle: roots beyond it, the angles, and log |det T/z| there."""
-    angle = _angles(loop, radius)
-    phase, size = _determinant(loop, radius, angle)
+    angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
-        turn = np.abs(np.angle(np.exp(1j * np.diff(phase))))
-        wide = ((turn > TURN) | (np.abs(np.diff(size)) > TURN)) & (np.diff(angle) > FINEST)
+        turn, step = np.abs(np.angle(np.exp(1j * np.diff(phase)))), np.diff(angle)
+        # a root of several is passed with a turn of 2 pi, which shows in finer steps on either side alone
+        beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
+        wide = ((turn > TURN) | (np.abs(np.diff(size)) > TURN) | (step > UNEVEN * beside)) & (step > FINEST)
         if not wide.any():
             break
         places = np.flatnonzero(wide)
         middle = 0.5 * (angle[places] + angle[places + 1])
-        more, sizes = _determinant(loop, radius, middle)
+        z = _circle(radius, middle)
+        more, sizes = loop.determinants(z, loop.responses(z))
         angle = np.insert(angle, places + 1, middle)
         phase, size = np.insert(phase, places + 1, more), np.insert(size, places + 1, sizes)
     turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
     return round(-float(turns)), angle, size
 
 
-def _angles(loop: LateLoop, radius: float) -> FloatArray:
-    """Choose angles to begin with: even ones, some about eigenvalues of A, fine ones where the reaction counts."""
-    z = np.linalg.eigvals(loop.A)
+def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Choose angles to begin with: even ones, some about eigenvalues of A, fine ones where the reaction counts.
+
+    With them phase and log of the size of det(T/z).
+    """
+    z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]
     about = (np.angle(z)[:, None] + np.maximum(np.abs(np.abs(z) / radius - 1.0), 1e-9)[:, None] * NEAR).ravel()
     low = np.geomspace(1e-7, 0.1, 40)
     angle = np.unique(np.concatenate([np.linspace(0.0, math.pi, EVEN), about, low]).clip(0.0, math.pi))
-    points = radius * np.exp(1j * angle)
-    plain = points[:, None, None] * np.eye(len(loop.A)) - loop.A
-    try:
-        response = loop.C @ np.linalg.solve(plain, np.broadcast_to(loop.B, (len(angle), *loop.B.shape)).astype(complex))
-    except np.linalg.LinAlgError:
-        gain = np.full(len(angle), np.inf)
-    else:
-        gain = np.linalg.norm(response, axis=(1, 2)) * radius ** -float(loop.delay.min())
+    points = _circle(radius, angle)
+    H = loop.responses(points)
+    phase, size = loop.determinants(points, H)
+    gain = np.linalg.norm(H, axis=(1, 2)) * radius ** -float(loop.delay.min())
     step = 2.0 * math.pi / (PER_TURN * float(loop.delay.max()) * max(1, loop.B.shape[1]))
     counts = np.maximum(gain[1:], gain[:-1]) > COUNTS
     parts = np.where(counts, np.ceil(np.diff(angle) / step), 1.0).astype(int)
-    fine = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(angle[:-1], angle[1:], parts, strict=True)]
-    return np.concatenate([*fine, angle[-1:]])
+    place = np.repeat(np.arange(len(parts)), parts - 1)
+    share = np.concatenate([np.arange(1, k) / k for k in parts[parts > 1]] or [np.empty(0)])
+    middle = angle[place] + share * (angle[place + 1] - angle[place])
+    z = _circle(radius, middle)
+    more, sizes = loop.determinants(z, loop.responses(z))
+    place += 1
+    return np.insert(angle, place, middle), np.insert(phase, place, more), np.insert(size, place, sizes)
 
 
-def _determinant(loop: LateLoop, radius: float, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute phase and log of the size of det(T/z)."""
-    z = radius * np.exp(1j * angle)
-    sign, size = np.linalg.slogdet(loop.matrices(z))
-    n = len(loop.A)
-    return np.angle(sign) - n * angle, size - n * math.log(radius)
+def _circle(radius: float, angle: FloatArray) -> ComplexArray:
+    return np.asarray(radius * np.exp(1j * angle))
 
 
 def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray, best: complex) -> complex:
-    """Follow Newton's method from where the determinant is small, and from eigenvalues of A; the farthest root."""
+    """Find the farthest of the roots near where the determinant is small, and near eigenvalues of A."""
     dips = np.flatnonzero((size <= np.append(size[1:], np.inf)) & (size <= np.insert(size[:-1], 0, np.inf)))
     dips = dips[np.argsort(size[dips])][:STARTS]
-    alone = np.linalg.eigvals(loop.A)
+    alone = loop.eigenvalues
     alone = alone[(alone.imag >= 0.0)]
     alone = alone[np.argsort(-np.abs(alone))][:STARTS]
-    z = np.concatenate([radius * np.exp(1j * angle[dips]), alone * (1.0 + 1e-7j)])
-    z = z[np.abs(z) > 0.3 * radius].astype(complex)
-    done = np.zeros(len(z), dtype=bool)
+    z = np.concatenate([_circle(radius, angle[dips]), alone * (1.0 + 1e-7j)])
+    return max([best, *_roots_near(loop, z[np.abs(z) > 0.3 * radius])], key=abs)
+
+
+def root_near(loop: LateLoop, z: complex) -> complex | None:
+    """Follow the method of successive linear problems, T x = m T'x, from z to an eigenvalue; None where it finds none.
+
+    It is as quick where an eigenvalue is several times the same by symmetry.
+    """
+    at = np.array([z], dtype=complex)
     for _ in range(STEPS):
+        try:
+            steps = np.linalg.eigvals(np.linalg.solve(loop.matrices(at), loop.slopes(at)))[0]
+        except np.linalg.LinAlgError:
+            return complex(at[0])  # T has no inverse there
+        step = complex(1.0 / steps[np.abs(steps).argmax()])
+        at = at - step * min(1.0, LONGEST / abs(step))
+        if abs(step) <= SAME * abs(at[0]):
+            return complex(at[0])
+    return complex(at[0]) if abs(step) <= SOUND * abs(at[0]) else None
+
+
+def _roots_near(loop: LateLoop, starts: ComplexArray) -> list[complex]:
+    """Follow Newton's method, 1 / trace(T^-1 T') a step, from each start; the eigenvalues that it leads to."""
+    z = starts.astype(complex)
+    change = np.full(len(z), np.inf)
+    for _ in range(STEPS):
+        moving = np.flatnonzero(np.abs(change) > SAME * np.abs(z))
+        if not len(moving):
+            break
         with np.errstate(all="ignore"):
             try:
-                slope = np.trace(np.linalg.solve(loop.matrices(z), loop.slopes(z)), axis1=1, axis2=2)
+                quotient = np.linalg.solve(loop.matrices(z[moving]), loop.slopes(z[moving]))
             except np.linalg.LinAlgError:
-                z = z * (1.0 + 1e-14)
+                z[moving] *= 1.0 + 1e-14
                 continue
-            change = 1.0 / slope
-        change = np.where(np.isfinite(change), change, 0.0)
-        long = np.abs(change) > 0.05
-        change[long] *= 0.05 / np.abs(change[long])
-        z = z - change
-        done = np.abs(change) <= SAME * np.abs(z)
-        if done.all():
-            break
-    sound = [complex(each) for each in z[np.abs(change) <= 1e-9 * np.abs(z)]]
-    return max([best, *sound], key=abs)
+            step = 1.0 / np.trace(quotient, axis1=1, axis2=2)
+        step *= np.minimum(1.0, LONGEST / np.maximum(np.abs(step), LONGEST))
+        sound = np.isfinite(step)
+        z[moving[sound]] -= step[sound]
+        change[moving] = np.where(sound, np.abs(step), np.nan)
+    return [complex(each) for each in z[np.abs(change) <= SOUND * np.abs(z)]]
