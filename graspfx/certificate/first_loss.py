@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.certificate.certificate import is_stable
 from graspfx.certificate.crossing import bracketed, crossings
+from graspfx.certificate.gain_reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, ROUNDS, Reach
 from graspfx.certificate.late_loss import late_reaches
-from graspfx.certificate.reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, ROUNDS, Reach
 from graspfx.certificate.whole_loop import Family, Stiffness, WholeLoop
 
 FloatArray = NDArray[np.float64]

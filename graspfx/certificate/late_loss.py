@@ -9,7 +9,7 @@ import numpy as np
 
 from graspfx.analysis.stability.late_roots import root_at, root_near
 from graspfx.certificate.crossing import NEAREST, bracketed
-from graspfx.certificate.reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, Reach
+from graspfx.certificate.gain_reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, Reach
 from graspfx.certificate.whole_loop import Family
 
 NARROW = 1e-3  # relative width of a bracket in which an eigenvalue is followed

@@ -16,8 +16,8 @@ from graspfx.analysis.stability.modal import Mode, modes
 from graspfx.analysis.symmetry import alike_sets, symmetries
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
 from graspfx.certificate.first_loss import least_reaches, reach, reaches
+from graspfx.certificate.gain_reach import Reach
 from graspfx.certificate.linearise import Linearised
-from graspfx.certificate.reach import Reach
 from graspfx.certificate.whole_loop import Family, Line, Stiffness, WholeLoop
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene

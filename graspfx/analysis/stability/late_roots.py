@@ -117,9 +117,10 @@ def roots_beyond(loop: LateLoop, radius: float) -> int:
 
 
 def root_at(loop: LateLoop, radius: float) -> complex | None:
-    """Find the eigenvalue next to where det(T/z) is least on a circle; None where iterations find none."""
-    _, angle, size = _walk(loop, radius)
-    return root_near(loop, complex(radius * np.exp(1j * angle[size.argmin()])))
+    """Find the eigenvalue next to a circle, where det(T/z) turns fastest; None where iterations find none."""
+    angle, phase, _ = _points(loop, radius)
+    k = int((_turns(phase) / np.diff(angle)).argmax())
+    return root_near(loop, complex(radius * np.exp(0.5j * (angle[k] + angle[k + 1]))))
 
 
 def farthest_root(loop: LateLoop) -> complex:
@@ -159,12 +160,17 @@ def _bisected(loop: LateLoop) -> complex:
 
 def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
     """Walk along half a circle: roots beyond it, the angles, and log |det T/z| there."""
+    angle, phase, size = _points(loop, radius)
+    turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
+    return round(-float(turns)), angle, size
+
+
+def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Choose angles so close that det(T/z) turns and changes little between them; its phase and log size there."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
-        turn, step = np.abs(np.angle(np.exp(1j * np.diff(phase)))), np.diff(angle)
-        # a root of several is passed with a turn of 2 pi, which shows in finer steps on either side alone
-        beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
-        wide = ((turn > TURN) | (np.abs(np.diff(size)) > TURN) | (step > UNEVEN * beside)) & (step > FINEST)
+        wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
+        wide &= np.diff(angle) > FINEST
         if not wide.any():
             break
         places = np.flatnonzero(wide)
@@ -173,8 +179,11 @@ def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
         more, sizes = loop.determinants(z, loop.responses(z))
         angle = np.insert(angle, places + 1, middle)
         phase, size = np.insert(phase, places + 1, more), np.insert(size, places + 1, sizes)
-    turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
-    return round(-float(turns)), angle, size
+    return angle, phase, size
+
+
+def _turns(phase: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(np.angle(np.exp(1j * np.diff(phase)))))
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -186,7 +195,7 @@ def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, Float
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]
     about = (np.angle(z)[:, None] + np.maximum(np.abs(np.abs(z) / radius - 1.0), 1e-9)[:, None] * NEAR).ravel()
     low = np.geomspace(1e-7, 0.1, 40)
-    angle = np.unique(np.concatenate([np.linspace(0.0, math.pi, EVEN), about, low]).clip(0.0, math.pi))
+    angle = _even(np.concatenate([np.linspace(0.0, math.pi, EVEN), about, low]).clip(0.0, math.pi))
     points = _circle(radius, angle)
     H = loop.responses(points)
     phase, size = loop.determinants(points, H)
@@ -196,11 +205,30 @@ def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, Float
     parts = np.where(counts, np.ceil(np.diff(angle) / step), 1.0).astype(int)
     place = np.repeat(np.arange(len(parts)), parts - 1)
     share = np.concatenate([np.arange(1, k) / k for k in parts[parts > 1]] or [np.empty(0)])
-    middle = angle[place] + share * (angle[place + 1] - angle[place])
+    middle = np.setdiff1d(_even(np.append(angle, angle[place] + share * (angle[place + 1] - angle[place]))), angle)
     z = _circle(radius, middle)
     more, sizes = loop.determinants(z, loop.responses(z))
-    place += 1
+    place = np.searchsorted(angle, middle)
     return np.insert(angle, place, middle), np.insert(phase, place, more), np.insert(size, place, sizes)
+
+
+def _even(angle: FloatArray) -> FloatArray:
+    """Sort angles, and halve steps that are much wider than those beside them."""
+    angle = np.unique(angle)
+    while (wide := _is_uneven(angle)).any():
+        place = np.flatnonzero(wide)
+        angle = np.insert(angle, place + 1, 0.5 * (angle[place] + angle[place + 1]))
+    return angle
+
+
+def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
+    """Tell of each step whether it is much wider than one beside it.
+
+    A root of several is passed with a turn of 2 pi, which shows in the steps on either side alone.
+    """
+    step = np.diff(angle)
+    beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
+    return np.asarray(step > UNEVEN * np.maximum(beside, FINEST))
 
 
 def _circle(radius: float, angle: FloatArray) -> ComplexArray:
