@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from html import escape
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frames, history_of
@@ -15,6 +14,7 @@ from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.words_on_page import PAGE_STYLE
 from graspfx.loop.recording.header import SPLIT, KeyChange
+from graspfx.resource import Resource
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -25,7 +25,7 @@ READY = "Ready"
 SHAPES = ("object", "obstacle", "finger")  # tables that a picture follows from
 
 
-class AnswerPage:
+class AnswerPage(Resource):
     """A page with buttons, on 127.0.0.1; a context manager, and a watcher of runs.
 
     Args:
@@ -84,14 +84,6 @@ class AnswerPage:
         self._over.set()
         self._thread.join()
         self.server.stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _buttons(self, label: str, keys: Mapping[str, str]) -> None:
         group = self.server.viser.gui.add_button_group(label, tuple(keys))
