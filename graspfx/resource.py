@@ -1,4 +1,4 @@
-"""What a `with` statement closes at its end."""
+"""Objects that a `with` statement closes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Resource(ABC):
-    """A context manager that is there from the beginning, and that leaving only closes."""
+    """A context manager whose end only closes it: it was opened when it was made."""
 
     @abstractmethod
     def close(self) -> None:
