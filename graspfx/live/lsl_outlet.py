@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import uuid
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspfx.errors import GraspFXError, InputError, MissingPackageError
-from graspfx.resource import Resource
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.live.run_look import RunLook
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -63,7 +62,7 @@ class MarkerStream:
         self._outlet.push_sample([text], clock + self._offset)
 
 
-class RowStream(Resource):
+class RowStream(RunLook):
     """A stream of numbers of runs: the newest row of one, at a lower rate than its ticks; a watcher of runs.
 
     The time of a sample is that of its tick. A thread reads the ring of rows, as a page does: the servo knows nothing
@@ -82,7 +81,7 @@ class RowStream(Resource):
         samples: that were sent.
 
     Raises:
-        InputError: a rate that is none.
+        InputError: a rate that is none; on attaching, a run without such a column.
         MissingPackageError: no pylsl, or no library.
     """
 
@@ -97,29 +96,26 @@ class RowStream(Resource):
         self._outlet: Any = None
         self._places: list[slice] = []
         self._wall: slice | None = None
-        self._run: LiveRun | None = None
-        self._lock, self._over = threading.Lock(), threading.Event()
         self._tick, self._number, self._zero = -1, -1, float("inf")
-        self._thread = threading.Thread(target=self._follow, name="LSL", daemon=True)
-        self._thread.start()
+        super().__init__("LSL", 1.0 / rate)
 
-    def attach(self, run: LiveRun) -> None:
-        """Stream a run from now on.
+    def close(self) -> None:
+        """End the stream."""
+        super().close()
+        self._outlet = None
 
-        Raises:
-            InputError: its rows have no such column.
-        """
+    def _begin(self, run: LiveRun) -> None:
         form = f"{list(run.layout.columns)} {run.layout.fingers} {run.period}"
-        with self._lock:
-            if form != self._form:
-                self._form, self._outlet, self._run = "", None, None
-                self._open(run.layout, run.period)
-                self._form = form
-            self._run, self._tick, self._number, self._zero = run, -1, run.run_number, float("inf")
+        if form != self._form:
+            self._form, self._outlet, self._run = "", None, None
+            self._open(run.layout, run.period)
+            self._form = form
+        self._tick, self._number, self._zero = -1, run.run_number, float("inf")
 
     def _open(self, layout: Layout, period: float) -> None:
         """Open a stream for rows of a layout."""
         self.rate = min(self._most, 1.0 / period)
+        self._pause = 1.0 / self.rate
         names = [*self._columns, *(f"objects/{name}/position" for name in layout.objects)]
         self._places, self.channels = [], []
         units: list[str] = []
@@ -139,24 +135,7 @@ class RowStream(Resource):
         self._outlet = lsl.StreamOutlet(info)
         self._wall = layout.columns["wall"].where if "wall" in layout.columns else None
 
-    def detach(self) -> None:
-        """Stream no run."""
-        with self._lock:
-            self._run = None
-
-    def close(self) -> None:
-        """End the stream."""
-        self._over.set()
-        self._thread.join()
-        self._outlet = None
-
-    def _follow(self) -> None:
-        while not self._over.wait(1.0 / self.rate):
-            with self._lock, suppress(GraspFXError):  # a run that ends while it is looked at
-                if self._run is not None:
-                    self._send(self._run)
-
-    def _send(self, run: LiveRun) -> None:
+    def _look(self, run: LiveRun) -> None:
         """Send the newest row, if it is new; a run that began anew has ticks of its own."""
         if run.run_number != self._number:
             self._number, self._tick, self._zero = run.run_number, -1, float("inf")
