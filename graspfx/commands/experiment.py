@@ -165,10 +165,10 @@ def _print_plan(experiment: Experiment, options: Namespace) -> int:
 
 def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
     """Open LSL streams of markers and of rows."""
-    from graspfx.experiment.lsl_watcher import LslMarkers, LslRows
+    from graspfx.experiment.lsl_markers import LslMarkers
+    from graspfx.live.lsl_outlet import RowStream
 
-    rows = LslRows(f"GraspFX {experiment.name}")
-    stack.callback(rows.close)
+    rows = stack.enter_context(RowStream(f"GraspFX {experiment.name}"))
     return LslMarkers(f"GraspFX {experiment.name} markers").mark, rows
 
 

@@ -94,7 +94,7 @@ def execute(options: Namespace) -> int:
 def _stream_rows(scene: Scene, run: LiveRun, stack: ExitStack) -> None:
     from graspfx.live.lsl_outlet import RowStream
 
-    rows = stack.enter_context(RowStream(f"GraspFX {scene.source.name}", run.layout, run.period))
+    rows = stack.enter_context(RowStream(f"GraspFX {scene.source.name}"))
     rows.attach(run)
     stack.callback(rows.detach)
     _tell(f"LSL: {len(rows.channels)} channels at {rows.rate:g} Hz")

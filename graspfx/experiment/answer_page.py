@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from html import escape
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frames, history_of
+from graspfx.live.run_look import RunLook
 from graspfx.live.scenery import scenery
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.scene_tree import SceneTree
@@ -25,7 +23,7 @@ READY = "Ready"
 SHAPES = ("object", "obstacle", "finger")  # tables that a picture follows from
 
 
-class AnswerPage:
+class AnswerPage(RunLook):
     """A page with buttons, on 127.0.0.1; a context manager, and a watcher of runs.
 
     Args:
@@ -53,45 +51,26 @@ class AnswerPage:
         if answers:
             self._buttons("answer", {answer: key for key, answer in answers.items()})
         self._buttons("go on", {READY: "\n"})
-        self._draws, self._look = scene is not None, ""
+        self._draws, self._drawn = scene is not None, ""
         self._tree: SceneTree | None = None
         self._apart = 0.0
         if scene is not None:
             self._draw(scene)
-        self._run: LiveRun | None = None
-        self._lock, self._over = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._follow, name="page of answers", daemon=True)
-        self._thread.start()
+        super().__init__("page of answers", FRAME)
 
     def tell(self, text: str) -> None:
         """Show a text."""
         self._text.content = f"<div class=gfx style='font-size:17px;padding:10px 12px'><b>{escape(text)}</b></div>"
 
     def attach(self, run: LiveRun) -> None:
-        """Draw a run from now on."""
+        """Draw a run from now on; once it is detached, its last picture stays."""
         if self._draws:
-            with self._lock:
-                self._draw(run.scene)
-                self._run = run
-
-    def detach(self) -> None:
-        """Leave what was drawn last."""
-        with self._lock:
-            self._run = None
+            super().attach(run)
 
     def close(self) -> None:
         """Let every page go."""
-        self._over.set()
-        self._thread.join()
+        super().close()
         self.server.stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _buttons(self, label: str, keys: Mapping[str, str]) -> None:
         group = self.server.viser.gui.add_button_group(label, tuple(keys))
@@ -106,25 +85,22 @@ class AnswerPage:
         """Draw what does not move, where it is not drawn already."""
         table = scene.to_dict()
         look = repr([table.get(name) for name in SHAPES])
-        if look != self._look:
+        if look != self._drawn:
             drawn = scenery(scene)
             if self._tree is not None:
                 self.server.viser.scene.reset()
-            self._tree, self._apart, self._look = SceneTree(self.server.viser, drawn), drawn.apart, look
+            self._tree, self._apart, self._drawn = SceneTree(self.server.viser, drawn), drawn.apart, look
 
-    def _follow(self) -> None:
-        while not self._over.wait(FRAME):
-            with self._lock:
-                run, tree = self._run, self._tree
-                if run is None or tree is None or not self.server.pages:
-                    continue
-                try:
-                    tick, rows = run.rows(run.tick)
-                    if len(rows):
-                        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
-                        at = tick + len(rows) - 1
-                        history = history_of(rows[-1:], run.layout, run.header, changes=splits, tick=at)
-                        with self.server.viser.atomic():
-                            tree.show(Frames(history, self._apart)[0])
-                except GraspFXError:  # a run that ends while it is looked at
-                    continue
+    def _begin(self, run: LiveRun) -> None:
+        self._draw(run.scene)
+
+    def _look(self, run: LiveRun) -> None:
+        tree = self._tree
+        if tree is None or not self.server.pages:
+            return
+        tick, rows = run.rows(run.tick)
+        if len(rows):
+            splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
+            history = history_of(rows[-1:], run.layout, run.header, changes=splits, tick=tick + len(rows) - 1)
+            with self.server.viser.atomic():
+                tree.show(Frames(history, self._apart)[0])

@@ -9,11 +9,10 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import make_folder, new_folder, obstacle, sync_folder
+from graspfx.resource import Resource
 from graspfx.system.file_lock import lock
 
 MISSING = "n/a"
@@ -80,7 +79,7 @@ class SessionFiles:
         return new_folder(self.recordings, f"trial-{number:03d}")
 
 
-class RowFile:
+class RowFile(Resource):
     """A file of lines with tabs, each of which is on the disk before anything else happens; nobody else writes there.
 
     Args:
@@ -150,14 +149,6 @@ class RowFile:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def cell(value: object) -> str:

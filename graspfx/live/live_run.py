@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from graspfx.loop.recording.header import Header, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.places import NAME, recording_path, require_vacancy_of
 from graspfx.loop.recording.two_parts import Split
+from graspfx.resource import Resource
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
@@ -35,7 +35,7 @@ MARGIN = 64  # rows that may be written over while others are read
 SHORTEST, LONGEST = 0.0005, 0.002  # between two looks whether a row has come [s]
 
 
-class LiveRun:
+class LiveRun(Resource):
     """A run of a scene on the wall's clock, in a process of its own, that any thread may look at and steer.
 
     Nothing here waits for the servo unless its text says so. The end of the `with` block closes it.
@@ -84,14 +84,6 @@ class LiveRun:
     def _open(self, out: str | PathLike[str] | None, *, paused: bool) -> None:
         self._session = LiveSession(self._scene, live=self._live, out=out, paused=paused)
         self._out, self._has_ended = None if out is None else Path(out) / NAME, False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     # Looking at it ------------------------------------------------------------------------------------------------
 

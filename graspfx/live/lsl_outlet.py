@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 import uuid
 from collections.abc import Sequence
 from contextlib import suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspfx.errors import GraspFXError, InputError, MissingPackageError
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.live.run_look import RunLook
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -63,37 +62,62 @@ class MarkerStream:
         self._outlet.push_sample([text], clock + self._offset)
 
 
-class RowStream:
-    """A stream of numbers of a run: its newest row, at a lower rate than its ticks.
+class RowStream(RunLook):
+    """A stream of numbers of runs: the newest row of one, at a lower rate than its ticks; a watcher of runs.
 
     The time of a sample is that of its tick. A thread reads the ring of rows, as a page does: the servo knows nothing
-    of it.
+    of it. Other programs see the stream from the first run on. Where rows of a run have another layout, a new stream
+    takes its place.
 
     Args:
         name: of the stream.
-        layout: of the rows.
-        period: T [s].
         rate: of samples, at most one a tick [Hz].
         columns: of the rows, whose components are the stream's channels.
 
     Attributes:
+        rate: of the run's samples [Hz].
         channels: their names, as `recording.to_csv` has them.
+        source: by which other programs find the stream.
+        samples: that were sent.
 
     Raises:
-        InputError: no such column; a rate that is none.
+        InputError: a rate that is none; on attaching, a run without such a column.
         MissingPackageError: no pylsl, or no library.
     """
 
-    def __init__(
-        self, name: str, layout: Layout, period: float, *, rate: float = RATE, columns: Sequence[str] = COLUMNS
-    ) -> None:
+    def __init__(self, name: str, *, rate: float = RATE, columns: Sequence[str] = COLUMNS) -> None:
         if not (np.isfinite(rate) and rate > 0.0):
             raise InputError("rate", rate, "a rate above zero [Hz]")
-        lsl = load_lsl()
-        self.rate = min(rate, 1.0 / period)
-        names = [*columns, *(f"objects/{name}/position" for name in layout.objects)]
-        self._places = []
+        self._lsl = load_lsl()
+        self._name, self._most, self._columns = name, rate, columns
+        self.rate, self.source, self.samples = rate, "", 0
         self.channels: list[str] = []
+        self._form = ""
+        self._outlet: Any = None
+        self._places: list[slice] = []
+        self._wall: slice | None = None
+        self._tick, self._number, self._zero = -1, -1, float("inf")
+        super().__init__("LSL", 1.0 / rate)
+
+    def close(self) -> None:
+        """End the stream."""
+        super().close()
+        self._outlet = None
+
+    def _begin(self, run: LiveRun) -> None:
+        form = f"{list(run.layout.columns)} {run.layout.fingers} {run.period}"
+        if form != self._form:
+            self._form, self._outlet, self._run = "", None, None
+            self._open(run.layout, run.period)
+            self._form = form
+        self._tick, self._number, self._zero = -1, run.run_number, float("inf")
+
+    def _open(self, layout: Layout, period: float) -> None:
+        """Open a stream for rows of a layout."""
+        self.rate = min(self._most, 1.0 / period)
+        self._pause = 1.0 / self.rate
+        names = [*self._columns, *(f"objects/{name}/position" for name in layout.objects)]
+        self._places, self.channels = [], []
         units: list[str] = []
         for column in names:
             if column not in layout.columns:
@@ -103,57 +127,20 @@ class RowStream:
             parts = [f"{column}.{at}" for at in _parts(layout, entry.shape)] if entry.shape else [column]
             self.channels += parts
             units += [entry.unit] * len(parts)
-        self.source = f"graspfx-rows-{uuid.uuid4()}"
-        info = lsl.StreamInfo(name, HAPTICS, len(self.channels), self.rate, lsl.cf_double64, self.source)
+        self.source, lsl = f"graspfx-rows-{uuid.uuid4()}", self._lsl
+        info = lsl.StreamInfo(self._name, HAPTICS, len(self.channels), self.rate, lsl.cf_double64, self.source)
         described = info.desc().append_child("channels")
         for channel, unit in zip(self.channels, units, strict=True):
             described.append_child("channel").append_child_value("label", channel).append_child_value("unit", unit)
-        self._outlet: Any = lsl.StreamOutlet(info)
-        self._clock = lsl.local_clock
+        self._outlet = lsl.StreamOutlet(info)
         self._wall = layout.columns["wall"].where if "wall" in layout.columns else None
-        self._run: LiveRun | None = None
-        self._lock, self._over = threading.Lock(), threading.Event()
-        self._tick, self._number, self._zero = -1, -1, float("inf")
-        self.samples = 0
-        self._thread = threading.Thread(target=self._follow, name="LSL", daemon=True)
-        self._thread.start()
 
-    def attach(self, run: LiveRun) -> None:
-        """Stream a run from now on, whose rows have the stream's layout."""
-        with self._lock:
-            self._run, self._tick, self._number, self._zero = run, -1, run.run_number, float("inf")
-
-    def detach(self) -> None:
-        """Stream no run."""
-        with self._lock:
-            self._run = None
-
-    def close(self) -> None:
-        """End the stream."""
-        self._over.set()
-        self._thread.join()
-        self._outlet = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _follow(self) -> None:
-        while not self._over.wait(1.0 / self.rate):
-            with self._lock, suppress(GraspFXError):  # a run that ends while it is looked at
-                if self._run is not None:
-                    self._send(self._run)
-
-    def _send(self, run: LiveRun) -> None:
+    def _look(self, run: LiveRun) -> None:
         """Send the newest row, if it is new; a run that began anew has ticks of its own."""
         if run.run_number != self._number:
             self._number, self._tick, self._zero = run.run_number, -1, float("inf")
         tick, rows = run.rows(run.tick)
-        now = float(self._clock())
+        now = float(self._lsl.local_clock())
         if not len(rows) or tick + len(rows) - 1 <= self._tick:
             return
         row, self._tick = rows[-1], tick + len(rows) - 1

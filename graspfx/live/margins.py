@@ -9,20 +9,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from subprocess import Popen
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from graspfx.build.process import boot
 from graspfx.build.process.errand import Errand
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
+from graspfx.resource import Resource
 from graspfx.scene.model import Scene
 
 CHILD = "graspfx.live.margins_child"
 NO_PROCESS = "the process that computes certificates has ended"
 
 
-class Margins:
+class Margins(Resource):
     """Verdicts on a scene with other values, from a process that ends with this one, and takes no time from a servo.
 
     `ask` waits for nothing: of requests that come faster than answers the newest counts. Each is answered at once from
@@ -45,14 +45,6 @@ class Margins:
         self._process: Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._serve, name="graspfx margins", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def pid(self) -> int | None:

@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from graspfx.errors import InputError
 from graspfx.live.frame import STATES, Frames
@@ -16,6 +15,7 @@ from graspfx.live.view import words_on_page as words
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import EVERY, SECONDS, StripCharts
+from graspfx.resource import Resource
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
@@ -29,7 +29,7 @@ SPEEDS = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.
 MOST_VALUES = 12  # of the scene, listed beside
 
 
-class RecordingView:
+class RecordingView(Resource):
     """A page on which a recording is played; of its rows, those are read that are shown.
 
     Args:
@@ -89,12 +89,8 @@ class RecordingView:
         ]
         self._write(self._legend, words.legend(self._states, self._tree.scale.text))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Let every page go."""
         self.server.stop()
 
     @property

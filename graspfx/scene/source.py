@@ -53,15 +53,16 @@ class Source:
         Raises:
             InputError: a path that leads nowhere.
         """
-        if self.folder is None or text in _texts(self.overrides):
+        if self.folder is None or text in texts_in(self.overrides):
             return True
         place = resolved("path", to_path("path", text, folder=self.folder))
         return place.is_relative_to(resolved("path", self.folder))
 
 
-def _texts(value: Any) -> Iterator[str]:
+def texts_in(value: Any) -> Iterator[str]:
+    """List all texts in a value of a table, at every depth."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):
         for each in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(each)
+            yield from texts_in(each)

@@ -13,6 +13,7 @@ from graspfx.build.scene_cache import data_files
 from graspfx.environment import to_path
 from graspfx.errors import GraspFXError
 from graspfx.plugins import BUILT_IN, Group
+from graspfx.scene.source import texts_in
 from graspfx.sweeps.variant_grid import VariantGrid
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
 
 def files_of(scene: Scene, variants: VariantGrid) -> dict[str, str]:
     """Digest the files that a scene or a value of its variants names: meshes, paths, and Python that is no shelf's."""
-    names = [*_code(scene), *data_files(scene), *_texts(variants.lists)]
+    names = [*_code(scene), *data_files(scene), *texts_in(variants.lists)]
     digests: dict[str, str] = {}
     for name in names:
         try:
@@ -120,14 +121,6 @@ def _of_group(scene: Scene, group: Group, names: Sequence[str]) -> Iterator[str]
         path = plugins.find(group, name, scene.source.folder)
         if group in BUILT_IN or not path.is_relative_to(plugins.shelf(group)):
             yield str(path)
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping | list | tuple):
-        for each in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(each)
 
 
 # Words ----------------------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
 DEEPEST = 50  # brackets in one another
+LEVELS = ("+-", "*/")  # signs, from those that bind least
 
 Tree = float | str | tuple[str, "Tree", "Tree"]
 
@@ -118,18 +119,13 @@ def _words(text: object, name: str) -> list[str]:
     return words
 
 
-def _sum(words: list[str], name: str, text: str, depth: int) -> tuple[Tree, list[str]]:
-    tree, words = _product(words, name, text, depth)
-    while words and words[0] in "+-":
-        right, rest = _product(words[1:], name, text, depth)
-        tree, words = (words[0], tree, right), rest
-    return tree, words
-
-
-def _product(words: list[str], name: str, text: str, depth: int) -> tuple[Tree, list[str]]:
-    tree, words = _factor(words, name, text, depth)
-    while words and words[0] in "*/":
-        right, rest = _factor(words[1:], name, text, depth)
+def _sum(words: list[str], name: str, text: str, depth: int, level: int = 0) -> tuple[Tree, list[str]]:
+    """Read terms and the signs of a level between them, from the left; terms of the last level are factors."""
+    if level == len(LEVELS):
+        return _factor(words, name, text, depth)
+    tree, words = _sum(words, name, text, depth, level + 1)
+    while words and words[0] in LEVELS[level]:
+        right, rest = _sum(words[1:], name, text, depth, level + 1)
         tree, words = (words[0], tree, right), rest
     return tree, words
 

@@ -20,6 +20,8 @@ from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.trial import Presentation, Trial
 from graspfx.experiment.trial_table import read_table
+from graspfx.live.frame import Frame
+from graspfx.live.live_run import LiveRun
 from graspfx.system.terminal_keys import terminal_keys
 from tests.support.experiments import PLAIN, experiment, table_of
 from tests.support.hardware import wait_until
@@ -199,3 +201,23 @@ def test_a_page_answers(tmp_path: Path) -> None:
         assert page.server._accepts(message(uuid, "hard"))
         assert not page.server._accepts(message(uuid, "none of them"))
     assert SessionFiles(tmp_path, "1", "2", "a").stem == "sub-1_ses-2_task-a_run-01"
+
+
+def test_a_page_draws_the_run_that_is_attached(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser", reason="the page: pip install 'graspfx[view]'")
+    from graspfx.experiment.answer_page import AnswerPage
+
+    plain, frames = experiment(PLAIN), list[Frame]()
+    assert plain.scene is not None
+    with AnswerPage("test", {}, lambda key: None, plain.scene, port=0) as page, LiveRun(plain.scene) as run:
+        monkeypatch.setattr(page._tree, "show", frames.append)
+        page.attach(run)
+        run.await_row(0, 5.0)
+        assert not frames  # nobody looks on
+        monkeypatch.setattr(page.server.gate, "pages", 1)
+        wait_until(lambda: len(frames) > 2)
+        page.detach()
+        drawn = len(frames)
+        time.sleep(0.2)
+        assert len(frames) == drawn
+    assert frames[-1].time > frames[0].time

@@ -16,10 +16,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.experiment.lsl_watcher import LslMarkers, LslRows
+from graspfx.experiment.lsl_markers import LslMarkers
 from graspfx.experiment.markers import Event
 from graspfx.live.live_run import LiveRun
-from graspfx.live.lsl_outlet import load_lsl
+from graspfx.live.lsl_outlet import RowStream, load_lsl
 from graspfx.live.stream.stream_socket import stream_of
 from tests.support.hardware import wait_until
 from tests.support.rooms import ROOT
@@ -116,19 +116,18 @@ def test_what_goes_out_by_lsl_comes_in() -> None:
     """Samples are rows of the run, with the times of their ticks; markers have the times that they were given."""
     pytest.importorskip("pylsl", reason="LSL: pip install 'graspfx[lsl]'")
     lsl = load_lsl()
-    rows, markers = LslRows("rows of a test"), LslMarkers("markers of a test")
+    rows, markers = RowStream("rows of a test"), LslMarkers("markers of a test")
     scene = gx.load("reference-1dof", {"engine": "interpreted"})
     with LiveRun(scene) as run:
         rows.attach(run)
-        assert rows.stream is not None
         streams = [lsl.resolve_byprop("source_id", each.source, timeout=5.0)
-                 for each in (rows.stream, markers.stream)]  # fmt: skip
+                 for each in (rows, markers)]  # fmt: skip
         if not all(streams):
             pytest.skip("no multicast on this machine, by which LSL finds streams")
         inlets = [lsl.StreamInlet(each[0]) for each in streams]
         for inlet in inlets:
             inlet.open_stream(timeout=5.0)
-        labels = rows.stream.channels
+        labels = rows.channels
         assert labels[:2] == ["finger_position.finger0.x", "finger_position.finger1.x"]
         samples = [inlets[0].pull_sample(timeout=5.0) for _ in range(10)]
         now = time.monotonic()
@@ -147,6 +146,21 @@ def test_what_goes_out_by_lsl_comes_in() -> None:
         times.append(clock - wall[k])
     assert first == 0 and np.ptp(times) < 0.05  # one zero, but for the first look at it
     assert np.all(np.diff([clock for _, clock in samples]) > 0.0)
+
+
+def test_rows_of_another_layout_have_a_stream_of_their_own() -> None:
+    pytest.importorskip("pylsl", reason="LSL: pip install 'graspfx[lsl]'")
+    streams = []
+    with RowStream("rows of three runs") as rows:
+        for name in ("reference-1dof", "reference-1dof", "paper-waving"):
+            with LiveRun(gx.load(name, {"engine": "interpreted"})) as run:
+                rows.attach(run)
+                rows.samples = 0
+                wait_until(lambda: rows.samples > 0)
+                rows.detach()
+            streams.append((rows.source, len(rows.channels)))
+    assert streams[0] == streams[1] and streams[2][0] != streams[1][0]
+    assert [width for _, width in streams] == [2 + 2 + 2 + 1, 2 + 2 + 2 + 1, 4 + 4 + 2 + 2]  # fingers' and an object's
 
 
 def test_lsl_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

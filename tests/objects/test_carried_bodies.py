@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import Body, NativeBody, fill_body
-from tests.support.carriers import CARRIERS, PushAndDrift, require
+from tests.support import carriers
+from tests.support.carriers import PushAndDrift
 
 Array = NDArray[np.float64]
 T = 0.005
@@ -21,26 +22,14 @@ CUBE = 0.1 * 0.05**2 / 6
 CROOKED = (3e-5, 5e-5, 6e-5)
 
 
-@pytest.fixture(params=CARRIERS)
-def carrier(request: pytest.FixtureRequest) -> str:
-    name = str(request.param)
-    require(name)
-    return name
+carrier = carriers.carrier
 
 
 @pytest.fixture
 def bodies(carrier: str) -> Iterator[Any]:
     """Makes bodies from fill_body's arguments and closes them."""
-    create = require(carrier).create
-    made: list[Any] = []
-
-    def make(**given: Any) -> Any:
-        made.append(create(block(**given)))
-        return made[-1]
-
-    yield make
-    for body in made:
-        body.close()
+    with carriers.maker(carriers.require(carrier).create) as make:
+        yield lambda **given: make(block(**given))
 
 
 def block(**given: Any) -> Array:

@@ -16,7 +16,7 @@ from graspfx.objects.body import fill_body
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
-from tests.support.carriers import CARRIERS, require
+from tests.support import carriers
 
 Array = NDArray[np.float64]
 G, M, MU = 9.81, 0.1, 0.5
@@ -36,26 +36,18 @@ ASKEW = {"bullet": 0.1, "mujoco": 1e-6}  # of friction, when a body begins to sl
 DEPTH = {"bullet": 1e-5, "mujoco": 1e-7}  # how high a hull or an ellipsoid stands [m]
 
 
-@pytest.fixture(params=CARRIERS)
-def carrier(request: pytest.FixtureRequest) -> str:
-    name = str(request.param)
-    require(name)
-    return name
+carrier = carriers.carrier
 
 
 @pytest.fixture
 def worlds(carrier: str) -> Iterator[Any]:
     """Makes worlds and closes them."""
-    create_world = require(carrier).create_world
-    made: list[Any] = []
+    with carriers.maker(carriers.require(carrier).create_world) as make:
 
-    def make(*members: Member, obstacles: tuple[Obstacle, ...] = (FLOOR,), **meeting: Any) -> Any:
-        made.append(create_world(members, obstacles, Meeting(**({"friction": MU} | meeting))))
-        return made[-1]
+        def world(*members: Member, obstacles: tuple[Obstacle, ...] = (FLOOR,), **meeting: Any) -> Any:
+            return make(members, obstacles, Meeting(**({"friction": MU} | meeting)))
 
-    yield make
-    for world in made:
-        world.close()
+        yield world
 
 
 def member(shape: Any, mass: float = M, gravity: float = G, **given: Any) -> Member:

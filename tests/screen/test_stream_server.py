@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError
+from graspfx.screen.claim_server import MOST_CLIENTS
 from graspfx.screen.own_page import NAMES, listen_at
 from graspfx.screen.stream_gate import StreamGate
 from graspfx.screen.stream_orders import LONGEST, StreamOrder, read_stream_order
-from graspfx.screen.stream_server import BURST, MOST_CLIENTS, SOCKET, Bounds, StreamServer
+from graspfx.screen.stream_server import BURST, SOCKET, Bounds, StreamServer
 
 pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
 from websockets.exceptions import ConnectionClosed, InvalidStatus

@@ -16,10 +16,11 @@ from typing import Any
 import pytest
 
 from graspfx.errors import DeviceError
+from graspfx.screen.claim_server import MOST_CLIENTS
 from graspfx.screen.touch_address import gate_for, listen, url
 from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order
-from graspfx.screen.touch_server import BURST, HEAD, MOST_CLIENTS, TouchServer
+from graspfx.screen.touch_server import BURST, HEAD, TouchServer
 
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
 from websockets.exceptions import ConnectionClosed, InvalidStatus

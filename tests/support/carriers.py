@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,27 @@ def require(name: str) -> Any:
     if facts.missing:
         pytest.skip(f"{facts.package} is not installed: it has no wheel for every Python and platform")
     return plugins.load("dynamics", name)
+
+
+@pytest.fixture(params=CARRIERS)
+def carrier(request: pytest.FixtureRequest) -> str:
+    """Name each program in turn; a module of tests that has it as `carrier` runs with all of them."""
+    name = str(request.param)
+    require(name)
+    return name
+
+
+@contextmanager
+def maker(create: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Give a function that creates bodies or worlds, and close at the end what it has created."""
+    with ExitStack() as stack:
+
+        def make(*arguments: Any) -> Any:
+            created = create(*arguments)
+            stack.callback(created.close)
+            return created
+
+        yield make
 
 
 class PushAndDrift(NativeBody):

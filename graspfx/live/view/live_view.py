@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frame, Frames, history_of
@@ -23,6 +22,7 @@ from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
 from graspfx.loop.recording.header import SPLIT, KeyChange
+from graspfx.resource import Resource
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
@@ -37,7 +37,7 @@ WIDTH = 340  # of the panels [pixels]
 STEP = 10  # ticks of a press of Step
 
 
-class LiveView:
+class LiveView(Resource):
     """A page on which a run is seen and steered.
 
     Args:
@@ -80,14 +80,6 @@ class LiveView:
         self._margins = viser.gui.add_html(words.margins(None))
         self._tree = SceneTree(viser, drawn)
         self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Let every page go, and end what computes for them; the run goes on."""

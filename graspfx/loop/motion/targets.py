@@ -43,6 +43,14 @@ def minimum_jerk(s: float) -> tuple[float, float]:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s * s * (1.0 - s) * (1.0 - s)
 
 
+def step(since: float, duration: float) -> tuple[float, float]:
+    """Compute the minimum-jerk step from 0 to 1 that began `since` ago [s], and its rate [1/s]; 1 without duration."""
+    if duration > 0.0:
+        s, ds = minimum_jerk(since / duration)
+        return s, ds / duration
+    return 1.0, 0.0
+
+
 @kernel
 def count_until(times: Floats, count: int, t: float) -> int:
     """Count those of increasing times that are not after t."""
@@ -65,11 +73,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
     since = t - part.begin
     if since < 0.0:
         return
-    s, ds = 1.0, 0.0
-    ramp = part.ramp
-    if ramp > 0.0:
-        s, ds = minimum_jerk(since / ramp)
-        ds /= ramp
+    s, ds = step(since, part.ramp)
     a, w = part.amplitude, part.angular_frequency
     sin, cos = math.sin(w * since), math.cos(w * since)
     length, rate = a * s * sin, a * (s * w * cos + ds * sin)
@@ -81,8 +85,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
 @kernel
 def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
     """Add a reach."""
-    s, ds = minimum_jerk((t - part.begin) / part.duration)
-    ds /= part.duration
+    s, ds = step(t - part.begin, part.duration)
     for j in range(part.dimensions):
         now.value[j] += s * part.displacement[j]
         now.rate[j] += ds * part.displacement[j]
@@ -119,10 +122,10 @@ def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
         since, duration = t - part.begins[k], durations[k]
         if since < duration:
             before = levels[k]
-            s, ds = minimum_jerk(since / duration)
+            s, ds = step(since, duration)
             change = level - before
             now.value[0] += before + s * change
-            now.rate[0] += ds / duration * change
+            now.rate[0] += ds * change
             return
     now.value[0] += level
 
@@ -133,11 +136,7 @@ def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
     since = t - part.begin
     if since < 0.0:
         return
-    s, ds = 1.0, 0.0
-    ramp = part.ramp
-    if ramp > 0.0:
-        s, ds = minimum_jerk(since / ramp)
-        ds /= ramp
+    s, ds = step(since, part.ramp)
     a, frequency, phase = part.amplitude, part.frequency, part.phase
     for j in range(part.dimensions):
         x = dx = 0.0

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.resource import Resource
 
 FloatArray = NDArray[np.float64]
 Failure = Literal["late", "drop", "flip", "cut", "garbage", "wrong-id", "unplugged", "blocked"]
@@ -26,7 +27,7 @@ NUMBERS: Mapping[Failure, float] = MappingProxyType(
 SMALL = 1e-6  # of an angle, for a difference [rad]
 
 
-class Wire(ABC):
+class Wire(Resource):
     """An emulator of hardware: it answers a driver, shows what the motors hold, and fails on demand.
 
     It is a context manager: inside `with`, `settings` are those of the driver's `connect` that lead to it.
@@ -107,12 +108,6 @@ class Wire(ABC):
     @abstractmethod
     def close(self) -> None:
         """Take the bench down; returns also when it is called again."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 def tip_force(place: Callable[[FloatArray], FloatArray], angles: FloatArray, torque: FloatArray) -> FloatArray:
