@@ -65,8 +65,8 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     Raises:
         SweepError: this process has another GraspFX or other files than the one that ordered.
     """
+    from graspfx.build.named_files import digest_of
     from graspfx.scene.model import Scene
-    from graspfx.sweeps.identity import digest_of
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:

@@ -20,6 +20,7 @@ from graspfx import __version__, plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
+from graspfx.build.named_files import files_of
 from graspfx.build.run_header import source_name
 from graspfx.environment import is_granted
 from graspfx.errors import InputError
@@ -29,7 +30,7 @@ from graspfx.sweeps.chunk_loop import ChunkLoop
 from graspfx.sweeps.chunk_store import ChunkStore, folder_of, now, open_store, write_whole
 from graspfx.sweeps.crews import Crew, crew_of
 from graspfx.sweeps.first_look import Prospect, look_at
-from graspfx.sweeps.identity import files_of, identity_of, sweep_parts
+from graspfx.sweeps.identity import identity_of, sweep_parts
 from graspfx.sweeps.netcdf import is_whole, netcdf
 from graspfx.sweeps.scene_order import SceneOrder, SweepError
 from graspfx.sweeps.sweep_result import SweepResult
@@ -113,7 +114,7 @@ def sweep(
     variants = make_grid(values, zip=zip, sample=sample, seed=seed)
     with plugins.unchanged(), waiting(f"looking at {source_name(scene_.source)}"):
         prospect = look_at(scene_, variants, duration, measure)
-        files = files_of(scene_, variants)
+        files = files_of(scene_, variants.lists)
     seconds = float(scene_.duration if duration is None else duration)
     parts = sweep_parts(scene_, variants, seconds, list(prospect.shapes), statistics, files)
     order = SceneOrder(

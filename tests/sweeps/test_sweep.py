@@ -22,40 +22,12 @@ from graspfx.sweeps.first_look import look_at
 from graspfx.sweeps.scene_order import SweepError
 from graspfx.sweeps.sweep import SweepWarning
 from graspfx.sweeps.variant_grid import make_grid, scattered
+from tests.support.hand_of_its_own import HAND, SCENE
 from tests.support.hardware import DRIVER
 from tests.support.small_scenes import line
 
 KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
 VALUES = {KEP: [20.0, 35.0, 50.0, 65.0, 80.0], KIP: [40.0, 50.0, 60.0, 70.0], BV: [0.4, 1.0]}
-HAND = """
-import numpy as np
-
-class Steady:
-    def __init__(self, rest):
-        self.rest, n = rest, len(rest)
-        self.stiffness, self.damping = 60.0 * np.eye(n)[None], 0.5 * np.eye(n)[None]
-
-    def target(self, time):
-        return 0.8 * self.rest, np.zeros_like(self.rest)
-
-def hold(rest, broken=0):
-    if broken:
-        raise ValueError("a broken wrist")
-    return Steady(rest)
-"""
-SCENE = """
-dimensions = 1
-engine = "interpreted"
-period = 0.005
-duration = 0.2
-object = { mass = 0.1, viscosity = 0.8, shape = { kind = "box", size = [0.05] } }
-coupling = { external = { stiffness = 30.0 }, internal = { stiffness = 70.0, damping = 0.1 } }
-hand = [{ name = "own", kind = "steady.py" }]
-finger = [
-    { start = [-0.0251], device = { name = "simulated", mass = 0.15, damping = 0.2 }, hand = "own" },
-    { start = [0.0252], device = { name = "simulated", mass = 0.15, damping = 0.2 }, hand = "own" },
-]
-"""
 
 
 @pytest.fixture(scope="module")
@@ -207,6 +179,17 @@ def test_files_that_a_scene_names_are_part_of_it(by_hand: Path, tmp_path: Path) 
     (tmp_path / "steady.py").write_text(HAND.replace("0.8", "0.7"))
     with pytest.raises(SweepError, match=r"another sweep: the file steady\.py has changed"):
         gx.sweep(by_hand, {"object.mass": [0.1, 0.2]}, out=out)
+
+
+def test_python_that_a_swept_value_names_and_imports_is_part_of_it(by_hand: Path, tmp_path: Path) -> None:
+    values = {"hand.own.kind": ["steady.py", "firm.py"], "object.mass": [0.1]}
+    (tmp_path / "firm.py").write_text("def later():\n    from grip import force\n" + HAND.replace("60.0", "90.0"))
+    (tmp_path / "grip.py").write_text("force = 1.0\n")
+    out = tmp_path / "out"
+    assert not gx.sweep(by_hand, values, out=out).failed.any()
+    (tmp_path / "grip.py").write_text("force = 2.0\n")
+    with pytest.raises(SweepError, match=r"another sweep: the file grip\.py has changed"):
+        gx.sweep(by_hand, values, out=out)
 
 
 def test_a_folder_has_one_sweep_at_a_time(scene: gx.Scene, tmp_path: Path) -> None:
