@@ -54,9 +54,9 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
             "the file of the experiment has other values, or another participant's session is there"
         ]
         more = f"; and {len(lines) - MOST} more differences" if len(lines) > MOST else ""
-        what = "is of another experiment, scene or mode"
+        text = "is of another experiment, scene or mode"
         do = "what was begun goes on with what it was begun with; --run N begins another"
-        raise RecordingError(f"{files.table_description}: {what}: {'; '.join(lines[:MOST])}{more}. {do}")
+        raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}. {do}")
     if not is_whole and own[FILES]:
         names = ", ".join(own[FILES])
         text = (
