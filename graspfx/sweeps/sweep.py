@@ -45,7 +45,7 @@ LEAST_SHARE = 4  # chunks for each worker, where the sweep is long enough
 
 
 class SweepWarning(UserWarning):
-    """A sweep that goes on, though something went wrong on the way: a damaged chunk, or a process that died."""
+    """A sweep that goes on, with a word on what is lost: a damaged chunk, a process that died, a sweep written over."""
 
 
 def sweep(
@@ -83,7 +83,7 @@ def sweep(
             dask on this machine, "tcp://..." for the scheduler of one; any executor of `concurrent.futures`, or a
             client of dask. Scripts start processes below `if __name__ == "__main__":`.
         resume: whether a sweep that `out` has already goes on, if it is the same.
-        overwrite: whether a sweep that `out` has already is removed, whatever it is.
+        overwrite: whether a sweep that `out` has already is removed, whatever it is; a warning says what it was.
         duration: instead of the scene's own [s]; rounded to whole periods.
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
         measure, statistics: as for `run_batch`.
@@ -124,6 +124,8 @@ def sweep(
     with crew_of(executor) as crew:
         size = chunk or _size(len(variants), prospect, crew)
         with _store(folder, parts, size, resume=resume, overwrite=overwrite) as store:
+            if store is not None and store.removal:
+                warnings.warn(store.removal, SweepWarning, stacklevel=2)
             work = Work(scene_, variants, order, prospect, size if store is None else store.size, store)
             work.recall()
             work.do(crew)

@@ -169,7 +169,37 @@ def test_a_folder_of_another_sweep_is_refused(scene: gx.Scene, tmp_path: Path) -
     assert f"{BV}: not swept there" in text(values={**values, BV: [1.0]})
     with pytest.raises(SweepError, match="this very sweep; go on with --resume"):
         gx.sweep(scene, values, out=tmp_path, resume=False)
-    assert len(gx.sweep(scene, {KEP: [1.0]}, out=tmp_path, overwrite=True)) == 1
+    with pytest.warns(SweepWarning, match=r"the sweep of 2.* was removed to begin again, with 1 chunks and sweep\.nc"):
+        assert len(gx.sweep(scene, {KEP: [1.0]}, out=tmp_path, overwrite=True)) == 1
+
+
+@pytest.mark.parametrize("harm", ["damaged", "of a later format", "gone"])
+def test_a_folder_that_does_not_say_what_it_is_is_written_over_on_request_alone(
+    scene: gx.Scene, tmp_path: Path, harm: str
+) -> None:
+    gx.sweep(scene, {KEP: [20.0, 30.0]}, out=tmp_path, chunk=1)
+    (tmp_path / "chunks" / "mine.npz").write_bytes(b"another's")
+    manifest = tmp_path / "sweep.json"
+    if harm == "gone":
+        manifest.unlink()
+    else:
+        manifest.write_text("{" if harm == "damaged" else manifest.read_text().replace('"format": 1', '"format": 99'))
+    before = (tmp_path / "sweep.nc").read_bytes()
+    said = "of format 99" if "later" in harm else r"2 chunks and sweep\.nc of a sweep, but no sweep\.json .*--overwrite"
+    with pytest.raises(SweepError, match=said):
+        gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
+    assert (tmp_path / "sweep.nc").read_bytes() == before
+    said = "a sweep of a later GraspFX" if "later" in harm else r"a sweep whose sweep\.json cannot be read"
+    with pytest.warns(SweepWarning, match=rf"{said} was removed to begin again, with 2 chunks and sweep\.nc"):
+        assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path, overwrite=True).resumed == 0
+    assert (tmp_path / "chunks" / "mine.npz").exists()
+    assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path).resumed == 1
+
+
+def test_a_final_file_alone_is_not_written_over_without_a_word(scene: gx.Scene, tmp_path: Path) -> None:
+    (tmp_path / "sweep.nc").write_bytes(b"results")
+    with pytest.raises(SweepError, match=r"has sweep\.nc of a sweep, but no sweep\.json"):
+        gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
 
 
 def test_files_that_a_scene_names_are_part_of_it(by_hand: Path, tmp_path: Path) -> None:
