@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__
-from graspfx.errors import RecordingError
-from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file
+from graspfx.errors import InputError, RecordingError
+from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
 from graspfx.experiment.session_identity import DIGEST, require_same, session_identity
 from graspfx.experiment.study import Study
 from graspfx.experiment.trial import FIRST, SECOND, Row
@@ -93,6 +93,10 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
         raise RecordingError(f"{files.table}: is there already; --resume goes on with it, --run N begins another")
+    if files.table_description.exists():
+        why = "its table is not: a start was cut short, or goes on right now, and no trial has been"
+        do = "--resume goes on with it, --run N begins another; or remove this file"
+        raise RecordingError(f"{files.table_description}: is there already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
 
@@ -162,7 +166,17 @@ def _rounded(seconds: float) -> float:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out."""
-    text = path.read_text("utf-8")
-    head, *lines = text[: text.rfind("\n") + 1].splitlines()
-    return [dict(zip(head.split("\t"), line.split("\t"), strict=True)) for line in lines]
+    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out.
+
+    Raises:
+        InputError: it is not in UTF-8, or a row has other cells than there are columns.
+    """
+    text = text_of(path, path.read_bytes())
+    head, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
+    names = head.split("\t")
+    rows = [line.split("\t") for line in lines]
+    for number, row in enumerate(rows):
+        if len(row) != len(names):
+            where, expected = f"{path}, line {number + 2}", f"{len(names)} cells, one for each column"
+            raise InputError(where, f"{len(row)} cells", expected, "take the table as it was written")
+    return [dict(zip(names, row, strict=True)) for row in rows]
