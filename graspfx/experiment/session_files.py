@@ -172,8 +172,8 @@ def text_of(path: Path, data: bytes) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start)
         do = "another program may have saved it: take the file as it was written, or save it as UTF-8"
-        given = data.split(b"\n")[line]
-        raise InputError(f"{path}, line {line + 1}", given, "a table in UTF-8", do) from error
+        content = data.split(b"\n")[line]
+        raise InputError(f"{path}, line {line + 1}", content, "a table in UTF-8", do) from error
 
 
 def cell(value: object) -> str:

@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from graspfx import log
+from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
 from graspfx.loop.recording.lock import claim
 from graspfx.loop.recording.places import make_folder, sync_folder
@@ -190,7 +191,7 @@ def _store(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ove
     if not resume:
         done = len(_chunks(path))
         how = "go on with --resume (resume=True), or begin again with --overwrite (overwrite=True)"
-        raise SweepError(f"{path}: has {done} chunks of this very sweep; {how}")
+        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this very sweep; {how}")
     make_folder(path / CHUNKS)
     for draft in (path / CHUNKS).glob(f".*{DRAFT}"):
         with suppress(OSError):
@@ -229,7 +230,7 @@ def _chunks(path: Path) -> list[Path]:
 def _results(path: Path) -> str:
     """Say which results of a sweep a folder has; empty for none."""
     count = len(_chunks(path))
-    names = [f"{count} chunks"] * bool(count) + [FINAL] * (path / FINAL).is_file()
+    names = [counted(count, "chunk")] * bool(count) + [FINAL] * (path / FINAL).is_file()
     return " and ".join(names)
 
 
@@ -237,9 +238,9 @@ def _remove(path: Path) -> str:
     """Remove the files of a sweep, and nothing else; that which says what they are goes last. Say what that was."""
     try:
         there = manifest_of(path)
-        what = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
+        title = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
     except SweepError:
-        what = "a sweep of a later GraspFX"
+        title = "a sweep of a later GraspFX"
     results = _results(path)
     try:
         for each in _chunks(path):
@@ -248,7 +249,7 @@ def _remove(path: Path) -> str:
         (path / MANIFEST).unlink(missing_ok=True)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written over; {error.strerror}") from error
-    return f"{path}: {what} was removed to begin again, with {results}" if results else ""
+    return f"{path}: {title} was removed to begin again, with {results}" if results else ""
 
 
 def folder_of(out: object) -> Path:

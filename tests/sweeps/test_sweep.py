@@ -169,7 +169,7 @@ def test_a_folder_of_another_sweep_is_refused(scene: gx.Scene, tmp_path: Path) -
     assert f"{BV}: not swept there" in text(values={**values, BV: [1.0]})
     with pytest.raises(SweepError, match="this very sweep; go on with --resume"):
         gx.sweep(scene, values, out=tmp_path, resume=False)
-    with pytest.warns(SweepWarning, match=r"the sweep of 2.* was removed to begin again, with 1 chunks and sweep\.nc"):
+    with pytest.warns(SweepWarning, match=r"the sweep of 2.* was removed to begin again, with 1 chunk and sweep\.nc"):
         assert len(gx.sweep(scene, {KEP: [1.0]}, out=tmp_path, overwrite=True)) == 1
 
 
