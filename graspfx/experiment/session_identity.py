@@ -56,7 +56,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
         more = f"; and {len(lines) - MOST} more differences" if len(lines) > MOST else ""
         text = "is of another experiment, scene or mode"
         do = "what was begun goes on with what it was begun with; --run N begins another"
-        raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}. {do}")
+        raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")
     if not is_whole and own[FILES]:
         names = ", ".join(own[FILES])
         text = (
