@@ -6,10 +6,10 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from graspfx.build.engine_versions import engines_of
 from graspfx.build.resolve import Parts
 from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.header import Header, machine, now, versions
-from graspfx.objects.dynamics_table import dynamics_of
 
 if TYPE_CHECKING:
     from graspfx.scene.source import Source
@@ -30,7 +30,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         created=now(),
         versions=versions(
             "scipy",
-            *sorted({package for thing in scene.object if (package := dynamics_of(thing.dynamics).distribution)}),
+            *engines_of(scene),
             *(("trimesh",) if meshes else ()),
         ),
         machine=machine(),

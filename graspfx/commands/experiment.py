@@ -117,9 +117,15 @@ def _run(
             _say(f"fault: {row.fault}")
     _sum_up(experiment, files)
     if trials.plan.done < total:
-        _say(f"ended after trial {trials.plan.done} of {total}; --resume goes on with the next")
+        _say(_farewell(trials.plan.done, total, trials.reason))
         return INTERRUPTED
     return FAULTS if faults else SUCCESS
+
+
+def _farewell(done: int, total: int, reason: str) -> str:
+    """Say of a session that ended early what is done, why it ended, and how to go on."""
+    where = f"after trial {done} of {total}" if done else f"before the first of {total} trials was done"
+    return f"ended {where}: {reason}; the same command with --resume goes on with trial {done + 1}"
 
 
 def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitStack) -> AnswerPage:
@@ -140,7 +146,8 @@ def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
 
     if is_quiet():
         return
-    rows = [row for row in read_table(files.table) if row["trial_type"] == "test"]
+    table = read_table(files.table)
+    rows = [row for row in table if row["trial_type"] == "test"]
     right = Counter(row["condition"] for row in rows if row["correct"] == "true")
     judged = Counter(row["condition"] for row in rows if row["correct"] in ("true", "false"))
     for name, count in judged.items():
@@ -150,7 +157,7 @@ def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
             if each.trials:
                 low, high = (100.0 * each.value * FACTOR ** (sign * each.spread) for sign in (-1.0, 1.0))
                 print(f"{each.condition}: threshold {100.0 * each.value:.1f} % ({low:.1f} to {high:.1f} %)")
-    print(f"wrote {files.table}")
+    print(f"wrote {files.table}" if table else f"{files.table}: has no trial yet")
 
 
 def _print_plan(experiment: Experiment, options: Namespace) -> int:

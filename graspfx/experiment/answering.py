@@ -16,8 +16,12 @@ READY = "\n"  # key that says that a person is ready
 QUIET = 0.7  # from a key to the same one, where it was pressed anew: one that is held down repeats itself sooner [s]
 
 
+INTERRUPTION = "it was interrupted"
+END_OF_INPUT = "the input that answers came from has ended"
+
+
 class Stopped(Exception):
-    """The session is to end here; it can go on later."""
+    """The session is to end here, for a reason in words; it can go on later."""
 
 
 class Press(NamedTuple):
@@ -126,13 +130,13 @@ class Keys:
 
     def _next(self, seconds: float) -> Press | None:
         if self._stop():
-            raise Stopped
+            raise Stopped(INTERRUPTION)
         try:
             press = self.presses.get(timeout=seconds) if seconds else self.presses.get_nowait()
         except Empty:
             return None
         if press is None:
-            raise Stopped
+            raise Stopped(END_OF_INPUT)
         self._clocks[press.key] = press.clock
         return press
 
@@ -144,7 +148,7 @@ class Keys:
             except Empty:
                 return
             if press is None:
-                raise Stopped
+                raise Stopped(END_OF_INPUT)
             self._clocks[press.key] = press.clock
 
 

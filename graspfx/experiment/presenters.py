@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from graspfx.errors import GraspFXError
+from graspfx.errors import GraspFXError, RecordingError
 from graspfx.loop.recording.places import NAME
 
 if TYPE_CHECKING:
@@ -65,6 +65,9 @@ class Presenter(Protocol):
             begin: is told the time of the first tick.
             is_answered: whether it may end before its time.
             stop: whether to break it off.
+
+        Raises:
+            RecordingError: the disk does not take the recording: nobody knows what was shown.
         """
         ...
 
@@ -91,7 +94,7 @@ class RealTime:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Show an interval, by the wall's clock."""
+        """Show an interval, by the wall's clock; whatever keeps hardware from its work is a fault."""
         from graspfx.live.live_run import LiveRun
 
         scene = self._scene.replace(values)
@@ -111,6 +114,12 @@ class RealTime:
                 fault = "" if run.fault is None else str(run.fault)
                 if not fault and run.cause and not is_whole:
                     fault = run.cause
+                if isinstance(run.error, RecordingError):
+                    raise run.error
+        except RecordingError as error:
+            if fault and fault not in str(error):
+                raise RecordingError(f"{error}; before that: {fault}") from error
+            raise
         except GraspFXError as error:
             fault = fault or " ".join(str(error).split())
         return Showing(folder / NAME, zero, time.monotonic(), fault, is_whole)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from graspfx.errors import RecordingError
+from graspfx.errors import InputError, RecordingError
 from graspfx.loop.recording.places import make_folder, new_folder, obstacle, sync_folder
 from graspfx.resource import Resource
 from graspfx.system.file_lock import lock
@@ -92,6 +92,7 @@ class RowFile(Resource):
 
     Raises:
         RecordingError: it is there, or is not; it has other columns; another process has it.
+        InputError: it is not in UTF-8.
     """
 
     def __init__(self, path: Path, columns: list[str], *, resume: bool = False) -> None:
@@ -122,7 +123,7 @@ class RowFile(Resource):
         whole = data[: data.rfind(b"\n") + 1]
         if len(whole) < len(data):
             os.ftruncate(self._file, len(whole))
-        head, *lines = whole.decode("utf-8").splitlines() or [""]
+        head, *lines = text_of(self.path, whole).splitlines() or [""]
         if not head:  # killed before the first line
             self._append("\t".join(self.columns))
         elif head.split("\t") != self.columns:
@@ -149,6 +150,21 @@ class RowFile(Resource):
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
+
+
+def text_of(path: Path, data: bytes) -> str:
+    """Decode a table.
+
+    Raises:
+        InputError: it is not in UTF-8.
+    """
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start)
+        do = "another program may have saved it: take the file as it was written, or save it as UTF-8"
+        content = data.split(b"\n")[line]
+        raise InputError(f"{path}, line {line + 1}", content, "a table in UTF-8", do) from error
 
 
 def cell(value: object) -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.errors import InputError
-from graspfx.experiment.answering import Answerer, Stopped
+from graspfx.errors import InputError, RecordingError
+from graspfx.experiment.answering import INTERRUPTION, Answerer, Stopped
 from graspfx.experiment.markers import Event, Markers, write_beside
 from graspfx.experiment.presenters import Presenter, Showing
 from graspfx.experiment.session_files import RowFile, SessionFiles, cell
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 PLACES = (FIRST, SECOND)  # folders of two intervals
 FORCES = "hold the device; its forces come when you press Enter"
-
-
-class _BrokenOff(Exception):
-    """A trial that was broken off: it is written nowhere, and comes again."""
 
 
 @dataclass
@@ -45,6 +41,7 @@ class SessionOfTrials:
         tell: shows a text.
         stop: whether to end.
         is_paced: whether gaps and breaks are waited for, and times of responses mean something.
+        reason: why it ended before its last trial; empty as long as it has not.
     """
 
     table: ExperimentTable
@@ -57,6 +54,7 @@ class SessionOfTrials:
     tell: Callable[[str], object]
     stop: Callable[[], bool]
     is_paced: bool = True
+    reason: str = ""
     _events: list[Event] = field(default_factory=list)
 
     def trials(self) -> Iterator[Row]:
@@ -66,6 +64,7 @@ class SessionOfTrials:
 
         Raises:
             InputError: hardware that ended in a fault.
+            RecordingError: the disk takes no more; the trial has no row, and comes again.
         """
         if self.plan.done:
             self.markers.mark(Event(time.monotonic(), 0, "resume"))
@@ -73,9 +72,14 @@ class SessionOfTrials:
             try:
                 self._pause_before(trial)
                 row = self._run(trial)
-            except (_BrokenOff, Stopped):
+                self.rows.write({name: cell(value) for name, value in cells_of(row).items()})
+            except Stopped as stopped:
+                self.reason = str(stopped)
                 return
-            self.rows.write({name: cell(value) for name, value in cells_of(row).items()})
+            except RecordingError as error:
+                done = "the trials before it are in the table" if self.plan.done else "no trial is in the table yet"
+                do = f"see to the disk; --resume goes on with trial {trial.number}"
+                raise RecordingError(f"{error}. Trial {trial.number} has no row, {done}: {do}") from error
             self.plan.take(row)
             yield row
             if row.fault and self.presenter.has_hardware:
@@ -105,7 +109,7 @@ class SessionOfTrials:
         for place in range(len(trial.intervals)):
             showings.append(self._show(trial, place, home, showings, during=during))
             if not showings[-1].is_whole and not showings[-1].fault:
-                raise _BrokenOff
+                raise Stopped(INTERRUPTION if self.stop() else "its run ended early, without a fault")
             if showings[-1].fault:
                 break
         fault = next((each.fault for each in showings if each.fault), "")
@@ -132,7 +136,7 @@ class SessionOfTrials:
         if before and self.is_paced:
             while (left := before[-1].end + self.table.gap - time.monotonic()) > 0.0:
                 if self.stop():
-                    raise Stopped
+                    raise Stopped(INTERRUPTION)
                 time.sleep(min(left, 0.05))
         if trial.is_comparison:
             self.tell(PLACES[place])

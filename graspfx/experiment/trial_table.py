@@ -6,13 +6,13 @@ import json
 import math
 from collections.abc import Mapping
 from datetime import datetime
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__
-from graspfx.errors import RecordingError
-from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file
+from graspfx.errors import InputError, RecordingError
+from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
+from graspfx.experiment.session_identity import DIGEST, require_same, session_identity
 from graspfx.experiment.study import Study
 from graspfx.experiment.trial import FIRST, SECOND, Row
 
@@ -36,7 +36,6 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "path": {"Description": "folder of the trial's recordings, relative to this file"},
 }
 RESERVED = frozenset(COLUMNS)
-DIGEST = "Digest"
 
 
 def columns_of(experiment: Study) -> list[str]:
@@ -45,12 +44,6 @@ def columns_of(experiment: Study) -> list[str]:
     names = list(COLUMNS)
     at = names.index("reference")
     return [*names[:at], *factors, *names[at:]]
-
-
-def digest(experiment: Study, files: SessionFiles, mode: str) -> str:
-    """Give what says whether a session is of the same experiment, scene, participant and mode."""
-    about = [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
-    return sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
 def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
@@ -66,7 +59,6 @@ def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any
         "Instructions": question.text if question is not None else "",
         **{name: columns[name] for name in columns_of(experiment)},
         "GraspFX": {
-            "Version": __version__,
             "Started": now_precisely(),
             "Participant": files.participant,
             "Session": files.session,
@@ -76,7 +68,7 @@ def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any
             "Experiment": table.model_dump(mode="json", exclude_unset=True),
             "ExperimentText": experiment.source.text,
             "Scene": experiment.scene.to_dict(),
-            DIGEST: digest(experiment, files, mode),
+            **session_identity(experiment, files, mode),
         },
     }
 
@@ -101,6 +93,10 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
         raise RecordingError(f"{files.table}: is there already; --resume goes on with it, --run N begins another")
+    if files.table_description.exists():
+        why = "its table is not: a start was cut short, or goes on right now, and no trial has been"
+        do = "--resume goes on with it, --run N begins another; or remove this file"
+        raise RecordingError(f"{files.table_description}: is there already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
 
@@ -109,16 +105,14 @@ def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan)
     """Go on with the table of a session: the plan goes to where it broke off.
 
     Raises:
-        RecordingError: there is none, or one of another experiment, scene, order or mode.
+        RecordingError: there is none, or one of another experiment, scene, file, version, order or mode.
     """
     try:
         about = json.loads(files.table_description.read_text("utf-8"))
-        before = about["GraspFX"][DIGEST]
+        started, _ = _started(about), about["GraspFX"][DIGEST]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{files.table_description}: no session to go on with was there") from error
-    if before != digest(experiment, files, mode):
-        text = "is of another experiment, scene or mode: what was begun goes on as it was, or --run N begins another"
-        raise RecordingError(f"{files.table_description}: {text}")
+    require_same(about["GraspFX"], experiment, files, mode)
     rows = RowFile(files.table, columns_of(experiment), resume=files.table.exists())
     try:
         for number, row in enumerate(rows.rows):
@@ -126,7 +120,7 @@ def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan)
     except BaseException:
         rows.close()
         raise
-    return rows, _started(about)
+    return rows, started
 
 
 def _started(about: Mapping[str, Any]) -> float:
@@ -172,7 +166,17 @@ def _rounded(seconds: float) -> float:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out."""
-    text = path.read_text("utf-8")
-    head, *lines = text[: text.rfind("\n") + 1].splitlines()
-    return [dict(zip(head.split("\t"), line.split("\t"), strict=True)) for line in lines]
+    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out.
+
+    Raises:
+        InputError: it is not in UTF-8, or a row has other cells than there are columns.
+    """
+    text = text_of(path, path.read_bytes())
+    head, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
+    names = head.split("\t")
+    rows = [line.split("\t") for line in lines]
+    for number, row in enumerate(rows):
+        if len(row) != len(names):
+            where, expected = f"{path}, line {number + 2}", f"{len(names)} cells, one for each column"
+            raise InputError(where, f"{len(row)} cells", expected, "take the table as it was written")
+    return [dict(zip(names, row, strict=True)) for row in rows]

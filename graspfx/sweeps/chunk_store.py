@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from graspfx import log
+from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
 from graspfx.loop.recording.lock import claim
 from graspfx.loop.recording.places import make_folder, sync_folder
@@ -34,10 +35,11 @@ class ChunkStore:
     Args:
         folder: which is there.
         manifest: what sweep.json says.
+        removal: what was removed to begin anew, in words; empty for nothing.
     """
 
-    def __init__(self, folder: Path, manifest: Mapping[str, Any]) -> None:
-        self.folder, self.manifest = folder, dict(manifest)
+    def __init__(self, folder: Path, manifest: Mapping[str, Any], removal: str = "") -> None:
+        self.folder, self.manifest, self.removal = folder, dict(manifest), removal
         self.damaged: list[Path] = []
 
     @property
@@ -171,26 +173,25 @@ def open_store(
 
 
 def _store(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool) -> ChunkStore:
-    identity, there = identity_of(parts), manifest_of(path)
-    if there is not None and overwrite:
-        _remove(path)
-        there = None
-    if there is None and any((path / CHUNKS).glob("*.npz")):
-        raise SweepError(f"{path}: has chunks of a sweep, but no {MANIFEST} that can be read; choose another --out")
+    identity, removal = identity_of(parts), _remove(path) if overwrite else ""
+    there = manifest_of(path)
+    if there is None and (results := _results(path)):
+        text = f"{path}: has {results} of a sweep, but no {MANIFEST} that can be read"
+        raise SweepError(f"{text}; choose another --out, or begin again with --overwrite (overwrite=True)")
     if there is None:
         about = {"format": FORMAT, "identity": identity, "chunk": size, "created": now(), "parts": dict(parts)}
         write_whole(path / MANIFEST, json.dumps(about, indent=1).encode())
         make_folder(path / CHUNKS)
-        return ChunkStore(path, about)
+        return ChunkStore(path, about, removal)
     if there["identity"] != identity:
         lines = differences(there.get("parts", {}), parts)
         more = f"; and {len(lines) - 5} more differences" if len(lines) > 5 else ""
         text = f"{path}: is the folder of another sweep: {'; '.join(lines[:5])}{more}"
         raise SweepError(f"{text}. Choose another --out, or write over it with --overwrite (overwrite=True)")
     if not resume:
-        done = sum(1 for _ in (path / CHUNKS).glob("*.npz"))
+        done = len(_chunks(path))
         how = "go on with --resume (resume=True), or begin again with --overwrite (overwrite=True)"
-        raise SweepError(f"{path}: has {done} chunks of this very sweep; {how}")
+        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this very sweep; {how}")
     make_folder(path / CHUNKS)
     for draft in (path / CHUNKS).glob(f".*{DRAFT}"):
         with suppress(OSError):
@@ -221,15 +222,34 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _remove(path: Path) -> None:
-    """Remove the files of a sweep, and nothing else; that which says what they are goes last."""
+def _chunks(path: Path) -> list[Path]:
+    """List the files of chunks, and no others."""
+    return list((path / CHUNKS).glob(f"{'[0-9]' * 6}.npz"))
+
+
+def _results(path: Path) -> str:
+    """Say which results of a sweep a folder has; empty for none."""
+    count = len(_chunks(path))
+    names = [counted(count, "chunk")] * bool(count) + [FINAL] * (path / FINAL).is_file()
+    return " and ".join(names)
+
+
+def _remove(path: Path) -> str:
+    """Remove the files of a sweep, and nothing else; that which says what they are goes last. Say what that was."""
     try:
-        for each in (path / CHUNKS).glob("*.npz"):
+        there = manifest_of(path)
+        title = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
+    except SweepError:
+        title = "a sweep of a later GraspFX"
+    results = _results(path)
+    try:
+        for each in _chunks(path):
             each.unlink()
         (path / FINAL).unlink(missing_ok=True)
         (path / MANIFEST).unlink(missing_ok=True)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written over; {error.strerror}") from error
+    return f"{path}: {title} was removed to begin again, with {results}" if results else ""
 
 
 def folder_of(out: object) -> Path:

@@ -65,16 +65,19 @@ def _variable(file: Any, name: str, values: Any) -> Any:
         data[...] = values.astype(object)
         return data
     packing: Mapping[str, Any] = {"compression": "gzip", "shuffle": True} if values.size > LEAST else {}
+    packing = {**packing, "fletcher32": True} if values.size and values.ndim else packing
     fill = {"fillvalue": np.nan} if values.dtype.kind == "f" else {}
     return file.create_dataset(name, data=values, **packing, **fill)
 
 
 def is_whole(path: Path, identity: str) -> bool:
-    """Tell whether a file of results is there, can be read, and is this sweep's."""
+    """Tell whether a file of results is there, can be read with sums that check, and is this sweep's."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
+            for data in file.values():
+                data[()]
             return bool(file.attrs.get("identity") == identity)
     except (OSError, RuntimeError):
         return False

@@ -16,6 +16,7 @@ from graspfx.scene.budget import excess
 
 MOST = 10_000_000  # values of a range, and variants of a sample
 FORM = "FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas, as in object.viscosity=0.8:1.5:15"
+BOTH_ENDS = "both ends are among the values; a single value stands alone, as in object.viscosity=0.8"
 Values = Sequence[Any] | NDArray[Any]
 
 
@@ -102,19 +103,25 @@ def _range(text: str, argument: str) -> Range | None:
     parts = [part.strip() for part in text.split(":")]
     log = len(parts) > 2 and parts[-1] == "log"
     numbers = parts[:-1] if log else parts
-    if len(numbers) not in (2, 3):
+    if len(parts) not in (2, 3, 4):
         return None
     try:
-        first, last = float(numbers[0]), float(numbers[1])
-        count = int(numbers[2]) if len(numbers) == 3 else 0
+        first, last = float(parts[0]), float(parts[1])
     except ValueError:
         return None
+    try:
+        (count,) = map(int, numbers[2:] or "0")
+    except ValueError:
+        do = "COUNT is a whole number; a text of this form stands in quotes"
+        raise InputError(argument, text, FORM, do) from None
     if not (math.isfinite(first) and math.isfinite(last)) or count > MOST or (len(numbers) == 3 and count < 1):
-        raise InputError(argument, text, f"finite ends and from 1 to {MOST:,} values")
+        raise InputError(argument, text, f"FROM:TO:COUNT with finite ends and from 1 to {MOST:,} values")
     if first == last and count != 1:
-        raise InputError(argument, text, "two different ends")
+        raise InputError(argument, text, "FROM:TO:COUNT with two different ends", BOTH_ENDS)
+    if first != last and count == 1:
+        raise InputError(argument, text, "FROM:TO:COUNT with a COUNT of two or more", BOTH_ENDS)
     if log and min(first, last) <= 0.0:
-        raise InputError(argument, text, "ends above zero with `log`")
+        raise InputError(argument, text, "FROM:TO:COUNT:log with ends above zero")
     return Range(first, last, count, log)
 
 

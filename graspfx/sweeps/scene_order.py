@@ -36,8 +36,9 @@ class SceneOrder:
         native: whether a first variant was native throughout.
         total: variants of the whole sweep.
         files: digests of the files that the scene names, by their path.
-        version: of GraspFX.
+        engines: versions of the programs that move objects, by their distribution.
         home: the process that ordered.
+        version: of GraspFX.
     """
 
     table: Mapping[str, Any]
@@ -49,6 +50,7 @@ class SceneOrder:
     native: bool
     total: int
     files: Mapping[str, str]
+    engines: Mapping[str, str]
     home: tuple[str, int]
     version: str = __version__
 
@@ -65,12 +67,17 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     Raises:
         SweepError: this process has another GraspFX or other files than the one that ordered.
     """
+    from graspfx.build.engine_versions import version_of
+    from graspfx.build.named_files import digest_of
     from graspfx.scene.model import Scene
-    from graspfx.sweeps.identity import digest_of
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:
         raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install the same one")
+    for package, version in order.engines.items():
+        if version_of(package) != version:
+            own = version_of(package)
+            raise SweepError(f"a worker has {package} {own}, the sweep {version}: install the same one on all machines")
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:

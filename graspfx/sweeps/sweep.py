@@ -20,6 +20,8 @@ from graspfx import __version__, plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
+from graspfx.build.engine_versions import engine_versions
+from graspfx.build.named_files import files_of
 from graspfx.build.run_header import source_name
 from graspfx.environment import is_granted
 from graspfx.errors import InputError
@@ -29,7 +31,7 @@ from graspfx.sweeps.chunk_loop import ChunkLoop
 from graspfx.sweeps.chunk_store import ChunkStore, folder_of, now, open_store, write_whole
 from graspfx.sweeps.crews import Crew, crew_of
 from graspfx.sweeps.first_look import Prospect, look_at
-from graspfx.sweeps.identity import files_of, identity_of, sweep_parts
+from graspfx.sweeps.identity import identity_of, sweep_parts
 from graspfx.sweeps.netcdf import is_whole, netcdf
 from graspfx.sweeps.scene_order import SceneOrder, SweepError
 from graspfx.sweeps.sweep_result import SweepResult
@@ -44,7 +46,7 @@ LEAST_SHARE = 4  # chunks for each worker, where the sweep is long enough
 
 
 class SweepWarning(UserWarning):
-    """A sweep that goes on, though something went wrong on the way: a damaged chunk, or a process that died."""
+    """A sweep that goes on, with a word on what is lost: a damaged chunk, a process that died, a sweep written over."""
 
 
 def sweep(
@@ -82,7 +84,7 @@ def sweep(
             dask on this machine, "tcp://..." for the scheduler of one; any executor of `concurrent.futures`, or a
             client of dask. Scripts start processes below `if __name__ == "__main__":`.
         resume: whether a sweep that `out` has already goes on, if it is the same.
-        overwrite: whether a sweep that `out` has already is removed, whatever it is.
+        overwrite: whether a sweep that `out` has already is removed, whatever it is; a warning says what it was.
         duration: instead of the scene's own [s]; rounded to whole periods.
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
         measure, statistics: as for `run_batch`.
@@ -113,16 +115,18 @@ def sweep(
     variants = make_grid(values, zip=zip, sample=sample, seed=seed)
     with plugins.unchanged(), waiting(f"looking at {source_name(scene_.source)}"):
         prospect = look_at(scene_, variants, duration, measure)
-        files = files_of(scene_, variants)
+        files, engines = files_of(scene_, variants.lists), engine_versions(scene_, variants.lists)
     seconds = float(scene_.duration if duration is None else duration)
-    parts = sweep_parts(scene_, variants, seconds, list(prospect.shapes), statistics, files)
+    parts = sweep_parts(scene_, variants, seconds, list(prospect.shapes), statistics, files, engines)
     order = SceneOrder(
         scene_.to_dict(), scene_.source, is_granted(), duration, prospect.shapes, tuple(statistics), prospect.native,
-        len(variants), files, (socket.gethostname(), os.getpid()),
+        len(variants), files, engines, (socket.gethostname(), os.getpid()),
     )  # fmt: skip
     with crew_of(executor) as crew:
         size = chunk or _size(len(variants), prospect, crew)
         with _store(folder, parts, size, resume=resume, overwrite=overwrite) as store:
+            if store is not None and store.removal:
+                warnings.warn(store.removal, SweepWarning, stacklevel=2)
             work = Work(scene_, variants, order, prospect, size if store is None else store.size, store)
             work.recall()
             work.do(crew)

@@ -22,7 +22,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
 
     Args:
         press: is called with each key; an empty line of input from elsewhere is Enter.
-        end: is called once where such input ends.
+        end: is called once where input ends, as where a terminal is closed; no key comes after it.
     """
     over = threading.Event()
     stream = sys.stdin
@@ -65,14 +65,28 @@ def _restore(file: int, before: Any) -> None:
     if before is not None:
         import termios
 
-        termios.tcsetattr(file, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # a terminal that was closed has nothing to restore
+            termios.tcsetattr(file, termios.TCSADRAIN, before)
 
 
 def _keys(file: int, over: threading.Event, press: Callable[[str], object], end: Callable[[], object]) -> None:
     while not over.is_set():
-        if select.select([file], [], [], LOOK)[0]:
-            for key in os.read(file, 64).decode(errors="ignore"):
-                press(key)
+        if not select.select([file], [], [], LOOK)[0]:
+            continue
+        data = _read(file, 64)
+        if not data:
+            end()
+            return
+        for key in data.decode(errors="ignore"):
+            press(key)
+
+
+def _read(file: int, most: int) -> bytes:
+    """Read what is there; nothing where there is no more to come, as from a terminal that was closed."""
+    try:
+        return os.read(file, most)
+    except OSError:
+        return b""
 
 
 def _lines(file: int, over: threading.Event, press: Callable[[str], object], end: Callable[[], object]) -> None:
@@ -80,7 +94,7 @@ def _lines(file: int, over: threading.Event, press: Callable[[str], object], end
     while not over.is_set():
         if not select.select([file], [], [], LOOK)[0]:
             continue
-        data = os.read(file, 4096)
+        data = _read(file, 4096)
         if not data:
             end()
             return

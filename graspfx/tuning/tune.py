@@ -8,6 +8,7 @@ from os import PathLike
 
 from graspfx.certificate.certificates import certificates
 from graspfx.certificate.judgement import Judgement
+from graspfx.certificate.operators.certify_operators import numbers
 from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, operator_set
 from graspfx.errors import InputError
 from graspfx.progress import waiting
@@ -103,6 +104,7 @@ def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
     own = problem.judged_with({}, {})
     tightest = sorted(range(len(ones)), key=lambda k: problem.least(ones[k]))[:TIGHTEST]
     more: tuple[Check, ...] = ()
+    reach, beyond = ({}, 0) if feasible or answer.feasible else _reach(problem, hands)
     if feasible:
         more = tuple(_more(problem, values, [ones[k] for k in tightest], [hands[k] for k in tightest]))
     end = next((each for each, x in zip(problem.over, answer.point, strict=True) if min(x, 1.0 - x) < EDGE), None)
@@ -120,8 +122,9 @@ def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
         end=end,
         operators=problem.operators,
         hands=tuple(answer.hands),
-        reach=_reach(problem, hands) if not feasible else {},
-        judged=problem.count,
+        reach=reach,
+        refutation=_refutation(at, ones, hands, len(answer.hands), seed) if answer.feasible and not feasible else "",
+        judged=problem.count + beyond,
     )
 
 
@@ -140,9 +143,9 @@ def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float],
 def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[Judgement]) -> ConstraintValue:
     """Give a constraint in the hand that comes nearest to violating it."""
     one = min(ones, key=lambda each: problem.slacks(each)[number])
-    numbers = numbers_of(problem.keys, one)
-    left, right = constraint.left.value(numbers), constraint.right.value(numbers)
-    return ConstraintValue(constraint.text, left, right, constraint.slack(numbers), one)
+    measures = numbers_of(problem.keys, one)
+    left, right = constraint.left.value(measures), constraint.right.value(measures)
+    return ConstraintValue(constraint.text, left, right, constraint.slack(measures), one)
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
@@ -170,9 +173,26 @@ def _more(
                 yield Check(beyond, broken if broken is not None and broken.slack < 0.0 else None, each.key)
 
 
-def _reach(problem: Problem, hands: list[Hand]) -> dict[str, float]:
-    """Give for each constraint that cannot be met even by itself how near its left side comes."""
-    result = {}
+def _refutation(
+    at: Sequence[ConstraintValue], ones: Sequence[Judgement], hands: Sequence[Hand], shaped: int, seed: int
+) -> str:
+    """Say in which hand an answer fails that met all constraints in the hands of the search, and what to do."""
+    first = min((each for each in at if not each.holds), key=lambda each: each.slack)
+    k = next(k for k, one in enumerate(ones) if one is first.judgement)
+    origin = "one of the search, after rounding to six digits" if k < shaped else "the worst that was met"
+    if shaped <= k < shaped + FRESH and len(hands) > shaped:
+        origin = f"one of {FRESH} drawn at random (seed {seed})"
+    where = f" in the hand of {numbers(hands[k])}, {origin}" if hands[k] else " in the scene's own hand"
+    count = f" in its {shaped} hands" if shaped > 1 else ""
+    before = f"the search met all constraints{count}"
+    do = "ask for a little more in that constraint, or narrow the ranges of operators or of the keys"
+    return f"{before}, but {first.text} comes to {first.left:.5g}{where}: {do}"
+
+
+def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:
+    """Give for each constraint that cannot be met even by itself how near its left side comes, and the judgements."""
+    result: dict[str, float] = {}
+    count = 0
     for each in problem.constraints:
         alone = Problem(problem.scene, read_expression(_room(each)), (), list(problem.over), problem.operators)
         with alone.session():
@@ -182,7 +202,8 @@ def _reach(problem: Problem, hands: list[Hand]) -> dict[str, float]:
             if slack < -MET:
                 worst = min(ones, key=lambda one: each.slack(numbers_of(problem.keys, one)))
                 result[each.text] = each.left.value(numbers_of(problem.keys, worst))
-    return result
+        count += alone.count
+    return result, count
 
 
 def _room(constraint: Constraint) -> str:

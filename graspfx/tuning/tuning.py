@@ -105,7 +105,9 @@ class Tuning(Carded):
         operators: whose hands; None for the scene's own.
         hands: the operators that the optimum was held against.
         reach: by a constraint's text, the best that its left side comes to by itself, of a problem that cannot be met.
-        judged: how many judgements that took.
+        judged: how many judgements that took, those of `reach` among them.
+        refutation: why an answer of the search did not stand when it was judged afresh: in which hand, what was tried
+            and what to do; empty where it did.
     """
 
     scene: Scene
@@ -123,6 +125,7 @@ class Tuning(Carded):
     hands: tuple[Mapping[str, float], ...]
     reach: Mapping[str, float]
     judged: int
+    refutation: str = ""
 
     @property
     def pushing(self) -> Limit | None:
@@ -147,6 +150,8 @@ class Tuning(Carded):
         """The answer in a sentence."""
         values = ", ".join(f"{key} = {six_digits(value)}" for key, value in self.values.items())
         who = "in every hand of the set" if self.operators is not None else "in the scene's own hand"
+        if self.refutation:
+            return f"NOT verified {who}: {self.refutation}; what was tried is {values}"
         if not self.feasible:
             return f"NOT possible {who}: {self.obstacle}; the nearest is {values}"
         was = "" if math.isnan(self.before) else f", was {self.before:.5g}"
@@ -154,10 +159,12 @@ class Tuning(Carded):
 
     @property
     def obstacle(self) -> str:
-        """Which constraint cannot be met, and how near it comes; empty where all are met."""
+        """Which constraint cannot be met, and how near it comes, or where the answer failed; empty if all are met."""
         unmet = [each for each in self.constraints if not each.holds]
         if self.feasible or not unmet:
             return ""
+        if self.refutation:
+            return self.refutation
         for each in unmet:
             best = self.reach.get(each.text, math.nan)
             if not math.isnan(best):
@@ -245,6 +252,7 @@ class Tuning(Carded):
             "operators": None if self.operators is None else [plain(each) for each in self.operators.ranges],
             "hands": [dict(hand) for hand in self.hands],
             "reach": plain(dict(self.reach)),
+            "refutation": self.refutation,
             "judged": self.judged,
             "set": self.set_line,
         }

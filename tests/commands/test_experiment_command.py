@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from graspfx.__main__ import main
+from graspfx.experiment.presenters import Showing, Simulated
 from graspfx.experiment.trial_table import read_table
 from tests.support.experiments import COMPARED, PLAIN, table_of
 
@@ -46,8 +49,33 @@ def test_lines_of_input_answer_and_its_end_is_the_end(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "graspfx", "experiment", written(tmp_path, PLAIN), "--out", str(tmp_path / "study")]
     done = subprocess.run(words, input="", capture_output=True, text=True, env=dict(os.environ), check=False)
     assert done.returncode == 130, done.stderr
-    assert "ended after trial 0 of 4; --resume goes on with the next" in done.stdout
+    said = "ended before the first of 4 trials was done: the input that answers came from has ended; the same command"
+    assert f"{said} with --resume goes on with trial 1" in done.stdout and "has no trial yet" in done.stdout
     assert read_table(table_of(tmp_path / "study")) == []
+
+
+@pytest.mark.parametrize("done", [0, 2])
+def test_ctrl_c_says_what_is_done_and_how_to_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    """The signal comes while a trial is computed: it is told as an interruption, and the trial comes again."""
+    show, intervals = Simulated.show, []
+
+    def interrupted(self: Simulated, *given: Any) -> Showing:
+        intervals.append(given)
+        if len(intervals) == 2 * done + 1:
+            signal.raise_signal(signal.SIGINT)
+        return show(self, *given)
+
+    monkeypatch.setattr(Simulated, "show", interrupted)
+    words = ["experiment", written(tmp_path, COMPARED), "--simulate", "--out", str(tmp_path / "study")]
+    assert main(words) == 130
+    out = capsys.readouterr().out
+    where = "after trial 2 of 9" if done else "before the first of 9 trials was done"
+    assert f"ended {where}: it was interrupted; the same command with --resume goes on with trial {done + 1}\n" in out
+    assert len(read_table(table_of(tmp_path / "study"))) == done
+    assert main([*words, "--resume"]) == 0
+    assert len(read_table(table_of(tmp_path / "study"))) == 9
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,30 @@ def test_keys_of_a_terminal_come_at_once_and_are_not_shown(monkeypatch: pytest.M
     os.close(inner)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+def test_a_terminal_that_is_closed_ends_the_wait_and_arms_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pty
+
+    outer, inner = pty.openpty()
+    keys = Keys(lambda text: None, lambda: False)
+    read, reads = os.read, []
+
+    def count(file: int, most: int) -> bytes:
+        reads.append(file)
+        return read(file, most)
+
+    monkeypatch.setattr(os, "read", count)
+    with standing_in(inner, monkeypatch), terminal_keys(keys.press, keys.end):
+        closing = threading.Timer(0.05, os.close, [outer])
+        closing.start()
+        with pytest.raises(Stopped, match="the input that answers came from has ended"):
+            keys.ready("hold the device; its forces come when you press Enter")
+        closing.join()
+        wait_until(lambda: not any(thread.name == "keys" for thread in threading.enumerate()))
+    assert reads.count(inner) == 1
+    os.close(inner)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
 def test_lines_from_elsewhere_are_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     reader, writer = os.pipe()

@@ -81,6 +81,22 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     assert len(plain.run(tmp_path, lambda shown: "hard", run=2)) == 4
 
 
+@pytest.mark.parametrize("way", ["resume", "remove", "run"])
+def test_a_start_that_was_cut_short_says_what_to_do(tmp_path: Path, way: str) -> None:
+    """A kill came between the description and the table: each way out of the error leads to a whole session."""
+    plain = experiment(PLAIN)
+    plain.run(tmp_path, lambda shown: "soft", stop=lambda: True)
+    table = table_of(tmp_path)
+    for path in (table, *table.parent.glob("*_events.*")):
+        path.unlink()
+    said = r"_beh\.json: is there already, its table is not.*--resume goes on with it, --run N .*or remove this file"
+    with pytest.raises(RecordingError, match=said):
+        plain.run(tmp_path, lambda shown: "soft")
+    if way == "remove":
+        table.with_suffix(".json").unlink()
+    assert len(plain.run(tmp_path, lambda shown: "soft", resume=way == "resume", run=1 + (way == "run"))) == 4
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, ...]]:
     """Run a session in one piece."""

@@ -14,6 +14,8 @@ from graspfx.sweeps.ranges import Range, read_over
 @pytest.mark.parametrize(
     ("text", "values"),
     [
+        ('a.b="00:11:22:33"', ["00:11:22:33"]),
+        ("a.b=soft:1:2", ["soft:1:2"]),
         ("a.b=1:3:5", [1.0, 1.5, 2.0, 2.5, 3.0]),
         ("a.b=3:1:3", [3.0, 2.0, 1.0]),
         ("a.b=1:1000:4:log", [1.0, 10.0, 100.0, 1000.0]),
@@ -60,3 +62,23 @@ def test_ends_are_exact() -> None:
 def test_others_are_refused(text: str) -> None:
     with pytest.raises(InputError):
         read_over(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a=40:60:1", "a COUNT of two or more.*both ends are among the values; a single value stands alone"),
+        ("a=40:60:1:log", "a COUNT of two or more"),
+        ("a=1:1:2", "two different ends"),
+        ("a=0:1:3:log", "FROM:TO:COUNT:log with ends above zero"),
+        ("a=nan:1:3", "finite ends and from 1 to"),
+        ("a=1:2:0", "finite ends and from 1 to"),
+        ("a=1:2:2.5", "COUNT is a whole number"),
+        ("a=1:2:3:lin", "COUNT is a whole number"),
+        ("a=1:2:x:log", "COUNT is a whole number"),
+    ],
+)
+def test_errors_name_the_form(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as error:
+        read_over(text)
+    assert "FROM:TO:COUNT" in str(error.value) and text[2:] in str(error.value)

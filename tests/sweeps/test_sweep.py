@@ -8,10 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx import installed
 from graspfx.batch.row_measures import row_measures
 from graspfx.batch.single_runs import taking
 from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
@@ -22,40 +24,12 @@ from graspfx.sweeps.first_look import look_at
 from graspfx.sweeps.scene_order import SweepError
 from graspfx.sweeps.sweep import SweepWarning
 from graspfx.sweeps.variant_grid import make_grid, scattered
+from tests.support.hand_of_its_own import HAND, SCENE
 from tests.support.hardware import DRIVER
 from tests.support.small_scenes import line
 
 KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
 VALUES = {KEP: [20.0, 35.0, 50.0, 65.0, 80.0], KIP: [40.0, 50.0, 60.0, 70.0], BV: [0.4, 1.0]}
-HAND = """
-import numpy as np
-
-class Steady:
-    def __init__(self, rest):
-        self.rest, n = rest, len(rest)
-        self.stiffness, self.damping = 60.0 * np.eye(n)[None], 0.5 * np.eye(n)[None]
-
-    def target(self, time):
-        return 0.8 * self.rest, np.zeros_like(self.rest)
-
-def hold(rest, broken=0):
-    if broken:
-        raise ValueError("a broken wrist")
-    return Steady(rest)
-"""
-SCENE = """
-dimensions = 1
-engine = "interpreted"
-period = 0.005
-duration = 0.2
-object = { mass = 0.1, viscosity = 0.8, shape = { kind = "box", size = [0.05] } }
-coupling = { external = { stiffness = 30.0 }, internal = { stiffness = 70.0, damping = 0.1 } }
-hand = [{ name = "own", kind = "steady.py" }]
-finger = [
-    { start = [-0.0251], device = { name = "simulated", mass = 0.15, damping = 0.2 }, hand = "own" },
-    { start = [0.0252], device = { name = "simulated", mass = 0.15, damping = 0.2 }, hand = "own" },
-]
-"""
 
 
 @pytest.fixture(scope="module")
@@ -179,6 +153,31 @@ def test_damaged_chunks_are_computed_again(scene: gx.Scene, tmp_path: Path, harm
     assert place.read_bytes() == content or len(place.read_bytes()) > 1000
 
 
+@pytest.mark.parametrize("harm", ["cut", "changed"])
+def test_a_damaged_file_of_results_is_written_again(scene: gx.Scene, tmp_path: Path, harm: str) -> None:
+    first = gx.sweep(scene, {KEP: [20.0, 30.0, 40.0]}, out=tmp_path)
+    place = tmp_path / "sweep.nc"
+    content = place.read_bytes()
+    at = content.index(first["finger_force"]["rms"].tobytes()[:8])
+    place.write_bytes(content[:-20] if harm == "cut" else content[:at] + bytes([content[at] ^ 64]) + content[at + 1 :])
+    again = gx.sweep(scene, {KEP: [20.0, 30.0, 40.0]}, out=tmp_path)
+    assert again.resumed == 3 and same(first, again)
+    with h5py.File(place) as file:
+        assert np.array_equal(file["finger_force_rms"][...], first["finger_force"]["rms"])
+
+
+def test_results_of_another_release_of_an_engine_are_another_sweep_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco")
+    scene, values = gx.load("reference-1dof", {"object.dynamics": "mujoco"}), {"object.0.mass": [0.1, 0.2]}
+    gx.sweep(scene, values, out=tmp_path, duration=0.1)
+    own = installed.version
+    monkeypatch.setattr(installed, "version", lambda name: "9.9" if name == "mujoco-core" else own(name))
+    with pytest.raises(SweepError, match=r"mujoco-core 9\.9"):
+        gx.sweep(scene, values, out=tmp_path, duration=0.1)
+
+
 def test_a_folder_of_another_sweep_is_refused(scene: gx.Scene, tmp_path: Path) -> None:
     values = {KEP: [20.0, 30.0]}
     gx.sweep(scene, values, out=tmp_path)
@@ -197,7 +196,37 @@ def test_a_folder_of_another_sweep_is_refused(scene: gx.Scene, tmp_path: Path) -
     assert f"{BV}: not swept there" in text(values={**values, BV: [1.0]})
     with pytest.raises(SweepError, match="this very sweep; go on with --resume"):
         gx.sweep(scene, values, out=tmp_path, resume=False)
-    assert len(gx.sweep(scene, {KEP: [1.0]}, out=tmp_path, overwrite=True)) == 1
+    with pytest.warns(SweepWarning, match=r"the sweep of 2.* was removed to begin again, with 1 chunk and sweep\.nc"):
+        assert len(gx.sweep(scene, {KEP: [1.0]}, out=tmp_path, overwrite=True)) == 1
+
+
+@pytest.mark.parametrize("harm", ["damaged", "of a later format", "gone"])
+def test_a_folder_that_does_not_say_what_it_is_is_written_over_on_request_alone(
+    scene: gx.Scene, tmp_path: Path, harm: str
+) -> None:
+    gx.sweep(scene, {KEP: [20.0, 30.0]}, out=tmp_path, chunk=1)
+    (tmp_path / "chunks" / "mine.npz").write_bytes(b"another's")
+    manifest = tmp_path / "sweep.json"
+    if harm == "gone":
+        manifest.unlink()
+    else:
+        manifest.write_text("{" if harm == "damaged" else manifest.read_text().replace('"format": 1', '"format": 99'))
+    before = (tmp_path / "sweep.nc").read_bytes()
+    said = "of format 99" if "later" in harm else r"2 chunks and sweep\.nc of a sweep, but no sweep\.json .*--overwrite"
+    with pytest.raises(SweepError, match=said):
+        gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
+    assert (tmp_path / "sweep.nc").read_bytes() == before
+    said = "a sweep of a later GraspFX" if "later" in harm else r"a sweep whose sweep\.json cannot be read"
+    with pytest.warns(SweepWarning, match=rf"{said} was removed to begin again, with 2 chunks and sweep\.nc"):
+        assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path, overwrite=True).resumed == 0
+    assert (tmp_path / "chunks" / "mine.npz").exists()
+    assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path).resumed == 1
+
+
+def test_a_final_file_alone_is_not_written_over_without_a_word(scene: gx.Scene, tmp_path: Path) -> None:
+    (tmp_path / "sweep.nc").write_bytes(b"results")
+    with pytest.raises(SweepError, match=r"has sweep\.nc of a sweep, but no sweep\.json"):
+        gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
 
 
 def test_files_that_a_scene_names_are_part_of_it(by_hand: Path, tmp_path: Path) -> None:
@@ -207,6 +236,17 @@ def test_files_that_a_scene_names_are_part_of_it(by_hand: Path, tmp_path: Path) 
     (tmp_path / "steady.py").write_text(HAND.replace("0.8", "0.7"))
     with pytest.raises(SweepError, match=r"another sweep: the file steady\.py has changed"):
         gx.sweep(by_hand, {"object.mass": [0.1, 0.2]}, out=out)
+
+
+def test_python_that_a_swept_value_names_and_imports_is_part_of_it(by_hand: Path, tmp_path: Path) -> None:
+    values = {"hand.own.kind": ["steady.py", "firm.py"], "object.mass": [0.1]}
+    (tmp_path / "firm.py").write_text("def later():\n    from grip import force\n" + HAND.replace("60.0", "90.0"))
+    (tmp_path / "grip.py").write_text("force = 1.0\n")
+    out = tmp_path / "out"
+    assert not gx.sweep(by_hand, values, out=out).failed.any()
+    (tmp_path / "grip.py").write_text("force = 2.0\n")
+    with pytest.raises(SweepError, match=r"another sweep: the file grip\.py has changed"):
+        gx.sweep(by_hand, values, out=out)
 
 
 def test_a_folder_has_one_sweep_at_a_time(scene: gx.Scene, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.judgement import Judge
+from graspfx.certificate.operators.operator_set import OperatorSet
 from graspfx.errors import InputError, UnknownNameError
 
 STIFFNESS, DAMPING = "finger.*.hand.stiffness", "finger.*.hand.damping"
@@ -84,6 +86,37 @@ def test_what_cannot_be_met_says_how_near_it_comes() -> None:
     (best,) = answer.reach.values()
     # a stiff coupling squeezes with all of the hands' 60 N/m times 10 mm
     assert best == pytest.approx(8.2, abs=0.3)
+
+
+def test_an_answer_that_fails_in_a_fresh_hand_says_where_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand that the search never saw has less damping than its set: what it found is not called impossible."""
+    odd = {STIFFNESS: 300.0, DAMPING: 0.01}
+    monkeypatch.setattr(OperatorSet, "population", lambda self, count, seed: [odd] * count)
+    answer = gx.tune(
+        "reference-1dof", "internal.stiffness", "margin.internal >= 1.4",
+        operators={STIFFNESS: (250.0, 350.0), DAMPING: (0.9, 1.1)}, seed=7,
+    )  # fmt: skip
+    (unmet,) = answer.constraints
+    value = answer.values["coupling.internal.stiffness"]
+    assert unmet.left == pytest.approx(wall_margin(300.0, 0.01) / value, rel=1e-3)
+    assert not answer.feasible and answer.reach == {} and unmet.left < 1.4
+    assert answer.sentence.startswith("NOT verified in every hand of the set: the search met all constraints in its ")
+    hand = f"in the hand of {STIFFNESS} = 300, {DAMPING} = 0.01, one of 32 drawn at random (seed 7): ask for"
+    assert f"margin.internal >= 1.4 comes to {unmet.left:.5g} {hand}" in answer.obstacle
+    assert answer.to_dict()["refutation"] == answer.obstacle == answer.reason
+    assert "cannot be met" not in str(answer) and "not together" not in str(answer)
+
+
+def test_all_judgements_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, calls = Judge.judge, []
+
+    def counted(self: Judge, *given: Any, **more: Any) -> Any:
+        calls.append(given)
+        return judge(self, *given, **more)
+
+    monkeypatch.setattr(Judge, "judge", counted)
+    answer = gx.tune("reference-1dof", "internal.stiffness", "margin.external >= 4", operators="own")
+    assert answer.reach and answer.judged == len(calls)
 
 
 def test_constraints_that_exclude_one_another() -> None:
