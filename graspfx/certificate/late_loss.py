@@ -77,7 +77,7 @@ def _crossing(family: Family, low: float, high: float) -> tuple[float, complex] 
 
     def excess(s: float) -> float:
         if s not in roots:
-            start = roots[min(roots, key=lambda known: abs(known - s))]
+            start = roots[min(roots, key=lambda each: abs(each - s))]
             roots[s] = root_near(part.late_loop(family.stiffness(s)), start) or 0j
         return abs(roots[s]) - 1.0
 

@@ -76,8 +76,8 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
         raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install the same one")
     for package, version in order.engines.items():
         if version_of(package) != version:
-            own = version_of(package)
-            raise SweepError(f"a worker has {package} {own}, the sweep {version}: install the same one on all machines")
+            have = f"{package} {version_of(package)}"
+            raise SweepError(f"a worker has {have}, the sweep {version}: install the same one on all machines")
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:
