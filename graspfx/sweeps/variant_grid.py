@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, grid
 from graspfx.errors import InputError
 from graspfx.sweeps.ranges import MOST, Range, Values, as_values
@@ -85,7 +86,8 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
         seed: of the sample.
 
     Raises:
-        InputError: no values, lists of different lengths with `zip`, a range without a count in a grid.
+        InputError: no values, lists of different lengths with `zip`, a range without a count in a grid, a seed that is
+            no whole number from zero.
     """
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
@@ -93,6 +95,7 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
     if sample:
         if zip:
             raise InputError("zip", zip, "no zip with a sample: its values go together already")
+        seed = count("seed", seed)
         return VariantGrid(*grid(_sampled(spans, _size(sample), seed), zip=True), sample=sample, seed=seed)
     lists: dict[str, Values] = {}
     for key, each in spans.items():

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 
+from graspfx.analysis.arguments import count
 from graspfx.certificate.certificates import certificates
 from graspfx.certificate.judgement import Judgement
 from graspfx.certificate.operators.certify_operators import numbers
@@ -65,11 +66,11 @@ def tune(
         A `Tuning`; of a problem that cannot be met, the nearest, which says so.
 
     Raises:
-        InputError: an expression, a range or an objective that is none.
+        InputError: an expression, a range or an objective that is none, a seed that is no whole number from zero.
         UnknownNameError: a name that is neither measure nor key.
         SceneError: a value that the scene does not take.
     """
-    scene_ = to_scene(scene)
+    scene_, seed = to_scene(scene), count("seed", seed)
     text = subject_to if isinstance(subject_to, str) else ", ".join(subject_to)
     objective, constraints = read_expression(maximise), read_constraints(text)
     problem = Problem(scene_, objective, constraints, over, _operators(scene_, operators))

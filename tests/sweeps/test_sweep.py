@@ -178,6 +178,12 @@ def test_results_of_another_release_of_an_engine_are_another_sweep_s(
         gx.sweep(scene, values, out=tmp_path, duration=0.1)
 
 
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", None])
+def test_a_seed_is_a_whole_number(scene: gx.Scene, seed: Any) -> None:
+    with pytest.raises(InputError, match="seed"):
+        gx.sweep(scene, {KEP: "20:60"}, sample="lhs:2", seed=seed)
+
+
 def test_a_folder_of_another_sweep_is_refused(scene: gx.Scene, tmp_path: Path) -> None:
     values = {KEP: [20.0, 30.0]}
     gx.sweep(scene, values, out=tmp_path)

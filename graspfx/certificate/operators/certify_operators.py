@@ -196,11 +196,13 @@ def certify_operators(
         An `OperatorCertificate`, whose `.sentence` says in whose hands the scene is stable.
 
     Raises:
-        InputError: ranges that are none, a device that does not tell its mass or friction, samples below 1.
+        InputError: ranges that are none, a device that does not tell its mass or friction, samples below 1, a
+            seed that is no whole number from zero.
         SceneError: a key or a value that the scene does not take.
     """
     scene_ = to_scene(scene)
     count("samples", samples, 1)
+    seed = count("seed", seed)
     set_ = operator_set(scene_, operators)
     judge = Judge(scene_)
     population = []

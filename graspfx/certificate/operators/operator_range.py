@@ -87,8 +87,10 @@ class OperatorRange:
         """Give the values at these shares of the way from one end to the other, evenly or by logarithm."""
         u = np.asarray(share, dtype=float)
         if self.is_logarithmic:
-            return np.asarray(np.exp(math.log(self.low) + u * math.log(self.high / self.low)))
-        return np.asarray(self.low + u * (self.high - self.low))
+            values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
+        else:
+            values = self.low + u * (self.high - self.low)
+        return np.asarray(np.where(u <= 0.0, self.low, np.where(u >= 1.0, self.high, values).clip(self.low, self.high)))
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Give the values below which these shares of the population are."""

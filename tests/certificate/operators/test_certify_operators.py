@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.judgement import Judge
-from graspfx.certificate.operators.operator_range import OperatorRange
+from graspfx.certificate.operators.operator_range import OperatorRange, usual_law
 from graspfx.certificate.operators.operator_set import operator_set, radical_inverse
 from graspfx.certificate.operators.share import share_of
 from graspfx.errors import InputError, SceneError, UnknownNameError
@@ -132,6 +132,19 @@ def test_passivity_guarantees_nothing_for_sets_that_are_not_of_hands_alone(
     answer = gx.certify_operators(scene.replace(changes), ranges, samples=2)
     assert not answer.is_passive
     assert "guaranteed:" not in answer.guarantee and "by passivity" not in answer.sentence
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", None])
+def test_a_seed_is_a_whole_number(seed: Any) -> None:
+    with pytest.raises(InputError, match="seed"):
+        gx.certify_operators("reference-1dof", [f"{STIFFNESS}=50:1000"], samples=1, seed=seed)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.01, 1.0), (0.3, 3.0), (50.0, 1000.0), (0.0, 0.1)])
+def test_ranges_end_where_they_say(low: float, high: float) -> None:
+    one = OperatorRange("a", low, high, usual_law(low))
+    assert one.between(np.array([0.0, 1.0])).tolist() == [low, high]
+    assert (one.between(np.linspace(0.0, 1.0, 1001)) <= high).all()
 
 
 def test_two_keys_have_a_region_drawn(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
