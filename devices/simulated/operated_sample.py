@@ -82,8 +82,11 @@ def advance(plant: OperatedPlantState) -> int:
         for k in range(count):
             move(plant, axis, k, count)
     r0, dr0, r1, dr1 = plant.start, plant.start_rate, plant.end, plant.end_rate
-    for i in range(step):
-        r0[i], dr0[i] = r1[i], dr1[i]
+    for i, finger in enumerate(plant.operators):
+        for c in range(i * plant.dimensions, (i + 1) * plant.dimensions):
+            r0[c], dr0[c] = r1[c], dr1[c]
+            if finger.now.limb_mass == 0.0:  # y is r, from where a limb that comes in mid-run goes on
+                plant.limb[c], plant.limb_rate[c] = r1[c], dr1[c]
     plant.series = count
     plant.ticks += 1.0
     return 0

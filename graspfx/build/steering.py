@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graspfx.build.build import build
 from graspfx.build.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_of_a_hand, require, value_of
 from graspfx.build.numbers import general
+from graspfx.build.operators import PARTS
 from graspfx.build.process.goals import goal_places
 from graspfx.build.reach import reach
 from graspfx.compile.entry_names import name_of
@@ -255,7 +256,13 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure."""
+    """Require a hand of the same structure, with an operator where there was one: their plants are not the same."""
+    if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
+        raise InputError(
+            ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} before as after",
+            "the simulation of a hand that has one is another from the start; begin with one that does nothing, "
+            "such as stiffening = { stiffness = 0, lag = 0.1 }",
+        )  # fmt: skip
     same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
     if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
         raise InputError(
