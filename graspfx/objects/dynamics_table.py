@@ -20,6 +20,7 @@ class Dynamics:
         meets: whether its objects meet obstacles of every shape and one another, and may bounce.
         partial: whether a body that meets others may have some freedoms locked, and be in a plane or on a line.
         rotations: how many free rotations a body that meets others may have, of three.
+        least: mass [kg] and moment of inertia [kg m^2] that a body which moves has to be above.
         hulls: kinds of shapes that meet others as their convex hull.
         otherwise: ways out where its package cannot be had, beside to install it.
     """
@@ -32,6 +33,7 @@ class Dynamics:
     meets: bool = True
     partial: bool = True
     rotations: tuple[int, ...] = (0, 1, 2, 3)
+    least: float = 0.0
     hulls: tuple[str, ...] = ()
     otherwise: str = ""
 
@@ -55,7 +57,8 @@ DYNAMICS = {
             otherwise=" (built from source where it has no wheel); or dynamics = 'mujoco', or 'native'",
         ),
         Dynamics(
-            "mujoco", "MuJoCo", "mujoco", "mujoco-core", "bullet", rotations=(0, 1, 3), hulls=("mesh",),
+            "mujoco", "MuJoCo", "mujoco", "mujoco-core", "bullet", rotations=(0, 1, 3), least=1e-15,
+            hulls=("mesh",),
             otherwise="; or dynamics = 'native'",
         ),
     )

@@ -13,7 +13,7 @@ from graspfx import plugins
 from graspfx.build import bodies
 from graspfx.build.checks.hand_faults import own_hand_faults, shared_hand_faults
 from graspfx.build.checks.lengths import length_faults as _length
-from graspfx.build.checks.meeting import meeting_faults
+from graspfx.build.checks.meeting import light_faults, meeting_faults
 from graspfx.build.checks.recorded import record_faults
 from graspfx.build.checks.safety_faults import chain_faults, finger_safety_faults, safety_faults
 from graspfx.build.checks.settings import reason, setting_faults
@@ -70,6 +70,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield viscosity_faults(scene, ("object", i), thing, stock)
         yield _body(scene, ("object", i), thing, stock, faults)
         yield _dynamics(("object", i), thing, stock.folder)
+        yield light_faults(scene, ("object", i), thing, stock)
     for i, thing in enumerate(_items(scene, "obstacle")):
         yield _length(scene, ("obstacle", i), thing, "position")
         yield shape_faults(scene, ("obstacle", i), thing, stock)

@@ -9,7 +9,7 @@ import numpy as np
 from graspfx import plugins
 from graspfx.build import bodies, encounters
 from graspfx.build.stock import Stock
-from graspfx.errors import InputError
+from graspfx.errors import GraspFXError, InputError
 from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
@@ -54,6 +54,36 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
             yield from _inside(scene, i, thing, stock)
             if thing.dynamics == "native":
                 yield from _too_stiff(scene, i, thing, stock)
+
+
+def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -> Iterator[Finding]:
+    """Find a mass, or moments of inertia, too small for the program that moves the object."""
+    engine = dynamics_of(thing.dynamics)
+    if not engine.least:
+        return
+    from graspfx.objects.carrier import CarriedBody
+    from graspfx.objects.guest import SIZE as PART
+
+    state = np.zeros(SIZE)
+    try:
+        bodies.fill(scene, thing, stock.solid(at, thing), state)
+        one = CarriedBody(state, np.zeros(PART))
+        mass = bodies.mass(thing, stock.solid(at, thing))
+    except (GraspFXError, NotValid):
+        return  # has a fault of its own
+    if one.fixed:
+        return
+    otherwise = "; dynamics = 'native' takes it among half-spaces and planes"
+    if not mass > engine.least:
+        key = "mass" if thing.mass is not None else "density"
+        yield (*at, key), f"the mass is {mass:.4g} kg: {engine.label} needs more than {engine.least:g} kg{otherwise}"
+    if not min(one.moments) > engine.least:
+        key = "inertia" if thing.inertia is not None else "mass" if thing.mass is not None else "density"
+        yield (
+            (*at, key),
+            f"the least moment of inertia is {min(one.moments):.4g} kg m^2: {engine.label} needs more than "
+            f"{engine.least:g} kg m^2{otherwise}",
+        )
 
 
 def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:

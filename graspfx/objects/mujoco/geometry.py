@@ -6,15 +6,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.objects.body import FloatArray
-from graspfx.objects.floor.hull import hull_points
-from graspfx.objects.mujoco.tetrahedra import is_hollow, pieces
+from graspfx.objects.floor.hull import SHEET, hull_points
+from graspfx.objects.mujoco.tetrahedra import parts
 from graspfx.spatial import quaternion
 from graspfx.surfaces.closed_form import proxy
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+FLATTEST = 2e-4  # thickness over width that a flat mesh gets: MuJoCo takes none without volume, and has 24 bits
 THICK = 1.0  # of shapes in a plane or on a line, across it, over their largest size
 
 
@@ -47,7 +50,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     Args:
         shape: of the scene.
         d: dimensions of the scene; a shape of a plane or a line is made thick across it.
-        fixed: whether a mesh keeps its hollows.
+        fixed: whether a mesh keeps its hollows; else it is its convex hull.
 
     Raises:
         InputError: a plane or half-space that is not an obstacle.
@@ -55,9 +58,10 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     if shape is None:
         return
     if hasattr(shape, "vertices"):
-        hull = hull_points(shape.vertices)
-        corners = pieces(shape.vertices, shape.faces) if fixed and is_hollow(shape.vertices, shape.faces) else [hull]
-        yield from (Geometry("MESH", points=points) for points in corners)
+        if fixed:
+            yield from (Geometry("MESH", points=p) for p in parts(shape.vertices, shape.faces, shell=shape.shell))
+        else:
+            yield Geometry("MESH", points=_with_volume(hull_points(shape.vertices)))
         return
     a, b, c = shape.parameters
     if shape.kind == proxy.BOX:
@@ -73,3 +77,12 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
         yield Geometry("ELLIPSOID", (a, b, c))
     else:
         raise InputError("shape", shape, "one that has an end", "make it an obstacle")
+
+
+def _with_volume(points: FloatArray) -> FloatArray:
+    """Give corners that lie in a plane twice, on both sides of it; any others as they are."""
+    _, widths, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if widths[2] > SHEET * widths[0]:
+        return points
+    offset = 0.5 * FLATTEST * float(np.ptp(points, axis=0).max()) * axes[2]
+    return np.vstack([points - offset, points + offset])
