@@ -79,10 +79,10 @@ class CarriedBody(BlockBody):
     def _seen_moments(self) -> tuple[float, ...]:
         """Compute moments of inertia of which each free rotation by itself takes the one that it should."""
         moments = numbers_of(self._body, BodyState.inertia)
-        if len(self.turns) > 1 or moments[0] == moments[1] == moments[2] > 0.0:
-            return moments
         if not self.turns:
             return 1.0, 1.0, 1.0
+        if len(self.turns) > 1 or moments[0] == moments[1] == moments[2] > 0.0:
+            return moments
         axis = [1.0 if a in self.turns else 0.0 for a in range(3)]
         if self.dimensions == 3:
             own = rotate(Quaternion(*self.start).conjugate, Vector(*axis))

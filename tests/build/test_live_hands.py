@@ -146,7 +146,7 @@ def test_the_last_part_of_a_hand_is_not_taken_away_in_mid_run(name: str) -> None
 @pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 @pytest.mark.parametrize("name", ["limb", "stiffening"])
 def test_beside_a_part_that_does_nothing_others_come_and_go(name: str, engine: str) -> None:
-    """What the error says to do: the forces are those of a scene that has the part, once all is at rest."""
+    """The forces, after what the error says to do, are those of a scene that has the part, once all is at rest."""
     idle = {"noise": {"share": 0.0, "cutoff": 5.0, "lag": 0.1}, "squeeze": 0.008, "squeeze_ramp": 0.1}
     bare, whole = scene("hand.right", idle), scene("hand.right", idle | {name: PARTS[name]})
     forces = []

@@ -77,7 +77,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
     if not mass > engine.least:
         key = "mass" if thing.mass is not None else "density"
         yield (*at, key), f"the mass is {mass:.4g} kg: {engine.label} needs more than {engine.least:g} kg{otherwise}"
-    if not min(one.moments) > engine.least:
+    if one.turns and not min(one.moments) > engine.least:
         key = "inertia" if thing.inertia is not None else "mass" if thing.mass is not None else "density"
         yield (
             (*at, key),

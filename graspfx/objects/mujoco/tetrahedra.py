@@ -75,9 +75,9 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
         InputError: more than 5000 triangles.
     """
     if len(faces) > MOST_PIECES:
-        what = "shell" if shell else "concave mesh"
+        kind = "shell" if shell else "concave mesh"
         raise InputError(
-            "obstacle", f"a {what} of {len(faces)} triangles", f"at most {MOST_PIECES} with MuJoCo",
+            "obstacle", f"a {kind} of {len(faces)} triangles", f"at most {MOST_PIECES} with MuJoCo",
             "simplify the mesh, part it into convex obstacles, or use bullet",
         )  # fmt: skip
     normals, _ = _planes(vertices, faces)
