@@ -165,7 +165,7 @@ def test_beside_a_part_that_does_nothing_others_come_and_go(name: str, engine: s
 
 
 def test_a_limb_that_comes_in_mid_run_begins_at_the_intention() -> None:
-    """As y is r without a limb, no force jumps; from where fingers began it would be 3 cm away."""
+    """Without a limb y is r, so that no force jumps; from where fingers began it would be 3 cm away."""
     reach = {"kind": "reach", "displacement": [0.03, 0.0], "duration": 0.3}
     idle = {"stiffening": {"stiffness": 0.0, "lag": 0.1}, "motion": reach}
     with gx.open(scene("finger.*.hand", idle), live=["finger.*.hand.limb"]) as session:
