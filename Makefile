@@ -12,7 +12,8 @@ BIN := $(VENV)/bin
 INTERPRETER := $(BIN)/python
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
 TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal --benchmark-disable
-UNASKED := alone or large or stress or faults
+LONG := large or stress or faults
+UNASKED := alone or $(LONG)
 RUN_READY := $(VENV)/.ready-to-run
 WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
@@ -74,7 +75,7 @@ site: $(SITE_READY) ## build the documentation site: out/site/index.html; GRASPF
 
 test: $(WORK_READY) ## the tests and every example in the documents
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
-	$(PYTEST) -m alone tests/bench tests/build/calibration
+	$(PYTEST) -m "alone and not ($(LONG))" tests
 	$(TOGETHER) -m "not ($(UNASKED))"
 
 part: $(WORK_READY) ## of every room a test file or two, by tests/part.txt: what other Pythons are tried with

@@ -18,7 +18,10 @@ from graspfx.errors import InputError
 from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, servo_of, settled
 
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX"),
+]
 
 LINE = "reference-1dof"
 STIFFNESS, FRICTION = "coupling.internal.stiffness", "coupling.external.damping"

@@ -18,6 +18,8 @@ from graspfx.testing.wire import ForceDimensionWire, fake_library
 from graspfx.testing.wire.c_compiler import compiler
 from graspfx.testing.wire.fake_library import FUNCTIONS
 
+pytestmark = pytest.mark.alone
+
 PERIOD = 0.001
 
 

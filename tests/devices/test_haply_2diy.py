@@ -18,6 +18,8 @@ from graspfx.protocols import QuenchableDriver, SerialPort
 from graspfx.testing import driver
 from graspfx.testing.wire import DiyWire
 
+pytestmark = pytest.mark.alone
+
 PERIOD = 0.002
 PATIENT = 0.05  # for an answer: this machine may be busy
 

@@ -26,6 +26,8 @@ from graspfx.testing import check_device, driver
 from graspfx.testing.wire import InverseWire
 from graspfx.testing.wire.server_line import ServerLine
 
+pytestmark = pytest.mark.alone
+
 PERIOD = 0.002
 PATIENT = 0.05  # for an answer: this machine may be busy
 FORCE = np.array([[0.2, -0.1, 0.3]])

@@ -20,6 +20,8 @@ from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
 from graspfx.testing.wire import EventWire
 
+pytestmark = pytest.mark.alone
+
 ABSOLUTE, RELATIVE, KEY, SYNC = 3, 2, 1, 0
 LAG = 0.001  # a follower that arrives soon
 

@@ -22,6 +22,8 @@ from graspfx.testing.wire.c_compiler import compiler
 from tests.support.optional import require
 from tests.support.wired_drivers import wired_driver
 
+pytestmark = pytest.mark.alone
+
 require("llvmlite")
 if not sys.platform.startswith("linux"):
     pytest.skip("the fake scheduler is for Linux", allow_module_level=True)

@@ -17,6 +17,8 @@ from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
 from graspfx.testing.wire import ScreenWire
 
+pytestmark = pytest.mark.alone
+
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
 
 

@@ -13,6 +13,8 @@ from graspfx.errors import DeviceError
 from graspfx.protocols import ProgramLock, SerialPort
 from graspfx.testing.wire import DiyWire
 
+pytestmark = pytest.mark.alone
+
 WAIT = "\nprint('open', flush=True)\nimport time\ntime.sleep(60)"
 
 

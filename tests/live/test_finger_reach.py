@@ -14,6 +14,8 @@ from graspfx.live.touch.finger_reach import FingerReach
 from graspfx.live.touch.touch_run import TouchRun
 from graspfx.screen.touch_address import gate_for, listen
 
+pytestmark = pytest.mark.alone
+
 pytest.importorskip("websockets", reason="touching needs websockets: pip install 'graspfx[touch]'")
 
 

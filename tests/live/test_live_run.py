@@ -23,7 +23,10 @@ from tests.support.hardware import wait_until
 from tests.support.parts import script
 from tests.support.servo_wires import PATIENT, board, boards_scene, servo_of, settled
 
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX"),
+]
 
 SPHERE, WAVING = "sphere-three-fingers", "paper-waving"
 STIFFNESS = "coupling.external.stiffness"

@@ -23,6 +23,8 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'graspf
 
 from graspfx.live.recording_view import RecordingView
 
+pytestmark = pytest.mark.alone
+
 
 @contextmanager
 def served(view: RecordingView) -> Iterator[None]:

@@ -17,6 +17,8 @@ from graspfx.screen.touch_address import gate_for, listen, url
 from graspfx.show.style import EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
 
+pytestmark = pytest.mark.alone
+
 SQUEEZE = 0.01  # of each touch inside its face [m]
 HALF = 0.025  # of the cube [m]
 SERIES = 60.0 * 70.0 / (60.0 + 70.0)  # hand and internal coupling: f = k_h k_i/(k_h + k_i) s [N/m]
@@ -110,7 +112,8 @@ def at(page: Page, *places: tuple[float, float]) -> list[tuple[float, float]]:
 
 
 def pinch(page: Page, x: float, y: float, depth: float, steps: int = 6) -> None:
-    """Put two touches on the faces of a cube, and close them."""
+    """Put two touches on the faces of a cube, and close them, once the page has seen that nobody has a finger."""
+    page.wait_for("window.graspfx().picture.claimed === 0")
     page.touch(at(page, (x - HALF, y), (x + HALF, y)), "touchStart")
     for k in range(1, steps + 1):
         s = HALF - depth * k / steps

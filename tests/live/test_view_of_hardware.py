@@ -19,6 +19,8 @@ from tests.support.chromium import chromium
 from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled, undisturbed
 
+pytestmark = pytest.mark.alone
+
 viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'graspfx[view]'")
 
 KIP, KID = "coupling.internal.stiffness", "coupling.internal.damping"

@@ -16,6 +16,8 @@ from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
 from tests.support.view_page import PLAIN, SLOW, STIFFNESS, is_in_place, live_view, near, place, until, vermilion
 
+pytestmark = pytest.mark.alone
+
 pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
 
 ARROW = "document.querySelectorAll('.mantine-Slider-root').length > 1"

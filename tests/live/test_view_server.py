@@ -25,6 +25,8 @@ from graspfx.live.view.page_messages import FIELDS, message_in
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.screen.own_page import refusal
 
+pytestmark = pytest.mark.alone
+
 viser = pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
 msgspec = pytest.importorskip("msgspec")
 PROTOCOL = f"viser-v{viser.__version__}"

@@ -22,6 +22,8 @@ from graspfx.testing.wire.c_compiler import compiler
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire_promises import check_second
 
+pytestmark = pytest.mark.alone
+
 SEEN_ON_WIRES = (
     "a moving finger is seen",
     "positions are in metres, velocities in metres a second, each of its own finger and axis",

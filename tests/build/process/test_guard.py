@@ -25,7 +25,10 @@ from tests.support.hardware import driver, wait_until
 from tests.support.logged import LoggedRun
 from tests.support.servo_wires import PATIENT, PRESSED, SMALL, Assault, board, boards_scene, servo_of, settled
 
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX"),
+]
 
 TRIES = 3
 SOON = 0.1  # [s]: a generous bound, as others use the processors too

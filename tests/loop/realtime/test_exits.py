@@ -13,7 +13,10 @@ from graspfx.loop.recording.record import Recording
 from tests.support.hardware import wait_until
 from tests.support.logged import SLOW, LoggedRun
 
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX"),
+]
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", 0)
 SOON = 0.03  # [s], the least of some tries, as others use the processors too
