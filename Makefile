@@ -109,6 +109,7 @@ coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as te
 	@mkdir -p out/coverage
 	$(INTERPRETER) -m coverage erase
 	$(INTERPRETER) -m coverage run -m pytest --numprocesses $(WORKERS) --dist worksteal --benchmark-disable -m "not ($(UNASKED))"
+	$(INTERPRETER) -m coverage run -m pytest --ignore tests/bench -m "alone and not ($(LONG))" tests
 	$(INTERPRETER) -m coverage combine --quiet
 	$(INTERPRETER) -m coverage report | tee out/coverage/report.txt
 

@@ -38,6 +38,11 @@ def note(notes: Iterable[str]) -> None:
         print(f"note: {each}", file=sys.stderr)
 
 
+def warn_of_hardware() -> None:
+    """Say that hardware is about to exert forces, before it does: whoever has a finger in it is to know."""
+    print("HARDWARE IS GOING TO BE ARMED: its fingers feel forces from now on", flush=True)
+
+
 def say_faults(recording: Recording) -> int:
     """Print a run's faults; return the exit code that goes with them."""
     for fault in recording.faults:

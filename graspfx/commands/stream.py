@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from graspfx.commands.arguments import add_scene
 from graspfx.commands.destination import add_destination, require_room_of
 from graspfx.commands.interrupt import interruptible
-from graspfx.commands.output import FAULTS, SUCCESS, doubts, name_files, note
+from graspfx.commands.output import FAULTS, SUCCESS, doubts, name_files, note, warn_of_hardware
 from graspfx.errors import InputError
 from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
@@ -73,10 +73,12 @@ def execute(options: Namespace) -> int:
             stack, rate=options.rate, goals=options.goals, port=options.port, lan=options.lan, token=options.token,
             origins=options.origin,
         )  # fmt: skip
+        if parts.hardware:
+            warn_of_hardware()
         with waiting(f"starting {options.scene}"):
             run = stack.enter_context(LiveRun(scene, out=options.out, guide=guide if options.goals else None))
         if run.has_hardware:
-            _tell("HARDWARE IS ARMED: its fingers feel forces")
+            _tell("HARDWARE IS ARMED")
         stream.attach(run)
         stack.callback(stream.detach)
         if options.lsl:

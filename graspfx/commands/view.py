@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from graspfx.commands.arguments import add_overrides
 from graspfx.commands.destination import OUT
 from graspfx.commands.interrupt import interruptible
-from graspfx.commands.output import SUCCESS, WRONG, note
+from graspfx.commands.output import SUCCESS, WRONG, doubts, note, warn_of_hardware
 from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
 from graspfx.errors import InputError
 from graspfx.loop.recording.places import new_folder
@@ -54,7 +54,6 @@ def execute(options: Namespace) -> int:
     if options.html is not None:
         return write_run(options)
     from graspfx.build.resolve import resolve
-    from graspfx.commands.output import doubts
     from graspfx.scene.load import load
 
     with waiting(f"checking {options.scene}"):
@@ -62,6 +61,8 @@ def execute(options: Namespace) -> int:
         parts = resolve(scene)
         notes = [*parts.mesh_notes, *doubts(scene)]
     note(notes)
+    if parts.hardware:
+        warn_of_hardware()
     loose: Guide = "fingers" if not parts.hardware else None  # led by itself only where nobody has it in his hand
     return _serve(scene, "hands" if scene.hand else loose, options)
 
@@ -79,7 +80,7 @@ def _serve(scene: Scene, guide: Guide, options: Namespace) -> int:
             view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
             page = stack.enter_context(view)
         if run.has_hardware:
-            _tell("HARDWARE IS ARMED: its fingers feel forces; the page's gains stay within the certificate")
+            _tell("HARDWARE IS ARMED: the page's gains stay within the certificate")
         _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
         page.serve(stop, options.seconds)
         return WRONG if run.fault is not None or run.cause else SUCCESS

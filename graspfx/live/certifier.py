@@ -42,20 +42,21 @@ class Certifier:
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
         """Judge from the last linearisation: gains and numbers of objects changed there, its rest and squeeze held.
 
-        None where that tells nothing: before the first linearisation, and for values that change the loop otherwise.
+        None where that tells nothing: before the first linearisation, for values that change the loop otherwise, and
+        for those of which no loop can be made.
         """
         base = self._base
         if base is None:
             return None
+        radius = 0.0
         try:
             changes = [change_of(base.scene, loop.objects[0], values) for loop in base.loops]
+            for loop, whole, change in zip(base.loops, base.wholes, changes, strict=True):
+                if change is None:
+                    return None
+                radius = max(radius, _altered_radius(base.scene, loop, whole, change))
         except GraspFXError:
             return None
-        radius = 0.0
-        for loop, whole, change in zip(base.loops, base.wholes, changes, strict=True):
-            if change is None:
-                return None
-            radius = max(radius, _altered_radius(base.scene, loop, whole, change))
         rows = tuple(_scaled(row, changes[0]) for row in base.rows if changes[0] is not None)
         return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows, at=base.at)
 

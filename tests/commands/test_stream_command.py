@@ -36,3 +36,39 @@ def test_it_prints_its_address_and_records(tmp_path: Path, capsys: pytest.Captur
 def test_what_is_refused(words: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*SCENE, *words]) == 2
     assert text in capsys.readouterr().err
+
+
+HARDWARE = """
+dimensions = 2
+period = 0.002
+duration = 1.0
+
+[object]
+mass = 0.1
+viscosity = 0.8
+shape = { kind = "sphere", radius = 0.02 }
+position = [0.0, 0.057]
+free = [false, false, false]
+
+[coupling]
+external.stiffness = 100.0
+internal.stiffness = 70.0
+absent = "follow"
+
+[[finger]]
+start = [0.0, 0.036]
+device = { name = "haply-2diy", port = "/dev/no-such-board" }
+"""
+
+
+@pytest.mark.parametrize("command", ["stream", "view"])
+def test_whoever_holds_hardware_is_told_before_it_is_opened(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("viser" if command == "view" else "websockets")
+    scene = tmp_path / "board.toml"
+    scene.write_text(HARDWARE, "utf-8")
+    assert main([command, str(scene), "--port", "0"]) != 0
+    told = capsys.readouterr()
+    assert "HARDWARE IS GOING TO BE ARMED" in told.out and "IS ARMED" not in told.out
+    assert "/dev/no-such-board" in told.err

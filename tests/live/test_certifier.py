@@ -133,6 +133,13 @@ def test_values_that_say_nothing_of_the_last_loop_have_no_provisional_verdict() 
     assert friction.spectral_radius == full(certifier, {}).spectral_radius
 
 
+def test_values_of_which_no_loop_can_be_made_have_no_provisional_verdict() -> None:
+    certifier = Certifier(gx.load("reference-1dof"))
+    full(certifier, {})
+    assert certifier.provisional({"object.mass": 0.2}) is not None
+    assert certifier.provisional({"object.mass": 5e-324}) is None
+
+
 def test_the_squeeze_of_stiffer_contacts_is_that_of_springs_in_series() -> None:
     """Nine tenths of what a stiffer squeeze does to the loop are in the provisional radius."""
     scene = gx.load("sphere-three-fingers", {"coupling.friction": 3.0})
