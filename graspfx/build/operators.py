@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PARTS = ("limb", "stiffening", "reaction", "noise")  # of a hand's table, that make an operator of it
+NOISE = 3  # last word of the seed of noise: those of a tremor's axes are 0 to 2
 
 
 def is_operated(table: object) -> bool:
@@ -42,7 +43,7 @@ def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Opera
     if (own := table.reaction) is not None:
         operator.set_reaction(own.delay, own.stiffness, own.damping, own.force)
     if table.noise is not None:
-        seeds = [(table.noise.seed, i) for i in fingers]
+        seeds = [(table.noise.seed, i, NOISE) for i in fingers]
         operator.set_noise(table.noise.share, table.noise.cutoff, table.noise.lag, seeds)
     return operator
 

@@ -39,6 +39,20 @@ def scene(parts: dict[str, Any] | None = None, **others: Any) -> gx.Scene:
     return gx.Scene(**(table | others))
 
 
+def test_noise_and_tremor_of_one_seed_have_random_numbers_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Missing words of a seed count as zeros: (0, 0) and (0, 0, 0) are the same one."""
+    states: list[bytes] = []
+    whole = np.random.SeedSequence
+
+    def draw(entropy: list[int]) -> np.random.SeedSequence:
+        states.append(whole(entropy).generate_state(4).tobytes())
+        return whole(entropy)
+
+    monkeypatch.setattr(np.random, "SeedSequence", draw)
+    gx.open(scene({"tremor": {"amplitude": 2e-4, "seed": 0}, "noise": {**PARTS["noise"], "seed": 0}})).close()
+    assert len(set(states)) == 2 * (2 + 1)  # of each finger the tremor's axes and the noise
+
+
 def test_engines_batches_and_replays_give_the_same_bits(tmp_path: Path) -> None:
     base = scene()
     runs = [gx.run(base.replace({"engine": engine})) for engine in ("interpreted", "compiled")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from typing import Any
@@ -104,6 +105,12 @@ def test_a_noun_shows_public_names_alone(name: str, nouns: dict[str, Any]) -> No
     names = dir(nouns[name])
     assert names and not [each for each in names if each.startswith(("_", "model_"))]
     assert all(hasattr(nouns[name], each) for each in names)
+
+
+@pytest.mark.parametrize("name", sorted(set(NOUNS) - {"session", "point coupling"}))  # which hold what is compiled here
+def test_a_noun_goes_to_another_process(name: str, nouns: dict[str, Any]) -> None:
+    other = pickle.loads(pickle.dumps(nouns[name]))
+    assert type(other) is type(nouns[name]) and repr(other) == repr(nouns[name])
 
 
 def test_what_a_card_says_can_be_called_is_there(nouns: dict[str, Any]) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from math import prod
 from types import MappingProxyType
+from typing import Any
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w
 # what a recording of every format has, of fingers and, by the name's last part, of objects
@@ -81,6 +82,10 @@ class Layout:
     predicted: tuple[int, ...] = ()
     absent: tuple[str, ...] = ()
     omitted: tuple[str, ...] = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pass to another process what it was made of; views of columns are made there."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:

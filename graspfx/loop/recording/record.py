@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -43,6 +43,12 @@ class Recording(Carded, TimedHistory):
         header: what was known before the run.
         outcome: how it went.
     """
+
+    def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
+        """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""
+        from graspfx.loop.recording.file_bytes import from_bytes, to_bytes
+
+        return from_bytes, (type(self), to_bytes(self), self.start)
 
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import recording_card

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -16,7 +18,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import graspfx as gx
 from graspfx.errors import RecordingError
+from graspfx.loop.recording.file_bytes import from_bytes, to_bytes
 from graspfx.loop.recording.header import Outcome, RunFault, machine, versions
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.record import Recording
@@ -363,3 +367,23 @@ def test_versions_and_machine_are_of_here() -> None:
     assert found["h5py"] == h5py.__version__
     assert "no-such-package" not in found
     assert machine()["implementation"].endswith(sys.version.split()[0])
+
+
+@pytest.mark.parametrize("place", ["memory", "disk"])
+def test_a_recording_goes_to_another_process_and_is_copied(place: str, tmp_path: Path) -> None:
+    run = gx.run("paper-waving", duration=0.5, out=tmp_path / "run" if place == "disk" else None)
+    for other in (pickle.loads(pickle.dumps(run)), copy.deepcopy(run), copy.copy(run)):
+        assert type(other) is Recording and other is not run
+        assert other.rows.tobytes() == run.rows.tobytes() and not other.rows.flags.writeable
+        assert (other.header, other.outcome, other.layout) == (run.header, run.outcome, run.layout)
+        assert other.summary() == run.summary()
+    part = run.part(20, 60)
+    other = pickle.loads(pickle.dumps(part))
+    assert other.rows.tobytes() == part.rows.tobytes() and np.array_equal(other.time, part.time)
+
+
+def test_bytes_of_a_recording_that_were_changed_are_refused() -> None:
+    content = bytearray(to_bytes(gx.run("reference-1dof", duration=0.5)))
+    content[len(content) // 2] ^= 1
+    with pytest.raises(RecordingError):
+        _ = from_bytes(Recording, bytes(content)).rows

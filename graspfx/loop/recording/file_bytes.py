@@ -1,0 +1,36 @@
+"""Recordings between processes: as the bytes of their files, with the checks that these have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from graspfx.loop.recording.places import NAME
+from graspfx.loop.recording.row_store import MemoryRows
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.record import Recording
+
+
+def to_bytes(recording: Recording) -> bytes:
+    """Give the bytes of the file that `Recording.save` writes."""
+    with TemporaryDirectory(prefix="graspfx-") as folder:
+        place = Path(folder) / NAME
+        recording.save(place)
+        return place.read_bytes()
+
+
+def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recording:
+    """Make a recording in memory of the bytes of a file; `start` is the number of its first row in a whole run.
+
+    Raises:
+        RecordingError: the bytes were changed since they were written.
+    """
+    from graspfx.loop.recording.file import read
+
+    with TemporaryDirectory(prefix="graspfx-") as folder:
+        place = Path(folder) / NAME
+        place.write_bytes(content)
+        rows, layout, header, outcome = read(place)
+        return kind(MemoryRows(rows.read(0, len(rows), slice(0, layout.width))), layout, header, outcome, start=start)
