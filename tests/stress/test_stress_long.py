@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import tracemalloc
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ REACH = family("long: scenes", "they stay where their hands hold them", "m")
 MEMORY = family("long: memory of a scene", "what it held after five hundred ticks", "bytes")
 
 Q = at.QUATERNION
+PARTS = 4  # of a run whose memory is looked at after each
 
 
 @kernel
@@ -74,6 +76,12 @@ def test_ten_million_ticks_of_bodies(cases: int) -> None:
             PLACE.check(float(off) / (0.5 * path), cases * np.finfo(float).eps, label)
 
 
+def traced() -> int:
+    """Bytes that are allocated."""
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0]
+
+
 @pytest.mark.parametrize("name", ["reference-1dof", "sphere-three-fingers", "knob"])
 @efforts(short=40, full=10_000_000)
 def test_ten_million_ticks_of_scenes(name: str, cases: int) -> None:
@@ -85,11 +93,10 @@ def test_ten_million_ticks_of_scenes(name: str, cases: int) -> None:
         tracemalloc.start()
         try:
             servo.run(50, None)
-            gc.collect()
-            before, _ = tracemalloc.get_traced_memory()
-            servo.run(cases, None)
-            gc.collect()
-            after, _ = tracemalloc.get_traced_memory()
+            sizes = [traced()]
+            for _ in range(PARTS):
+                servo.run(-(-cases // PARTS), None)
+                sizes.append(traced())
         finally:
             tracemalloc.stop()
         assert not servo.faulted
@@ -99,4 +106,6 @@ def test_ten_million_ticks_of_scenes(name: str, cases: int) -> None:
             if held.grasped.dimensions == 3:
                 NORM.check(abs(float(np.linalg.norm(state[Q : Q + 4])) - 1.0), 5e-16, f"{name}, {cases} ticks")
             REACH.check(float(np.abs(state[at.POSITION : at.POSITION + 3]).max()), 0.2, f"{name}, {cases} ticks")
-    MEMORY.check(max(0, after - before), 10_000, f"{name}, {cases} ticks")
+    # other threads of the tests' process allocate at times: what grows by itself does so in every part
+    growth = min(after - before for before, after in pairwise(sizes))
+    MEMORY.check(max(0, growth), 10_000 / PARTS, f"{name}, {cases} ticks")
