@@ -15,8 +15,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
-from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, servo_of, settled
+from tests.support.waiting import wait_until
 
 pytestmark = [
     pytest.mark.alone,

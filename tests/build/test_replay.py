@@ -16,8 +16,8 @@ from graspfx.build.replay import Replay, replayed_with
 from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.loop.realtime.soft_end import decay_ticks
 from tests.support.disturbed import DEEDS, TURNS, ball, cart, disturb, steered
-from tests.support.hardware import wait_until
 from tests.support.servo_wires import PRESSED, board, boards_scene, settled
+from tests.support.waiting import wait_until
 
 SHELF = sorted(p.stem.replace("_", "-") for p in plugins.shelf("scenes").iterdir() if p.suffix in (".toml", ".py"))
 OF_THE_LOOP = {"wall", "late", "io", "skipped", "fresh", "largest_force", "switches"}

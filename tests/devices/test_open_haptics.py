@@ -20,6 +20,7 @@ from graspfx.testing import check_device, driver
 from graspfx.testing.wire import OpenHapticsWire, fake_scheduler
 from graspfx.testing.wire.c_compiler import compiler
 from tests.support.optional import require
+from tests.support.waiting import wait_until
 from tests.support.wired_drivers import wired_driver
 
 pytestmark = pytest.mark.alone
@@ -47,13 +48,15 @@ def connect(wire: OpenHapticsWire, **settings: Any) -> Any:
     return driver("open-haptics").connect(**{**wire.settings, **settings})
 
 
-def until(condition: Any, within: float = 2.0) -> bool:
-    end = time.monotonic() + within
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(1e-3)
-    return True
+def display(wire: OpenHapticsWire, *forces: tuple[Any, float]) -> None:
+    """Write forces along x [N] to devices, in the wire's order, until it has them: each stands for 20 ms only."""
+
+    def has_them() -> bool:
+        for device, force in forces:
+            device.write(force * X)
+        return [wire.forces(i)[0] for i in range(len(forces))] == [force for _, force in forces]
+
+    wait_until(has_them)
 
 
 def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
@@ -68,14 +71,12 @@ def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
         one.open(PERIOD)
         two.open(PERIOD)
         wire.place(np.array([0.1, 0.2, 0.3]), 1)
-        assert until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
-        one.write(X)
-        two.write(-2.0 * X)
-        assert until(lambda: (wire.forces(0)[0], wire.forces(1)[0]) == (1.0, -2.0))
+        wait_until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
+        display(wire, (one, 1.0), (two, -2.0))
         one.close()
         assert not wire.forces(0).any()
         before = two.read()[2]
-        assert until(lambda: two.read()[2] > before)
+        wait_until(lambda: two.read()[2] > before)
     assert wire.violations == 0
     assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
 
@@ -101,13 +102,11 @@ def test_errors_of_the_library_are_faults_in_words(error: int, words: str) -> No
     with OpenHapticsWire() as wire, connect(wire) as device, connect(wire, unit="right") as other:
         device.open(PERIOD)
         other.open(PERIOD)
-        other.write(X)
-        device.write(X)
-        assert until(lambda: wire.forces(0)[0] == 1.0)
+        display(wire, (device, 1.0), (other, 1.0))
         wire.leave(error)
         with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
-            until(lambda: device.read()[0] is None)
-        assert until(lambda: not wire.forces(0).any())
+            wait_until(lambda: device.read()[0] is None)
+        wait_until(lambda: not wire.forces(0).any())
         assert not wire.words[fake_scheduler.ERRORS]
         other.read()
 
@@ -117,9 +116,8 @@ def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
     with connect(wire) as device:
         device.open(PERIOD)
         device.read()
-        device.write(X)
-        assert until(lambda: wire.torque[0] == 1.0)
-        assert until(lambda: not wire.torque.any(), 0.5)
+        display(wire, (device, 1.0))
+        wait_until(lambda: not wire.torque.any(), 0.5)
 
 
 def test_settings() -> None:

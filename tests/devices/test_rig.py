@@ -21,6 +21,7 @@ from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, Seri
 from graspfx.testing import driver
 from graspfx.testing.wire import RigWire
 from graspfx.testing.wire.c_compiler import STRICT, compiler
+from tests.support import waiting
 from tests.support.rooms import ROOT
 
 pytestmark = pytest.mark.alone
@@ -145,12 +146,9 @@ def connect(wire: RigWire, **settings):
     return driver("rig").connect(**wire.settings, **settings)
 
 
-def comes(state: Callable[[], bool]) -> bool:
+def comes(state: Callable[[], object]) -> bool:
     """Tell whether a state comes in a time that is long for the emulator and short for its slow watchdog."""
-    deadline = time.monotonic() + 1.0
-    while not state() and time.monotonic() < deadline:
-        time.sleep(0.002)
-    return state()
+    return bool(waiting.comes(state, 1.0))
 
 
 def read_on(device) -> None:

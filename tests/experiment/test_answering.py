@@ -24,8 +24,8 @@ from graspfx.live.frame import Frame
 from graspfx.live.live_run import LiveRun
 from graspfx.system.terminal_keys import terminal_keys
 from tests.support.experiments import PLAIN, experiment, table_of
-from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene
+from tests.support.waiting import wait_until
 
 SHOWN = Presentation(Trial(1, "low", 1, {}, [{}]), [])
 

@@ -20,8 +20,8 @@ from graspfx.live.hardware_clamp import HardwareClamp, Order
 from graspfx.live.live_run import LiveRun
 from graspfx.live.margins import Margins
 from graspfx.live.stability_verdict import Verdict
-from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled
+from tests.support.waiting import wait_until
 
 KEP, KIP, KID = "coupling.external.stiffness", "coupling.internal.stiffness", "coupling.internal.damping"
 PATIENCE = 120.0  # [s], of a busy machine

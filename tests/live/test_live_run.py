@@ -19,9 +19,9 @@ from graspfx.live.live_run import LiveRun
 from graspfx.loop.realtime.ring import Word
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
-from tests.support.hardware import wait_until
 from tests.support.parts import script
 from tests.support.servo_wires import PATIENT, board, boards_scene, servo_of, settled
+from tests.support.waiting import wait_until
 
 pytestmark = [
     pytest.mark.alone,

@@ -16,7 +16,8 @@ import graspfx as gx
 from graspfx.live.margins import Margins
 from graspfx.live.margins_child import NICENESS
 from graspfx.live.stability_verdict import Verdict
-from tests.support.hardware import driver, wait_until
+from tests.support.hardware import driver
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes of POSIX")
 

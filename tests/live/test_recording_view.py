@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from tests.support.recordings import waving
 pytest.importorskip("viser", reason="viser is not installed: pip install 'graspfx[view]'")
 
 from graspfx.live.recording_view import RecordingView
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
 
@@ -70,13 +71,6 @@ def test_a_recording_is_scrubbed_and_played(tmp_path: Path) -> None:
         wait_until(lambda: blue(page.screenshot()) < 30)
         assert page.console_errors == []
         assert all(url.startswith((view.server.url, view.server.url.replace("http", "ws"))) for url in page.requests)
-
-
-def wait_until(condition: Callable[[], bool], seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 def blue(pixels: Pixels) -> int:

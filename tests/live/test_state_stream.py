@@ -21,8 +21,8 @@ from graspfx.experiment.markers import Event
 from graspfx.live.live_run import LiveRun
 from graspfx.live.lsl_outlet import RowStream, load_lsl
 from graspfx.live.stream.stream_socket import stream_of
-from tests.support.hardware import wait_until
 from tests.support.rooms import ROOT
+from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
 from websockets.sync.client import connect as open_socket

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from graspfx.loop.recording.record import Recording
 from graspfx.screen.touch_address import gate_for, listen, url
 from graspfx.show.style import EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
 
@@ -66,7 +67,7 @@ def no_page_is_left(browser: Browser, touch: TouchRun) -> Iterator[None]:
     yield
     for left in list(browser._pages.values()):
         left.close()
-    until(lambda: not touch.server.clients)
+    wait_until(lambda: not touch.server.clients)
 
 
 def ready(browser: Browser, touch: TouchRun, width: int = 560, height: int = 420) -> Page:
@@ -74,15 +75,8 @@ def ready(browser: Browser, touch: TouchRun, width: int = 560, height: int = 420
     page = browser.open(url(touch.server.line), width, height, phone=True)
     page.wait_for("window.graspfx().drawn.length > 10", 60.0)
     page.wait_for(QUICK, 60.0)
-    until(lambda: free(touch) and rests(touch))
+    wait_until(lambda: free(touch) and rests(touch))
     return page
-
-
-def until(what: Callable[[], object], longest: float = 10.0) -> None:
-    end = time.monotonic() + longest
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def column(touch: TouchRun, name: str) -> np.ndarray:
@@ -141,7 +135,7 @@ def test_two_touches_hold_the_cube(page: Page, touch: TouchRun) -> None:
     depth = HALF - 0.5 * (right - left)  # to a part of a pixel that the browser rounds
     assert depth == pytest.approx(SQUEEZE, rel=0.01)
     held = SERIES * depth
-    until(lambda: np.abs(last_forces(touch) - held).max() < 1e-3 * held)
+    wait_until(lambda: np.abs(last_forces(touch) - held).max() < 1e-3 * held)
     force = column(touch, "finger_force")
     assert force[0, 0] > 0.0 > force[1, 0]
     picture = page.screenshot()
@@ -151,10 +145,10 @@ def test_two_touches_hold_the_cube(page: Page, touch: TouchRun) -> None:
     for k in range(1, 11):
         s = HALF - SQUEEZE
         page.touch(at(page, (x - s + 0.004 * k, y + 0.002 * k), (x + s + 0.004 * k, y + 0.002 * k)), "touchMove")
-    until(lambda: np.allclose(middle(touch), (x + 0.04, y + 0.02), rtol=0.0, atol=5e-4))
-    until(lambda: np.abs(last_forces(touch) - held).max() < 0.02 * held)
+    wait_until(lambda: np.allclose(middle(touch), (x + 0.04, y + 0.02), rtol=0.0, atol=5e-4))
+    wait_until(lambda: np.abs(last_forces(touch) - held).max() < 0.02 * held)
     page.touch([], "touchEnd")
-    until(lambda: free(touch), 2.0)
+    wait_until(lambda: free(touch), 2.0)
     assert page.evaluate("window.graspfx().touches.length") == 0
 
 
@@ -169,7 +163,7 @@ def test_a_touch_far_away_brings_its_finger_without_a_jump(page: Page, touch: To
     began = touch.run.tick
     target = (tips[left, 0] - 0.06, tips[left, 1] - 0.06)  # within the arm's reach
     page.touch(at(page, target), "touchStart")
-    until(lambda: np.linalg.norm(column(touch, "true_position")[left] - target) < 1e-3)
+    wait_until(lambda: np.linalg.norm(column(touch, "true_position")[left] - target) < 1e-3)
     _, rows = touch.run.rows(began)
     place = touch.run.layout.columns["true_position"]
     motion = rows[:, place.where].reshape(-1, *place.shape)[:, left]
@@ -183,19 +177,19 @@ def test_whoever_leaves_lets_go(browser: Browser, page: Page, touch: TouchRun) -
     x, y = middle(touch)
     other = ready(browser, touch)
     pinch(other, x, y, 0.006)
-    until(lambda: column(touch, "touching").all())
+    wait_until(lambda: column(touch, "touching").all())
     page.wait_for("window.graspfx().picture.claimed === 3")
     page.touch(at(page, (x, y)), "touchStart")  # of fingers that another screen has
     assert page.evaluate("window.graspfx().touches.length") == 0
     page.touch([], "touchEnd")
     other.evaluate("window.dispatchEvent(new Event('blur'))")
-    until(lambda: free(touch) and rests(touch), 2.0)
+    wait_until(lambda: free(touch) and rests(touch), 2.0)
     other.touch([], "touchEnd")
     x, y = middle(touch)
     pinch(other, x, y, 0.006)
-    until(lambda: column(touch, "touching").all())
+    wait_until(lambda: column(touch, "touching").all())
     other.close()
-    until(lambda: free(touch), 2.0)
+    wait_until(lambda: free(touch), 2.0)
 
 
 def test_a_mouse_has_a_second_finger(browser: Browser, page: Page, touch: TouchRun) -> None:
@@ -211,16 +205,16 @@ def test_a_mouse_has_a_second_finger(browser: Browser, page: Page, touch: TouchR
             "type": kind, "x": place[0], "y": place[1], "button": "left", "buttons": 1, "clickCount": 1, "modifiers": 8
         })  # fmt: skip
     page.send("Input.dispatchKeyEvent", {"type": "keyUp", **shift, "modifiers": 0})
-    until(lambda: column(touch, "touching").all())
-    until(
+    wait_until(lambda: column(touch, "touching").all())
+    wait_until(
         lambda: column(touch, "finger_force")[:, 0].min() < -0.15 and column(touch, "finger_force")[:, 0].max() > 0.15
     )
     page.send("Input.dispatchKeyEvent", {"type": "keyDown", "key": " ", "code": "Space"})
     page.mouse("mouseMoved", *start[2])
-    until(lambda: middle(touch)[0] > x + 0.015 and column(touch, "touching").all() and rests(touch))
+    wait_until(lambda: middle(touch)[0] > x + 0.015 and column(touch, "touching").all() and rests(touch))
     page.send("Input.dispatchKeyEvent", {"type": "keyUp", "key": " ", "code": "Space"})
     page.mouse("mouseReleased", *start[2])
-    until(lambda: free(touch), 2.0)
+    wait_until(lambda: free(touch), 2.0)
 
 
 def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
@@ -230,7 +224,7 @@ def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
         tips = column(touch, "true_position")
         goal = (tips[0, 0] - 0.01, tips[0, 1])
         page.touch(at(page, goal), "touchStart")
-        until(lambda goal=goal: np.linalg.norm(column(touch, "true_position")[0] - goal) < 1e-3)  # type: ignore[misc]
+        wait_until(lambda goal=goal: np.linalg.norm(column(touch, "true_position")[0] - goal) < 1e-3)  # type: ignore[misc]
         page.touch([], "touchEnd")
 
 
@@ -242,7 +236,7 @@ def test_a_quick_second_touch_has_the_same_finger(page: Page, touch: TouchRun) -
         page.touch(place, "touchStart")
         assert page.evaluate("window.graspfx().touches.map(each => each.finger)") == [0]
         page.touch([], "touchEnd")
-    until(lambda: not touch.server.has_touches)
+    wait_until(lambda: not touch.server.has_touches)
     assert touch.server.counts["claim"] == 0
 
 
@@ -251,7 +245,7 @@ def test_no_order_is_lost_and_the_recording_has_them(browser: Browser, touch: To
     page = ready(browser, touch, 420, 320)
     touch.log.entries.clear()
     pinch(page, *middle(touch), 0.008, steps=20)
-    until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
+    wait_until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
     sent = page.evaluate("window.graspfx().sent")
     time.sleep(0.5)  # for goals on their way
     touch.close()

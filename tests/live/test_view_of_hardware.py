@@ -16,8 +16,8 @@ from graspfx.live.clamp import INSIDE, SHARE
 from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
 from tests.support.chromium import chromium
-from tests.support.hardware import wait_until
 from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled, undisturbed
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
 

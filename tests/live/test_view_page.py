@@ -14,7 +14,8 @@ from graspfx.live.view.live_view import LiveView
 from graspfx.loop.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, chromium
-from tests.support.view_page import PLAIN, SLOW, STIFFNESS, is_in_place, live_view, near, place, until, vermilion
+from tests.support.view_page import PLAIN, SLOW, STIFFNESS, is_in_place, live_view, near, place, vermilion
+from tests.support.waiting import comes, wait_until
 
 pytestmark = pytest.mark.alone
 
@@ -50,8 +51,8 @@ def opened(browser: Browser, view: LiveView, width: int = 1200, height: int = 56
     page = browser.open(view.server.url, width, height, before=SLOW)
     page.evaluate(PLAIN)
     page.wait_for(ARROW)
-    assert until(lambda: len(view.server.viser.get_clients()) > count)
-    assert until(lambda: is_in_place(view))
+    wait_until(lambda: len(view.server.viser.get_clients()) > count)
+    wait_until(lambda: is_in_place(view))
     time.sleep(0.4)
     return page
 
@@ -68,8 +69,8 @@ def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page
         middle = page.screenshot()[:, canvas]
         return near(middle, INTERNAL, 50).sum() > 60 and near(middle, CONTACTS["touch"], 95).sum() > 40
 
-    assert until(shows_squeeze_and_states)
-    assert until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
+    wait_until(shows_squeeze_and_states)
+    wait_until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
     chart = page.screenshot(folder / "page.png")[:, :340]
     assert near(chart, INTERNAL, 20).sum() > 200
     assert near(chart, EXTERNAL, 20).sum() > 100
@@ -97,14 +98,14 @@ def test_a_gizmo_that_is_dragged_leads_the_fingers_and_they_stay_there_when_its_
         for share in np.linspace(0.0, 1.0, 8):
             other.mouse("mouseMoved", *(np.array(grip) + share * (np.array(end) - np.array(grip))))
             time.sleep(0.05)
-        led = until(lambda: view._hands._gizmos[1].position[1] > 0.3 * size, 2.0)
+        led = comes(lambda: view._hands._gizmos[1].position[1] > 0.3 * size, 2.0)
         if led:
             break
         other.mouse("mouseReleased", *end)
     other.close()  # in mid-drag
     assert led
     goal = float(view._hands._gizmos[1].position[1])
-    assert until(lambda: view.server.pages == 1)
+    wait_until(lambda: view.server.pages == 1)
     time.sleep(0.5)
     names = view.run.layout.columns
     row = view.run.row()
@@ -122,7 +123,7 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
 ) -> None:
     other = opened(browser, view, 900, 320)
     press(page, "Record")
-    assert until(lambda: view._recording, 30.0)
+    wait_until(lambda: view._recording, 30.0)
     before = view.run.tick
     number = "[...document.querySelectorAll('input')].map(each => each.value)"
     rail = page.evaluate(
@@ -130,16 +131,16 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
         " const b = r[r.length - 1].getBoundingClientRect(); return [b.left, b.top, b.width, b.height] })()"
     )
     page.click(rail[0] + 0.5 * rail[2], rail[1] + 0.5 * rail[3])
-    value = until(lambda: view.sliders.values[STIFFNESS] != 30.0 and view.sliders.values[STIFFNESS])
+    value = wait_until(lambda: view.sliders.values[STIFFNESS] != 30.0 and view.sliders.values[STIFFNESS])
     assert value
-    assert until(lambda: view.run.scene.coupling.external.stiffness == value)
-    assert until(lambda: f"{value:g}" in other.evaluate(number))
+    wait_until(lambda: view.run.scene.coupling.external.stiffness == value)
+    wait_until(lambda: f"{value:g}" in other.evaluate(number))
     assert f"{value:g}" in page.evaluate(number)
     handle = view.sliders._handles[STIFFNESS]
     assert handle.value == value
     after = view.run.tick
     press(other, "Stop")
-    assert until(lambda: view._last, 30.0)
+    wait_until(lambda: view._last, 30.0)
     assert view._last is not None
     recording = Recording.load(view._last)
     ticks = [change.tick for change in recording.changes if change.key == STIFFNESS and change.value == value]
@@ -156,15 +157,15 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
 
 def test_pause_step_and_reset(page: Page, view: LiveView) -> None:
     press(page, "Pause")
-    assert until(lambda: view.run.state == "paused")
+    wait_until(lambda: view.run.state == "paused")
     time.sleep(0.1)
     tick = view.run.tick
     press(page, "Step")
-    assert until(lambda: view.run.tick == tick + 10)
+    wait_until(lambda: view.run.tick == tick + 10)
     time.sleep(0.1)
     assert view.run.tick == tick + 10
     press(page, "Reset")
-    assert until(lambda: view.run.run_number > 2 and view.run.state == "running", 30.0)
+    wait_until(lambda: view.run.run_number > 2 and view.run.state == "running", 30.0)
     page.wait_for("document.body.innerText.includes('runs in real time')")
 
 

@@ -24,6 +24,7 @@ from graspfx.live.view.gate import LARGEST, MOST_BAD
 from graspfx.live.view.page_messages import FIELDS, message_in
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.screen.own_page import refusal
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
 
@@ -162,10 +163,7 @@ def test_a_hundred_thousand_malformed_messages_change_nothing(
         if sent >= 10_000 and not start:
             gc.collect()
             start = memory()
-    deadline = time.monotonic() + 20.0
-    while server.gate.bad < 0.9 * sent and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert server.gate.bad >= 0.9 * sent  # of a connection that was closed the last ones are not read
+    wait_until(lambda: server.gate.bad >= 0.9 * sent)  # of a connection that was closed the last ones are not read
     gc.collect()
     assert memory() - start < 24 << 20
     assert orders == []
@@ -176,9 +174,7 @@ def test_a_hundred_thousand_malformed_messages_change_nothing(
     with line(server) as socket:
         socket.send(encoded(CAMERA))
         socket.send(encoded({"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 6.5}}))
-        deadline = time.monotonic() + 10.0
-        while not orders and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_until(lambda: orders)
     assert orders == [6.5]
     out, err = capfd.readouterr()
     assert len(out + err) < 200
@@ -196,10 +192,7 @@ def test_huge_messages_and_foreign_versions_end_their_connection_only(server: Se
                 read_on(socket)
         with line(server, subprotocol="viser-v0.0.1") as socket, pytest.raises(ConnectionClosed):
             read_on(socket)
-        deadline = time.monotonic() + 5.0
-        while server.pages != 1 and time.monotonic() < deadline:
-            time.sleep(0.02)
-        assert server.pages == 1
+        wait_until(lambda: server.pages == 1)
         watcher.ping().wait(5.0)
 
 

@@ -14,9 +14,12 @@ from graspfx.screen.claim_server import SILENCE, ClaimServer, Client, Terms
 from graspfx.screen.own_page import NAMES, listen_at
 from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import Kind
+from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="the server's socket: pip install 'graspfx[touch]'")
 from websockets.sync.client import connect as open_socket
+
+pytestmark = pytest.mark.alone
 
 
 class Things(ClaimServer):
@@ -48,13 +51,6 @@ def serving() -> Iterator[tuple[Things, Callable[[], Any]]]:
         yield server, lambda: open_socket(f"ws://{host}/things", origin=own, compression=None, proxy=None)
 
 
-def until(condition: Callable[[], object], longest: float = 5.0) -> None:
-    end = time.monotonic() + longest
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 def claim(client: Any, number: int, thing: int, kind: Kind = Kind.PRESS) -> None:
     client.send(f"{number} {int(kind)} {thing}")
 
@@ -66,15 +62,15 @@ def test_each_way_to_be_lost_lets_go_once() -> None:
             claim(one, 1, 0)
             claim(one, 2, 1)
             claim(one, 3, 0, Kind.LIFT)
-            until(lambda: server.ends == [(0, "")])
-        until(lambda: server.ends[1:] == [(1, "lost")])
+            wait_until(lambda: server.ends == [(0, "")])
+        wait_until(lambda: server.ends[1:] == [(1, "lost")])
         with client() as silent:
             claim(silent, 1, 2)
-            until(lambda: server.ends[2:] == [(2, "silence")])
+            wait_until(lambda: server.ends[2:] == [(2, "silence")])
             claim(silent, 2, 2, Kind.MOVE)  # nobody's now
-            until(lambda: server.counts["claim"] == 1)
+            wait_until(lambda: server.counts["claim"] == 1)
             claim(silent, 3, 3)
-            until(lambda: server.counts["taken"] == 5)
+            wait_until(lambda: server.counts["taken"] == 5)
             server.__exit__()
         assert server.ends[3:] == [(3, "lost")]
 
@@ -85,12 +81,12 @@ def test_one_that_cannot_be_let_go_keeps_no_other_and_clients_are_watched_on() -
         with client() as one, client() as two:
             for number, thing in enumerate((0, 1)):
                 claim(one, number + 1, thing)
-            until(lambda: server.ends == [(0, "silence"), (1, "silence")])
+            wait_until(lambda: server.ends == [(0, "silence"), (1, "silence")])
             claim(two, 1, 2)
             claim(two, 2, 3)
-            until(lambda: server.ends[2:] == [(2, "silence"), (3, "silence")])
+            wait_until(lambda: server.ends[2:] == [(2, "silence"), (3, "silence")])
             claim(one, 3, 1)
-            until(lambda: server.ends[4:] == [(1, "silence")])
+            wait_until(lambda: server.ends[4:] == [(1, "silence")])
         assert server.counts["fault"] == 2
 
 
@@ -98,10 +94,10 @@ def test_time_in_which_nobody_listened_is_no_silence() -> None:
     """The server's thread is kept for longer than a silence, while the client goes on."""
     with serving() as (server, client), client() as one:
         claim(one, 1, 0)
-        until(lambda: server.counts["taken"] == 1)
+        wait_until(lambda: server.counts["taken"] == 1)
         server._post(time.sleep, 2.0 * SILENCE)
         for number in range(2, 14):
             claim(one, number, 0, Kind.ALIVE)
             time.sleep(0.1)
-        until(lambda: server.counts["taken"] == 13)
+        wait_until(lambda: server.counts["taken"] == 13)
         assert not server.ends

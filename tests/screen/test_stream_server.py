@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,12 +16,15 @@ from graspfx.screen.own_page import NAMES, listen_at
 from graspfx.screen.stream_gate import StreamGate
 from graspfx.screen.stream_orders import LONGEST, StreamOrder, read_stream_order
 from graspfx.screen.stream_server import BURST, SOCKET, Bounds, StreamServer
+from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 from websockets.sync.connection import Connection
+
+pytestmark = pytest.mark.alone
 
 TOKEN = "a-token-of-the-tests"
 BOUNDS = Bounds(2, 0.2, 0.05)
@@ -67,13 +70,6 @@ def streaming(**choices: Any) -> Iterator[Stream]:
         with StreamServer(line, StreamGate(NAMES, 0, TOKEN, **choices), hands) as server:
             server.describe('{"type":"hello"}', BOUNDS)
             yield Stream(server, hands, f"127.0.0.1:{port}")
-
-
-def until(condition: Callable[[], object], longest: float = 5.0) -> None:
-    end = time.monotonic() + longest
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
 
 
 def goal(number: int, guide: int = 0, **more: Any) -> str:
@@ -139,26 +135,26 @@ def last(client: Connection, stream: Stream) -> dict[str, Any]:
 def test_one_client_leads_a_guide_until_it_leaves_or_falls_silent() -> None:
     with streaming() as stream, stream.client() as one, stream.client() as other:
         one.send(goal(1))
-        until(lambda: len(stream.hands.orders) == 1)
+        wait_until(lambda: len(stream.hands.orders) == 1)
         other.send(goal(1))
         other.send(goal(2, 1))
-        until(lambda: len(stream.hands.orders) == 2)
+        wait_until(lambda: len(stream.hands.orders) == 2)
         assert stream.server.counts["claim"] == 1
         one.send(goal(1))
-        until(lambda: stream.server.counts["number"] == 1)
+        wait_until(lambda: stream.server.counts["number"] == 1)
         assert last(other, stream) == {"last": 2, "leads": [1], "dropped": 1, "why": "claim"}
         one.send('{"type":"release","number":2,"guide":0}')
-        until(lambda: stream.hands.releases == [0])
+        wait_until(lambda: stream.hands.releases == [0])
         other.send(goal(3))
-        until(lambda: len(stream.hands.orders) == 3)
+        wait_until(lambda: len(stream.hands.orders) == 3)
         other.close()
-        until(lambda: sorted(stream.hands.releases) == [0, 0, 1])
+        wait_until(lambda: sorted(stream.hands.releases) == [0, 0, 1])
         one.send(goal(3))
-        until(lambda: len(stream.hands.orders) == 4)
-        until(lambda: stream.hands.releases.count(0) == 3)  # silent for half a second
+        wait_until(lambda: len(stream.hands.orders) == 4)
+        wait_until(lambda: stream.hands.releases.count(0) == 3)  # silent for half a second
         stream.server.describe('{"type":"hello"}', Bounds())
         one.send(goal(4))
-        until(lambda: stream.server.counts["guide"] == 1)
+        wait_until(lambda: stream.server.counts["guide"] == 1)
 
 
 def test_a_flood_is_dropped_and_a_long_message_ends_the_connection() -> None:
@@ -166,7 +162,7 @@ def test_a_flood_is_dropped_and_a_long_message_ends_the_connection() -> None:
         with stream.client() as client:
             for number in range(1, int(3 * BURST)):
                 client.send(goal(number))
-            until(lambda: sum(stream.server.counts.values()) == 3 * BURST - 1)
+            wait_until(lambda: sum(stream.server.counts.values()) == 3 * BURST - 1)
             assert stream.server.counts["rate"] > 0
         with stream.client() as client:
             client.send("x" * (LONGEST + 1))

@@ -9,7 +9,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,12 +21,15 @@ from graspfx.screen.touch_address import gate_for, listen, url
 from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order
 from graspfx.screen.touch_server import BURST, HEAD, TouchServer
+from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 from websockets.sync.connection import Connection
+
+pytestmark = pytest.mark.alone
 
 BOX = Box(-0.15, -0.1, 0.15, 0.1)
 SCENERY = json.dumps({"title": "a test"})
@@ -82,13 +85,6 @@ def serving(gate: Gate | None = None) -> Iterator[Server]:
         )
         with server:
             yield Server(server, fingers, notes)
-
-
-def until(what: Callable[[], object], longest: float = 5.0) -> None:
-    end = time.monotonic() + longest
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.002)
 
 
 def read_all(client: Connection) -> None:
@@ -157,11 +153,11 @@ def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
     with serving() as site, site.client() as one, site.client() as two:
         assert json.loads(one.recv()) == json.loads(two.recv()) == {"title": "a test"}
         one.send(order(Kind.PRESS, 1, 1, 0.01, 0.02))
-        until(lambda: site.fingers.places == {1: (0.01, 0.02)})
+        wait_until(lambda: site.fingers.places == {1: (0.01, 0.02)})
         two.send(order(Kind.PRESS, 1, 1, -0.1, 0.0))
         two.send(order(Kind.LIFT, 1, 2))
         two.send(order(Kind.PRESS, 0, 5, 0.05, 0.0))
-        until(lambda: 0 in site.fingers.places)
+        wait_until(lambda: 0 in site.fingers.places)
         assert site.fingers.places == {0: (0.05, 0.0), 1: (0.01, 0.02)} and not site.fingers.lifts
         assert site.server.counts["claim"] == 2 and site.server.counts["lost"] == 2
         picture = struct.pack("<d", 7.0)
@@ -176,7 +172,7 @@ def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
         assert heads(one) == (1.0, 0b010, 0b011, 0.0)
         assert heads(two) == (5.0, 0b001, 0b011, 2.0)
         one.send(order(Kind.LIFT, 1, 2))
-        until(lambda: site.fingers.lifts == [1])
+        wait_until(lambda: site.fingers.lifts == [1])
         assert [fate for _, _, fate in site.notes] == ["taken", "claim", "claim", "taken", "taken"]
 
 
@@ -186,14 +182,14 @@ def test_whoever_is_lost_lets_go() -> None:
         with site.client() as client:
             client.send(order(Kind.PRESS, 0, 1))
             client.send(order(Kind.PRESS, 2, 2))
-            until(lambda: len(site.fingers.places) == 2)
-        until(lambda: sorted(site.fingers.lifts) == [0, 2], 1.0)
+            wait_until(lambda: len(site.fingers.places) == 2)
+        wait_until(lambda: sorted(site.fingers.lifts) == [0, 2], 1.0)
         crashing = site.client()
         crashing.send(order(Kind.PRESS, 1, 1))
-        until(lambda: 1 in site.fingers.places)
+        wait_until(lambda: 1 in site.fingers.places)
         crashing.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         crashing.socket.shutdown(socket.SHUT_RDWR)
-        until(lambda: site.fingers.lifts[2:] == [1], 1.0)
+        wait_until(lambda: site.fingers.lifts[2:] == [1], 1.0)
         crashing.close()
         with site.client() as client:
             client.send(order(Kind.PRESS, 0, 1))
@@ -207,9 +203,9 @@ def test_whoever_is_lost_lets_go() -> None:
                 time.sleep(0.01)
             assert 0.4 < time.monotonic() - began < 1.5
             client.send(order(Kind.MOVE, 0, 10, 0.1, 0.0))  # its finger is nobody's now
-            until(lambda: site.server.counts["claim"] == 1)
+            wait_until(lambda: site.server.counts["claim"] == 1)
             client.send(order(Kind.PRESS, 0, 11, 0.1, 0.0))
-            until(lambda: site.fingers.places == {0: (0.1, 0.0)})
+            wait_until(lambda: site.fingers.places == {0: (0.1, 0.0)})
         assert site.server.counts["let go: silence"] == 1
 
 
@@ -231,16 +227,16 @@ def test_a_flood_of_rubbish_leads_nowhere_and_no_other_screen_suffers() -> None:
 
         thread = threading.Thread(target=pour)
         other.send(order(Kind.PRESS, 2, 1, 0.1, 0.1))
-        until(lambda: site.fingers.places.get(2) == (0.1, 0.1))
+        wait_until(lambda: site.fingers.places.get(2) == (0.1, 0.1))
         thread.start()
         number = 1
         while thread.is_alive():
             number += 1
             other.send(order(Kind.MOVE, 2, number, 0.1, -0.1))
             time.sleep(0.01)
-        until(lambda: site.fingers.places.get(2) == (0.1, -0.1))
+        wait_until(lambda: site.fingers.places.get(2) == (0.1, -0.1))
         counts = site.server.counts
-        until(
+        wait_until(
             lambda: (
                 sum(counts[each] for each in ("taken", "length", "kind", "finger", "place", "number", "rate", "claim"))
                 == 10_000 + number
@@ -258,7 +254,7 @@ def test_orders_are_bounded_but_a_finger_can_always_go_up() -> None:
         for number in range(2, most):
             client.send(order(Kind.MOVE, 0, number, 0.1, 0.0))
         client.send(order(Kind.LIFT, 0, most))
-        until(lambda: site.fingers.lifts == [0])
+        wait_until(lambda: site.fingers.lifts == [0])
         assert site.server.counts["rate"] > 0
         assert site.server.counts["lost"] == 0  # they came, and were not followed
         assert len(site.notes) == most

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -272,11 +271,3 @@ def fakes(file: Path) -> list[Fake]:
 
     devices: list[Fake] = plugins.load("devices", str(file)).fakes
     return devices
-
-
-def wait_until(condition: Callable[[], bool], patience: float = 60.0) -> None:
-    """Wait for something that another process does."""
-    end = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < end, "it has not come to pass"
-        time.sleep(0.002)

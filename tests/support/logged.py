@@ -11,7 +11,7 @@ from pathlib import Path
 from shutil import rmtree
 from typing import NamedTuple
 
-from tests.support.hardware import wait_until
+from tests.support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 SLOW = 1.5  # that the disk takes for a block [s]

@@ -20,7 +20,8 @@ from graspfx.live.view.live_view import LiveView
 from graspfx.screen.touch_address import gate_for, listen, url
 from tests.support.chromium import Browser, chromium, program
 from tests.support.rooms import ROOT
-from tests.support.view_page import PLAIN, serving, until
+from tests.support.view_page import PLAIN, serving
+from tests.support.waiting import wait_until
 
 PICTURES = ROOT / "docs" / "pictures"
 WIDTH, HEIGHT = 1280, 800
@@ -49,7 +50,7 @@ def _view(browser: Browser, file: Path, name: str, values: Mapping[str, object],
         page = browser.open(view.server.url, WIDTH, HEIGHT)
         page.evaluate(PLAIN)
         page.wait_for("document.body.innerText.includes('full; spectral radius')", 120.0)
-        until(lambda: run.time > 8.0)
+        wait_until(lambda: run.time > 8.0)
         if beyond:
             verdict = view.certificate.latest()
             limits = [row.limit for row in verdict.rows if row.mode == "internal"] if verdict is not None else []
@@ -98,7 +99,7 @@ def touch_cube(browser: Browser, file: Path) -> None:
             places = [page.evaluate(f"window.graspfx().place({right + side * half}, 0.0)") for side in (-1.0, 1.0)]
             page.touch(places, "touchMove")
             if k == 25:
-                until(lambda: touch.run.time > 6.0, 60.0)
+                wait_until(lambda: touch.run.time > 6.0, 60.0)
         page.screenshot(file)
         page.close()
 

@@ -21,9 +21,10 @@ from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.recording.record import Recording
 from graspfx.testing.wire import DiyWire
-from tests.support.hardware import driver, wait_until
+from tests.support.hardware import driver
 from tests.support.logged import LoggedRun
 from tests.support.servo_wires import PATIENT, PRESSED, SMALL, Assault, board, boards_scene, servo_of, settled
+from tests.support.waiting import wait_until
 
 pytestmark = [
     pytest.mark.alone,

@@ -16,9 +16,9 @@ import pytest
 import graspfx as gx
 from graspfx.testing.wire import ForceDimensionWire
 from graspfx.testing.wire.c_compiler import compiler
-from tests.support.hardware import wait_until
 from tests.support.optional import require
 from tests.support.servo_wires import servo_of, settled
+from tests.support.waiting import wait_until
 
 require("llvmlite")
 pytestmark = pytest.mark.skipif(

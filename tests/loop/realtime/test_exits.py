@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from graspfx.loop.recording.record import Recording
-from tests.support.hardware import wait_until
 from tests.support.logged import SLOW, LoggedRun
+from tests.support.waiting import wait_until
 
 pytestmark = [
     pytest.mark.alone,

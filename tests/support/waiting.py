@@ -1,0 +1,31 @@
+"""Wait for what another thread, process or page does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+LOOK = 0.002  # between two looks [s]
+
+
+def comes(condition: Callable[[], Any], seconds: float = 10.0) -> Any:
+    """Wait until a condition is true, and give its value; the last one where it stays false.
+
+    Nobody asks again after a look that was true: a condition may be an act, as a question to a device is.
+    """
+    end = time.monotonic() + seconds
+    while not (value := condition()) and time.monotonic() < end:
+        time.sleep(LOOK)
+    return value
+
+
+def wait_until(condition: Callable[[], Any], patience: float = 60.0) -> Any:
+    """Wait until a condition is true, and give its value.
+
+    Raises:
+        AssertionError: it stays false for so long.
+    """
+    value = comes(condition, patience)
+    assert value, f"not within {patience:g} s"
+    return value
