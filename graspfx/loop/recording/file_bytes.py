@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.row_store import MemoryRows
 
-if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+T = TypeVar("T")
 
 
-def to_bytes(recording: Recording) -> bytes:
-    """Give the bytes of the file that `Recording.save` writes."""
+def to_bytes(save: Callable[[Path], object]) -> bytes:
+    """Give the bytes of the file that `save` writes."""
     with TemporaryDirectory(prefix="graspfx-") as folder:
         place = Path(folder) / NAME
-        recording.save(place)
+        save(place)
         return place.read_bytes()
 
 
-def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recording:
+def from_bytes(kind: Callable[..., T], content: bytes, start: int = 0) -> T:
     """Make a recording in memory of the bytes of a file; `start` is the number of its first row in a whole run.
 
     Raises:

@@ -48,7 +48,7 @@ class Recording(Carded, TimedHistory):
         """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""
         from graspfx.loop.recording.file_bytes import from_bytes, to_bytes
 
-        return from_bytes, (type(self), to_bytes(self), self.start)
+        return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import recording_card

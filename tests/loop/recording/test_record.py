@@ -383,7 +383,7 @@ def test_a_recording_goes_to_another_process_and_is_copied(place: str, tmp_path:
 
 
 def test_bytes_of_a_recording_that_were_changed_are_refused() -> None:
-    content = bytearray(to_bytes(gx.run("reference-1dof", duration=0.5)))
+    content = bytearray(to_bytes(gx.run("reference-1dof", duration=0.5).save))
     content[len(content) // 2] ^= 1
     with pytest.raises(RecordingError):
         _ = from_bytes(Recording, bytes(content)).rows
