@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from tests.support.waiting import wait_until
 from tests.support.wired_drivers import wired_driver
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=2.0)
 
 require("llvmlite")
 if not sys.platform.startswith("linux"):
@@ -56,7 +59,7 @@ def display(wire: OpenHapticsWire, *forces: tuple[Any, float]) -> None:
             device.write(force * X)
         return [wire.forces(i)[0] for i in range(len(forces))] == [force for _, force in forces]
 
-    wait_until(has_them)
+    until(has_them)
 
 
 def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
@@ -71,12 +74,12 @@ def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
         one.open(PERIOD)
         two.open(PERIOD)
         wire.place(np.array([0.1, 0.2, 0.3]), 1)
-        wait_until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
+        until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
         display(wire, (one, 1.0), (two, -2.0))
         one.close()
         assert not wire.forces(0).any()
         before = two.read()[2]
-        wait_until(lambda: two.read()[2] > before)
+        until(lambda: two.read()[2] > before)
     assert wire.violations == 0
     assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
 
@@ -105,8 +108,8 @@ def test_errors_of_the_library_are_faults_in_words(error: int, words: str) -> No
         display(wire, (device, 1.0), (other, 1.0))
         wire.leave(error)
         with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
-            wait_until(lambda: device.read()[0] is None)
-        wait_until(lambda: not wire.forces(0).any())
+            until(lambda: device.read()[0] is None)
+        until(lambda: not wire.forces(0).any())
         assert not wire.words[fake_scheduler.ERRORS]
         other.read()
 
@@ -117,7 +120,7 @@ def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
         device.open(PERIOD)
         device.read()
         display(wire, (device, 1.0))
-        wait_until(lambda: not wire.torque.any(), 0.5)
+        until(lambda: not wire.torque.any(), patience=0.5)
 
 
 def test_settings() -> None:

@@ -49,7 +49,7 @@ def test_a_recording_is_scrubbed_and_played(tmp_path: Path) -> None:
         page.wait_for("document.body.innerText.includes('time [s]')", 30.0)
         view.go(1.4)
         assert view.row == 280
-        wait_until(lambda: blue(page.screenshot()) > 300)
+        wait_until(lambda: blue(page.screenshot()) > 300, 30.0)
         page.wait_for("document.body.innerText.includes('1.4 s')")
         assert "stands still" in page.evaluate("document.body.innerText")
         assert "internal stiffness, kip" in page.evaluate("document.body.innerText")
@@ -68,7 +68,7 @@ def test_a_recording_is_scrubbed_and_played(tmp_path: Path) -> None:
         assert view.time < 1.0
         view.pause()
         view.go(0.0)
-        wait_until(lambda: blue(page.screenshot()) < 30)
+        wait_until(lambda: blue(page.screenshot()) < 30, 30.0)
         assert page.console_errors == []
         assert all(url.startswith((view.server.url, view.server.url.replace("http", "ws"))) for url in page.requests)
 

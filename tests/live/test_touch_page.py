@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from tests.support.chromium import Browser, Page, chromium
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=10.0)
 
 SQUEEZE = 0.01  # of each touch inside its face [m]
 HALF = 0.025  # of the cube [m]
@@ -67,7 +70,7 @@ def no_page_is_left(browser: Browser, touch: TouchRun) -> Iterator[None]:
     yield
     for left in list(browser._pages.values()):
         left.close()
-    wait_until(lambda: not touch.server.clients)
+    until(lambda: not touch.server.clients)
 
 
 def ready(browser: Browser, touch: TouchRun, width: int = 560, height: int = 420) -> Page:
@@ -75,7 +78,7 @@ def ready(browser: Browser, touch: TouchRun, width: int = 560, height: int = 420
     page = browser.open(url(touch.server.line), width, height, phone=True)
     page.wait_for("window.graspfx().drawn.length > 10", 60.0)
     page.wait_for(QUICK, 60.0)
-    wait_until(lambda: free(touch) and rests(touch))
+    until(lambda: free(touch) and rests(touch))
     return page
 
 
@@ -135,7 +138,7 @@ def test_two_touches_hold_the_cube(page: Page, touch: TouchRun) -> None:
     depth = HALF - 0.5 * (right - left)  # to a part of a pixel that the browser rounds
     assert depth == pytest.approx(SQUEEZE, rel=0.01)
     held = SERIES * depth
-    wait_until(lambda: np.abs(last_forces(touch) - held).max() < 1e-3 * held)
+    until(lambda: np.abs(last_forces(touch) - held).max() < 1e-3 * held)
     force = column(touch, "finger_force")
     assert force[0, 0] > 0.0 > force[1, 0]
     picture = page.screenshot()
@@ -145,10 +148,10 @@ def test_two_touches_hold_the_cube(page: Page, touch: TouchRun) -> None:
     for k in range(1, 11):
         s = HALF - SQUEEZE
         page.touch(at(page, (x - s + 0.004 * k, y + 0.002 * k), (x + s + 0.004 * k, y + 0.002 * k)), "touchMove")
-    wait_until(lambda: np.allclose(middle(touch), (x + 0.04, y + 0.02), rtol=0.0, atol=5e-4))
-    wait_until(lambda: np.abs(last_forces(touch) - held).max() < 0.02 * held)
+    until(lambda: np.allclose(middle(touch), (x + 0.04, y + 0.02), rtol=0.0, atol=5e-4))
+    until(lambda: np.abs(last_forces(touch) - held).max() < 0.02 * held)
     page.touch([], "touchEnd")
-    wait_until(lambda: free(touch), 2.0)
+    until(lambda: free(touch), patience=2.0)
     assert page.evaluate("window.graspfx().touches.length") == 0
 
 
@@ -163,7 +166,7 @@ def test_a_touch_far_away_brings_its_finger_without_a_jump(page: Page, touch: To
     began = touch.run.tick
     target = (tips[left, 0] - 0.06, tips[left, 1] - 0.06)  # within the arm's reach
     page.touch(at(page, target), "touchStart")
-    wait_until(lambda: np.linalg.norm(column(touch, "true_position")[left] - target) < 1e-3)
+    until(lambda: np.linalg.norm(column(touch, "true_position")[left] - target) < 1e-3)
     _, rows = touch.run.rows(began)
     place = touch.run.layout.columns["true_position"]
     motion = rows[:, place.where].reshape(-1, *place.shape)[:, left]
@@ -177,19 +180,19 @@ def test_whoever_leaves_lets_go(browser: Browser, page: Page, touch: TouchRun) -
     x, y = middle(touch)
     other = ready(browser, touch)
     pinch(other, x, y, 0.006)
-    wait_until(lambda: column(touch, "touching").all())
+    until(lambda: column(touch, "touching").all())
     page.wait_for("window.graspfx().picture.claimed === 3")
     page.touch(at(page, (x, y)), "touchStart")  # of fingers that another screen has
     assert page.evaluate("window.graspfx().touches.length") == 0
     page.touch([], "touchEnd")
     other.evaluate("window.dispatchEvent(new Event('blur'))")
-    wait_until(lambda: free(touch) and rests(touch), 2.0)
+    until(lambda: free(touch) and rests(touch), patience=2.0)
     other.touch([], "touchEnd")
     x, y = middle(touch)
     pinch(other, x, y, 0.006)
-    wait_until(lambda: column(touch, "touching").all())
+    until(lambda: column(touch, "touching").all())
     other.close()
-    wait_until(lambda: free(touch), 2.0)
+    until(lambda: free(touch), patience=2.0)
 
 
 def test_a_mouse_has_a_second_finger(browser: Browser, page: Page, touch: TouchRun) -> None:
@@ -205,16 +208,16 @@ def test_a_mouse_has_a_second_finger(browser: Browser, page: Page, touch: TouchR
             "type": kind, "x": place[0], "y": place[1], "button": "left", "buttons": 1, "clickCount": 1, "modifiers": 8
         })  # fmt: skip
     page.send("Input.dispatchKeyEvent", {"type": "keyUp", **shift, "modifiers": 0})
-    wait_until(lambda: column(touch, "touching").all())
-    wait_until(
+    until(lambda: column(touch, "touching").all())
+    until(
         lambda: column(touch, "finger_force")[:, 0].min() < -0.15 and column(touch, "finger_force")[:, 0].max() > 0.15
     )
     page.send("Input.dispatchKeyEvent", {"type": "keyDown", "key": " ", "code": "Space"})
     page.mouse("mouseMoved", *start[2])
-    wait_until(lambda: middle(touch)[0] > x + 0.015 and column(touch, "touching").all() and rests(touch))
+    until(lambda: middle(touch)[0] > x + 0.015 and column(touch, "touching").all() and rests(touch))
     page.send("Input.dispatchKeyEvent", {"type": "keyUp", "key": " ", "code": "Space"})
     page.mouse("mouseReleased", *start[2])
-    wait_until(lambda: free(touch), 2.0)
+    until(lambda: free(touch), patience=2.0)
 
 
 def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
@@ -224,7 +227,7 @@ def test_a_phone_may_be_turned(page: Page, touch: TouchRun) -> None:
         tips = column(touch, "true_position")
         goal = (tips[0, 0] - 0.01, tips[0, 1])
         page.touch(at(page, goal), "touchStart")
-        wait_until(lambda goal=goal: np.linalg.norm(column(touch, "true_position")[0] - goal) < 1e-3)  # type: ignore[misc]
+        until(lambda goal=goal: np.linalg.norm(column(touch, "true_position")[0] - goal) < 1e-3)  # type: ignore[misc]
         page.touch([], "touchEnd")
 
 
@@ -236,7 +239,7 @@ def test_a_quick_second_touch_has_the_same_finger(page: Page, touch: TouchRun) -
         page.touch(place, "touchStart")
         assert page.evaluate("window.graspfx().touches.map(each => each.finger)") == [0]
         page.touch([], "touchEnd")
-    wait_until(lambda: not touch.server.has_touches)
+    until(lambda: not touch.server.has_touches)
     assert touch.server.counts["claim"] == 0
 
 
@@ -245,7 +248,7 @@ def test_no_order_is_lost_and_the_recording_has_them(browser: Browser, touch: To
     page = ready(browser, touch, 420, 320)
     touch.log.entries.clear()
     pinch(page, *middle(touch), 0.008, steps=20)
-    wait_until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
+    until(lambda: touch.server.last == page.evaluate("window.graspfx().number"))
     sent = page.evaluate("window.graspfx().sent")
     time.sleep(0.5)  # for goals on their way
     touch.close()

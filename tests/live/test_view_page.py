@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from tests.support.view_page import PLAIN, SLOW, STIFFNESS, is_in_place, live_vi
 from tests.support.waiting import comes, wait_until
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=10.0)
 
 pytest.importorskip("viser", reason="the view needs viser: pip install 'graspfx[view]'")
 
@@ -51,8 +54,8 @@ def opened(browser: Browser, view: LiveView, width: int = 1200, height: int = 56
     page = browser.open(view.server.url, width, height, before=SLOW)
     page.evaluate(PLAIN)
     page.wait_for(ARROW)
-    wait_until(lambda: len(view.server.viser.get_clients()) > count)
-    wait_until(lambda: is_in_place(view))
+    until(lambda: len(view.server.viser.get_clients()) > count)
+    until(lambda: is_in_place(view))
     time.sleep(0.4)
     return page
 
@@ -69,8 +72,8 @@ def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page
         middle = page.screenshot()[:, canvas]
         return near(middle, INTERNAL, 50).sum() > 60 and near(middle, CONTACTS["touch"], 95).sum() > 40
 
-    wait_until(shows_squeeze_and_states)
-    wait_until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
+    until(shows_squeeze_and_states)
+    until(lambda: vermilion(page.screenshot()[:, canvas]).sum() > 12)  # it comes and goes with the waving
     chart = page.screenshot(folder / "page.png")[:, :340]
     assert near(chart, INTERNAL, 20).sum() > 200
     assert near(chart, EXTERNAL, 20).sum() > 100
@@ -105,7 +108,7 @@ def test_a_gizmo_that_is_dragged_leads_the_fingers_and_they_stay_there_when_its_
     other.close()  # in mid-drag
     assert led
     goal = float(view._hands._gizmos[1].position[1])
-    wait_until(lambda: view.server.pages == 1)
+    until(lambda: view.server.pages == 1)
     time.sleep(0.5)
     names = view.run.layout.columns
     row = view.run.row()
@@ -123,7 +126,7 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
 ) -> None:
     other = opened(browser, view, 900, 320)
     press(page, "Record")
-    wait_until(lambda: view._recording, 30.0)
+    until(lambda: view._recording, patience=30.0)
     before = view.run.tick
     number = "[...document.querySelectorAll('input')].map(each => each.value)"
     rail = page.evaluate(
@@ -131,16 +134,16 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
         " const b = r[r.length - 1].getBoundingClientRect(); return [b.left, b.top, b.width, b.height] })()"
     )
     page.click(rail[0] + 0.5 * rail[2], rail[1] + 0.5 * rail[3])
-    value = wait_until(lambda: view.sliders.values[STIFFNESS] != 30.0 and view.sliders.values[STIFFNESS])
+    value = until(lambda: view.sliders.values[STIFFNESS] != 30.0 and view.sliders.values[STIFFNESS])
     assert value
-    wait_until(lambda: view.run.scene.coupling.external.stiffness == value)
-    wait_until(lambda: f"{value:g}" in other.evaluate(number))
+    until(lambda: view.run.scene.coupling.external.stiffness == value)
+    until(lambda: f"{value:g}" in other.evaluate(number))
     assert f"{value:g}" in page.evaluate(number)
     handle = view.sliders._handles[STIFFNESS]
     assert handle.value == value
     after = view.run.tick
     press(other, "Stop")
-    wait_until(lambda: view._last, 30.0)
+    until(lambda: view._last, patience=30.0)
     assert view._last is not None
     recording = Recording.load(view._last)
     ticks = [change.tick for change in recording.changes if change.key == STIFFNESS and change.value == value]
@@ -157,15 +160,15 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
 
 def test_pause_step_and_reset(page: Page, view: LiveView) -> None:
     press(page, "Pause")
-    wait_until(lambda: view.run.state == "paused")
+    until(lambda: view.run.state == "paused")
     time.sleep(0.1)
     tick = view.run.tick
     press(page, "Step")
-    wait_until(lambda: view.run.tick == tick + 10)
+    until(lambda: view.run.tick == tick + 10)
     time.sleep(0.1)
     assert view.run.tick == tick + 10
     press(page, "Reset")
-    wait_until(lambda: view.run.run_number > 2 and view.run.state == "running", 30.0)
+    until(lambda: view.run.run_number > 2 and view.run.state == "running", patience=30.0)
     page.wait_for("document.body.innerText.includes('runs in real time')")
 
 

@@ -163,7 +163,8 @@ def test_a_hundred_thousand_malformed_messages_change_nothing(
         if sent >= 10_000 and not start:
             gc.collect()
             start = memory()
-    wait_until(lambda: server.gate.bad >= 0.9 * sent)  # of a connection that was closed the last ones are not read
+    # of a connection that was closed the last ones are not read
+    wait_until(lambda: server.gate.bad >= 0.9 * sent, 20.0)
     gc.collect()
     assert memory() - start < 24 << 20
     assert orders == []
@@ -174,7 +175,7 @@ def test_a_hundred_thousand_malformed_messages_change_nothing(
     with line(server) as socket:
         socket.send(encoded(CAMERA))
         socket.send(encoded({"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 6.5}}))
-        wait_until(lambda: orders)
+        wait_until(lambda: orders, 10.0)
     assert orders == [6.5]
     out, err = capfd.readouterr()
     assert len(out + err) < 200
@@ -192,7 +193,7 @@ def test_huge_messages_and_foreign_versions_end_their_connection_only(server: Se
                 read_on(socket)
         with line(server, subprotocol="viser-v0.0.1") as socket, pytest.raises(ConnectionClosed):
             read_on(socket)
-        wait_until(lambda: server.pages == 1)
+        wait_until(lambda: server.pages == 1, 5.0)
         watcher.ping().wait(5.0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,6 +21,8 @@ pytest.importorskip("websockets", reason="the server's socket: pip install 'gras
 from websockets.sync.client import connect as open_socket
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=5.0)
 
 
 class Things(ClaimServer):
@@ -62,15 +65,15 @@ def test_each_way_to_be_lost_lets_go_once() -> None:
             claim(one, 1, 0)
             claim(one, 2, 1)
             claim(one, 3, 0, Kind.LIFT)
-            wait_until(lambda: server.ends == [(0, "")])
-        wait_until(lambda: server.ends[1:] == [(1, "lost")])
+            until(lambda: server.ends == [(0, "")])
+        until(lambda: server.ends[1:] == [(1, "lost")])
         with client() as silent:
             claim(silent, 1, 2)
-            wait_until(lambda: server.ends[2:] == [(2, "silence")])
+            until(lambda: server.ends[2:] == [(2, "silence")])
             claim(silent, 2, 2, Kind.MOVE)  # nobody's now
-            wait_until(lambda: server.counts["claim"] == 1)
+            until(lambda: server.counts["claim"] == 1)
             claim(silent, 3, 3)
-            wait_until(lambda: server.counts["taken"] == 5)
+            until(lambda: server.counts["taken"] == 5)
             server.__exit__()
         assert server.ends[3:] == [(3, "lost")]
 
@@ -81,12 +84,12 @@ def test_one_that_cannot_be_let_go_keeps_no_other_and_clients_are_watched_on() -
         with client() as one, client() as two:
             for number, thing in enumerate((0, 1)):
                 claim(one, number + 1, thing)
-            wait_until(lambda: server.ends == [(0, "silence"), (1, "silence")])
+            until(lambda: server.ends == [(0, "silence"), (1, "silence")])
             claim(two, 1, 2)
             claim(two, 2, 3)
-            wait_until(lambda: server.ends[2:] == [(2, "silence"), (3, "silence")])
+            until(lambda: server.ends[2:] == [(2, "silence"), (3, "silence")])
             claim(one, 3, 1)
-            wait_until(lambda: server.ends[4:] == [(1, "silence")])
+            until(lambda: server.ends[4:] == [(1, "silence")])
         assert server.counts["fault"] == 2
 
 
@@ -94,10 +97,10 @@ def test_time_in_which_nobody_listened_is_no_silence() -> None:
     """The server's thread is kept for longer than a silence, while the client goes on."""
     with serving() as (server, client), client() as one:
         claim(one, 1, 0)
-        wait_until(lambda: server.counts["taken"] == 1)
+        until(lambda: server.counts["taken"] == 1)
         server._post(time.sleep, 2.0 * SILENCE)
         for number in range(2, 14):
             claim(one, number, 0, Kind.ALIVE)
             time.sleep(0.1)
-        wait_until(lambda: server.counts["taken"] == 13)
+        until(lambda: server.counts["taken"] == 13)
         assert not server.ends

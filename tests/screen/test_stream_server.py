@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -25,6 +26,8 @@ from websockets.sync.client import connect as open_socket
 from websockets.sync.connection import Connection
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=5.0)
 
 TOKEN = "a-token-of-the-tests"
 BOUNDS = Bounds(2, 0.2, 0.05)
@@ -135,26 +138,26 @@ def last(client: Connection, stream: Stream) -> dict[str, Any]:
 def test_one_client_leads_a_guide_until_it_leaves_or_falls_silent() -> None:
     with streaming() as stream, stream.client() as one, stream.client() as other:
         one.send(goal(1))
-        wait_until(lambda: len(stream.hands.orders) == 1)
+        until(lambda: len(stream.hands.orders) == 1)
         other.send(goal(1))
         other.send(goal(2, 1))
-        wait_until(lambda: len(stream.hands.orders) == 2)
+        until(lambda: len(stream.hands.orders) == 2)
         assert stream.server.counts["claim"] == 1
         one.send(goal(1))
-        wait_until(lambda: stream.server.counts["number"] == 1)
+        until(lambda: stream.server.counts["number"] == 1)
         assert last(other, stream) == {"last": 2, "leads": [1], "dropped": 1, "why": "claim"}
         one.send('{"type":"release","number":2,"guide":0}')
-        wait_until(lambda: stream.hands.releases == [0])
+        until(lambda: stream.hands.releases == [0])
         other.send(goal(3))
-        wait_until(lambda: len(stream.hands.orders) == 3)
+        until(lambda: len(stream.hands.orders) == 3)
         other.close()
-        wait_until(lambda: sorted(stream.hands.releases) == [0, 0, 1])
+        until(lambda: sorted(stream.hands.releases) == [0, 0, 1])
         one.send(goal(3))
-        wait_until(lambda: len(stream.hands.orders) == 4)
-        wait_until(lambda: stream.hands.releases.count(0) == 3)  # silent for half a second
+        until(lambda: len(stream.hands.orders) == 4)
+        until(lambda: stream.hands.releases.count(0) == 3)  # silent for half a second
         stream.server.describe('{"type":"hello"}', Bounds())
         one.send(goal(4))
-        wait_until(lambda: stream.server.counts["guide"] == 1)
+        until(lambda: stream.server.counts["guide"] == 1)
 
 
 def test_a_flood_is_dropped_and_a_long_message_ends_the_connection() -> None:
@@ -162,7 +165,7 @@ def test_a_flood_is_dropped_and_a_long_message_ends_the_connection() -> None:
         with stream.client() as client:
             for number in range(1, int(3 * BURST)):
                 client.send(goal(number))
-            wait_until(lambda: sum(stream.server.counts.values()) == 3 * BURST - 1)
+            until(lambda: sum(stream.server.counts.values()) == 3 * BURST - 1)
             assert stream.server.counts["rate"] > 0
         with stream.client() as client:
             client.send("x" * (LONGEST + 1))

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -30,6 +31,8 @@ from websockets.sync.client import connect as open_socket
 from websockets.sync.connection import Connection
 
 pytestmark = pytest.mark.alone
+
+until = partial(wait_until, patience=5.0)
 
 BOX = Box(-0.15, -0.1, 0.15, 0.1)
 SCENERY = json.dumps({"title": "a test"})
@@ -153,11 +156,11 @@ def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
     with serving() as site, site.client() as one, site.client() as two:
         assert json.loads(one.recv()) == json.loads(two.recv()) == {"title": "a test"}
         one.send(order(Kind.PRESS, 1, 1, 0.01, 0.02))
-        wait_until(lambda: site.fingers.places == {1: (0.01, 0.02)})
+        until(lambda: site.fingers.places == {1: (0.01, 0.02)})
         two.send(order(Kind.PRESS, 1, 1, -0.1, 0.0))
         two.send(order(Kind.LIFT, 1, 2))
         two.send(order(Kind.PRESS, 0, 5, 0.05, 0.0))
-        wait_until(lambda: 0 in site.fingers.places)
+        until(lambda: 0 in site.fingers.places)
         assert site.fingers.places == {0: (0.05, 0.0), 1: (0.01, 0.02)} and not site.fingers.lifts
         assert site.server.counts["claim"] == 2 and site.server.counts["lost"] == 2
         picture = struct.pack("<d", 7.0)
@@ -172,7 +175,7 @@ def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
         assert heads(one) == (1.0, 0b010, 0b011, 0.0)
         assert heads(two) == (5.0, 0b001, 0b011, 2.0)
         one.send(order(Kind.LIFT, 1, 2))
-        wait_until(lambda: site.fingers.lifts == [1])
+        until(lambda: site.fingers.lifts == [1])
         assert [fate for _, _, fate in site.notes] == ["taken", "claim", "claim", "taken", "taken"]
 
 
@@ -182,14 +185,14 @@ def test_whoever_is_lost_lets_go() -> None:
         with site.client() as client:
             client.send(order(Kind.PRESS, 0, 1))
             client.send(order(Kind.PRESS, 2, 2))
-            wait_until(lambda: len(site.fingers.places) == 2)
-        wait_until(lambda: sorted(site.fingers.lifts) == [0, 2], 1.0)
+            until(lambda: len(site.fingers.places) == 2)
+        until(lambda: sorted(site.fingers.lifts) == [0, 2], patience=1.0)
         crashing = site.client()
         crashing.send(order(Kind.PRESS, 1, 1))
-        wait_until(lambda: 1 in site.fingers.places)
+        until(lambda: 1 in site.fingers.places)
         crashing.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         crashing.socket.shutdown(socket.SHUT_RDWR)
-        wait_until(lambda: site.fingers.lifts[2:] == [1], 1.0)
+        until(lambda: site.fingers.lifts[2:] == [1], patience=1.0)
         crashing.close()
         with site.client() as client:
             client.send(order(Kind.PRESS, 0, 1))
@@ -203,9 +206,9 @@ def test_whoever_is_lost_lets_go() -> None:
                 time.sleep(0.01)
             assert 0.4 < time.monotonic() - began < 1.5
             client.send(order(Kind.MOVE, 0, 10, 0.1, 0.0))  # its finger is nobody's now
-            wait_until(lambda: site.server.counts["claim"] == 1)
+            until(lambda: site.server.counts["claim"] == 1)
             client.send(order(Kind.PRESS, 0, 11, 0.1, 0.0))
-            wait_until(lambda: site.fingers.places == {0: (0.1, 0.0)})
+            until(lambda: site.fingers.places == {0: (0.1, 0.0)})
         assert site.server.counts["let go: silence"] == 1
 
 
@@ -227,16 +230,16 @@ def test_a_flood_of_rubbish_leads_nowhere_and_no_other_screen_suffers() -> None:
 
         thread = threading.Thread(target=pour)
         other.send(order(Kind.PRESS, 2, 1, 0.1, 0.1))
-        wait_until(lambda: site.fingers.places.get(2) == (0.1, 0.1))
+        until(lambda: site.fingers.places.get(2) == (0.1, 0.1))
         thread.start()
         number = 1
         while thread.is_alive():
             number += 1
             other.send(order(Kind.MOVE, 2, number, 0.1, -0.1))
             time.sleep(0.01)
-        wait_until(lambda: site.fingers.places.get(2) == (0.1, -0.1))
+        until(lambda: site.fingers.places.get(2) == (0.1, -0.1))
         counts = site.server.counts
-        wait_until(
+        until(
             lambda: (
                 sum(counts[each] for each in ("taken", "length", "kind", "finger", "place", "number", "rate", "claim"))
                 == 10_000 + number
@@ -254,7 +257,7 @@ def test_orders_are_bounded_but_a_finger_can_always_go_up() -> None:
         for number in range(2, most):
             client.send(order(Kind.MOVE, 0, number, 0.1, 0.0))
         client.send(order(Kind.LIFT, 0, most))
-        wait_until(lambda: site.fingers.lifts == [0])
+        until(lambda: site.fingers.lifts == [0])
         assert site.server.counts["rate"] > 0
         assert site.server.counts["lost"] == 0  # they came, and were not followed
         assert len(site.notes) == most

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from graspfx.loop.recording.places import NAME
-from graspfx.loop.recording.row_store import MemoryRows
 
 T = TypeVar("T")
 
@@ -33,4 +32,4 @@ def from_bytes(kind: Callable[..., T], content: bytes, start: int = 0) -> T:
         place = Path(folder) / NAME
         place.write_bytes(content)
         rows, layout, header, outcome = read(place)
-        return kind(MemoryRows(rows.read(0, len(rows), slice(0, layout.width))), layout, header, outcome, start=start)
+        return kind(rows.read(0, len(rows), slice(0, layout.width)), layout, header, outcome, start=start)
