@@ -11,16 +11,17 @@ UV := $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 INTERPRETER := $(BIN)/python
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
-TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal --benchmark-disable
+TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal
 LONG := large or stress or faults
 UNASKED := alone or $(LONG)
+FORM ?= $(word $(shell echo $$(( $$(date -u +%s) / 86400 % 3 + 1 ))),large stress faults)
 RUN_READY := $(VENV)/.ready-to-run
 WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
 SITE_READY := $(VENV)/.ready-for-the-site
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures screenshots map face reference site fast test part others wheel lock sizes durations coverage lint types contracts clean
+.PHONY: help demo pictures screenshots map face reference site fast test alone together long part others wheel lock sizes durations mutations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -73,10 +74,17 @@ site: $(SITE_READY) ## build the documentation site: out/site/index.html; GRASPF
 	$(INTERPRETER) -m sphinx --quiet --fail-on-warning --keep-going docs $(OUT)/site
 	$(INTERPRETER) -m tests.support.built_site $(OUT)/site
 
-test: $(WORK_READY) ## the tests and every example in the documents
+test: alone together ## the tests and every example in the docs
+
+alone: $(WORK_READY)
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
 	$(PYTEST) -m "alone and not ($(LONG))" tests
+
+together: $(WORK_READY)
 	$(TOGETHER) -m "not ($(UNASKED))"
+
+long: $(WORK_READY) ## one of the long forms of the tests, another one each day; or make long FORM=stress
+	$(TOGETHER) -m "$(FORM)"
 
 part: $(WORK_READY) ## of every room a test file or two, by tests/part.txt: what other Pythons are tried with
 	$(TOGETHER) -m "not ($(UNASKED) or slow)" $$(sed 's/#.*//' tests/part.txt)
@@ -99,16 +107,19 @@ lock: ## pin the versions that are tested: .ci/requirements.txt
 sizes: $(WORK_READY) ## measure what an installation takes, by extra
 	$(INTERPRETER) -m tests.support.sizes
 
-fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.4 s
+fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.05 s
 	$(TOGETHER) -m "not ($(UNASKED) or slow)"
 
 durations: $(WORK_READY) ## measure how long each test takes: what `make fast` chooses by
 	$(TOGETHER) -p tests.support.slow -m "not ($(UNASKED))"
 
+mutations: $(WORK_READY) ## put fifty mistakes into a copy, one at a time, and tell which tests find each: half an hour
+	$(INTERPRETER) -m tests.support.mutations
+
 coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as text of their own: docs/development/tests.md
 	@mkdir -p out/coverage
 	$(INTERPRETER) -m coverage erase
-	$(INTERPRETER) -m coverage run -m pytest --numprocesses $(WORKERS) --dist worksteal --benchmark-disable -m "not ($(UNASKED))"
+	$(INTERPRETER) -m coverage run -m pytest --numprocesses $(WORKERS) --dist worksteal -m "not ($(UNASKED))"
 	$(INTERPRETER) -m coverage run -m pytest --ignore tests/bench -m "alone and not ($(LONG))" tests
 	$(INTERPRETER) -m coverage combine --quiet
 	$(INTERPRETER) -m coverage report | tee out/coverage/report.txt

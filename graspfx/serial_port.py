@@ -30,6 +30,14 @@ class SerialPort:
         self._descriptor = -1
         self._poll: select.poll | None = None
 
+    def now(self) -> float:
+        """Give the time of the clock by which `receive` waits, `time.perf_counter` [s]."""
+        return time.perf_counter()
+
+    def sleep(self, duration: float) -> None:
+        """Wait for about so long [s]."""
+        time.sleep(duration)
+
     @property
     def is_open(self) -> bool:
         """Whether the port is open."""
@@ -83,7 +91,7 @@ class SerialPort:
             frame: all of it, since boards wait for the rest of one that is cut.
             patience: until all of it must be out [s].
         """
-        left, deadline = memoryview(frame), time.perf_counter() + patience
+        left, deadline = memoryview(frame), self.now() + patience
         while True:
             try:
                 left = left[os.write(self._descriptor, left) :]
@@ -93,13 +101,13 @@ class SerialPort:
                 raise DeviceError(f"the board at {self.path} is gone: {error.strerror}") from error
             if not left:
                 return
-            if time.perf_counter() > deadline:
+            if self.now() > deadline:
                 raise DeviceError(f"the board at {self.path} takes no more bytes: a frame was cut")
             select.select([], [self._descriptor], [], 0.001)
 
     def receive(self, deadline: float) -> bytes:
-        """Wait for bytes until a time of `time.perf_counter` [s], and give those that are there; none is no error."""
-        wait = max(0.0, deadline - time.perf_counter())
+        """Wait for bytes until a time of `now` [s], and give those that are there; none is no error."""
+        wait = max(0.0, deadline - self.now())
         try:
             if self._poll is None or not self._wait(wait):
                 return b""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -53,10 +54,11 @@ class EventPort:
     Args:
         path: such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
         grab: whether no other program has the events meanwhile.
+        now: clock of who reads them [s].
     """
 
-    def __init__(self, path: str, *, grab: bool) -> None:
-        self.path, self.grab = path, grab
+    def __init__(self, path: str, *, grab: bool, now: Callable[[], float] = time.perf_counter) -> None:
+        self.path, self.grab, self.now = path, grab, now
         self._descriptor = -1
         self._bytes = b""
 

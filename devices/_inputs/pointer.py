@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import Self
@@ -76,14 +75,14 @@ class Pointer(ABC):
         self._is_lost = False  # whether events of this report are not there
         self._begin()
         self._look_at_keys()
-        self._began = self._time = time.perf_counter()
+        self._began = self._time = self.port.now()
         self._is_open = True
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Give position (1, d) [m], velocity (1, d) [m/s] and time [s]."""
         self._opened()
         self._take(self.port.events())
-        now = time.perf_counter()
+        now = self.port.now()
         duration, self._time = min(now - self._time, LONGEST), now
         self._move(self._goal, duration)
         np.clip(self._goal, *self._box, out=self._goal)

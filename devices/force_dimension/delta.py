@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Self
 
@@ -35,10 +36,11 @@ class PlainDelta:
     """
 
     def __init__(
-        self, *, serial: int | None, library: object, force_limit: float, resolution: float, velocity_window: int
-    ) -> None:
+        self, *, serial: int | None, library: object, force_limit: float, resolution: float, velocity_window: int,
+        now: Callable[[], float] = time.perf_counter,
+    ) -> None:  # fmt: skip
         self.serial, self.library, self.force_limit, self.resolution = serial, library, force_limit, resolution
-        self._window = velocity_window
+        self._window, self.now = velocity_window, now
         self._dhd: Dhd | None = None  # while the device is open
         self._id = -1
         self._factory_watchdog: int | None = None  # where it was changed
@@ -71,7 +73,7 @@ class PlainDelta:
             dhd.call("dhdEnableForce", 1, self._id)
             dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
             self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
-            self._time, self._began = 0.0, time.perf_counter()
+            self._time, self._began = 0.0, self.now()
             if not self._refresh():
                 raise DeviceError("the device gives no first position")
             self._follow()
@@ -87,7 +89,7 @@ class PlainDelta:
         if not self._refresh():
             self._estimator.miss()
             return self._position, self._velocity, self._time
-        self._time = time.perf_counter() - self._began
+        self._time = self.now() - self._began
         self._follow()
         return self._position, self._velocity, self._time
 

@@ -13,7 +13,6 @@ an angle by less than a link can turn in a sample is not seen.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 
 from graspfx.devices._settings import number, pair, port_name, whole
@@ -95,7 +94,7 @@ def quench(*, port: str, device: int = 5, **_: object) -> None:
     try:
         if _quiet(line, device):
             return
-        time.sleep(BLOCKED + 0.05)  # a board that takes frames for the rest of others begins afresh after that
+        line.sleep(BLOCKED + 0.05)  # a board that takes frames for the rest of others begins afresh after that
         if _quiet(line, device):
             return
     finally:
@@ -109,7 +108,7 @@ def _quiet(line: SerialPort, device: int) -> bool:
     for _ in range(TRIES):
         line.flush()
         line.send(torque_frame(device, 0.0, 0.0))
-        data, until = b"", time.perf_counter() + 0.02
+        data, until = b"", line.now() + 0.02
         while len(data) < ANGLES.size and (part := line.receive(until)):
             data += part
         answers = answers + 1 if angles_in(data, device) is not None else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from contextlib import suppress
 from typing import Self
 
@@ -93,17 +92,17 @@ class Haply2Diy:
             self.port.close()
             raise
         self._estimator = VelocityEstimator(period, (2,), math.pi / self.counts, self._window)
-        self._began = self._asked_at = time.perf_counter()
+        self._began = self._asked_at = self.port.now()
         self._waiting, self._silent, self._answers, self._time = False, 0, 0, 0.0
         self._follow(*self._angles)
 
     def ask(self) -> None:
         self._opened()
         if self._answering:
-            self._bytes(time.perf_counter() + 0.5 * self.timeout)  # the answer to the last `write`
+            self._bytes(self.port.now() + 0.5 * self.timeout)  # the answer to the last `write`
         self.port.flush()  # and whatever a line that failed has left
         self._send()
-        self._waiting, self._asked_at = True, time.perf_counter()
+        self._waiting, self._asked_at = True, self.port.now()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Give position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; without a new answer the last ones."""
@@ -169,11 +168,11 @@ class Haply2Diy:
 
     def _first_angles(self) -> tuple[float, float]:
         """Ask until the board answers, as long as one may be blocked."""
-        deadline = time.perf_counter() + BLOCKED + 0.2
-        while time.perf_counter() < deadline:
+        deadline = self.port.now() + BLOCKED + 0.2
+        while self.port.now() < deadline:
             self.port.flush()
             self._send()
-            angles = self._answer(time.perf_counter() + 0.05)
+            angles = self._answer(self.port.now() + 0.05)
             if angles is not None:
                 return angles
         raise DeviceError(

@@ -10,7 +10,6 @@ Whether the service drops a force when its program dies is not known: `quench` r
 from __future__ import annotations
 
 import itertools
-import time
 
 from graspfx.devices._settings import number, whole
 from graspfx.devices.haply_inverse.inverse_device import Inverse, lock_of
@@ -84,11 +83,11 @@ def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
     lock = lock_of(service, name)
     try:
         lock.take()
-        deadline = time.perf_counter() + QUIET
-        while time.perf_counter() < deadline:
+        deadline = service.now() + QUIET
+        while service.now() < deadline:
             service.stop(name)
             service.ask(name)
-            if service.sample(name, time.perf_counter() + 0.05) is not None:
+            if service.sample(name, service.now() + 0.05) is not None:
                 return
     finally:
         service.leave(name)

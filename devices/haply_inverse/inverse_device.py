@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from typing import Self
 
@@ -72,12 +71,12 @@ class Inverse:
             lock = lock_of(self.service, name)
             lock.take()
             self._lock = lock
-            self._began = self._time = self._question = time.perf_counter()
+            self._began = self._time = self._question = self.service.now()
             self._waiting = False
             sample = None
-            while sample is None and time.perf_counter() < self._began + FIRST:
+            while sample is None and self.service.now() < self._began + FIRST:
                 self.service.ask(name)
-                sample = self.service.sample(name, time.perf_counter() + 0.05)
+                sample = self.service.sample(name, self.service.now() + 0.05)
             if sample is None:
                 raise DeviceError(f"{name} tells no first position")
             (self._position[0], self._time), self._velocity[0] = sample, 0.0
@@ -89,7 +88,7 @@ class Inverse:
 
     def ask(self) -> None:
         self._opened()
-        self._question, self._waiting = time.perf_counter(), True
+        self._question, self._waiting = self.service.now(), True
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
@@ -102,7 +101,7 @@ class Inverse:
         if sample is not None and sample[1] > self._time and self._can_be(*sample):
             self._position[0], self._time = sample
             self._velocity[0] = self._estimator.update(self._position[0], self._time - self._began)
-        elif time.perf_counter() - self._time > SILENCE:
+        elif self.service.now() - self._time > SILENCE:
             self._abandon()
             raise DeviceError(f"{self._name} has told no new position for {SILENCE:g} s")
         return self._position, self._velocity, self._time - self._began
@@ -146,7 +145,7 @@ class Inverse:
     def _can_be(self, position: tuple[float, float, float], when: float) -> bool:
         """Tell whether a hand can have gone so far since the last sample."""
         way = float(np.linalg.norm(self._position[0] - position))
-        return way <= NEAR + FASTEST * (when - self._time)
+        return bool(way <= NEAR + FASTEST * (when - self._time))
 
     def _opened(self) -> None:
         if not self._name:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -49,6 +48,10 @@ class Service:
     def url(self) -> str:
         return str(self._line.url)
 
+    def now(self) -> float:
+        """Give the time of the connection's clock [s]."""
+        return float(self._line.now())
+
     def join(self, name: str | None, basis: str | None = None, damping: float = 0.0) -> str:
         """Take a device, at zero force; give its id.
 
@@ -80,7 +83,7 @@ class Service:
         self.forces[name] = ZERO
         with suppress(DeviceError):  # the service may be gone, and then nothing is left to tell it
             self._send()
-            self._drain(time.perf_counter() + LOST, all_of_them=True)  # so that it has been read before the line closes
+            self._drain(self.now() + LOST, all_of_them=True)  # so that it has been read before the line closes
         del self.forces[name]
         self.samples.pop(name, None)
         self._round.discard(name)
@@ -126,7 +129,7 @@ class Service:
         self._sent.clear()
         self._round, self._written = set(), set()
         self.samples, self._missing, self._question = {}, {}, 0.0
-        deadline = time.perf_counter() + INVENTORY
+        deadline = self.now() + INVENTORY
         while (text := self._line.receive(deadline)) is not None:
             devices = devices_in(text)
             if devices is not None:
@@ -149,7 +152,7 @@ class Service:
 
     def _send(self) -> None:
         self._written.clear()
-        now = time.perf_counter()
+        now = self.now()
         self._line.send(forces_text(self.forces))
         self._sent.append(now)
         self._question = now
@@ -160,7 +163,7 @@ class Service:
             self._take(text, keep)
             if not (all_of_them and self._sent):
                 deadline = 0.0
-        while self._sent and time.perf_counter() - self._sent[0] > LOST:
+        while self._sent and self.now() - self._sent[0] > LOST:
             self._sent.popleft()
 
     def _take(self, text: str, keep: bool) -> None:

@@ -53,10 +53,14 @@ class WebSocket:
         self._texts: deque[str] = deque()
         self._parts = bytearray()  # of a message that comes in several frames
 
+    def now(self) -> float:
+        """Give the time of the clock by which `receive` waits, `time.perf_counter` [s]."""
+        return time.perf_counter()
+
     def open(self) -> None:
         """Connect, afresh if there is a connection."""
         self.close()
-        deadline = time.perf_counter() + PATIENCE
+        deadline = self.now() + PATIENCE
         try:
             self._socket = socket.create_connection((self._uri.host, self._uri.port), PATIENCE)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -75,14 +79,14 @@ class WebSocket:
         line.sendall(b"".join(protocol.data_to_send()))
         size = 0
         while protocol.state is State.CONNECTING and protocol.handshake_exc is None:
-            line.settimeout(max(1e-3, deadline - time.perf_counter()))
+            line.settimeout(max(1e-3, deadline - self.now()))
             try:
                 part = line.recv(CHUNK)
             except TimeoutError:
                 if not size:
                     raise
                 break
-            if not part or time.perf_counter() > deadline:
+            if not part or self.now() > deadline:
                 break
             size += len(part)
             protocol.receive_data(part)
@@ -109,7 +113,7 @@ class WebSocket:
             raise DeviceError(f"the service at {self.url} takes no more: a message was cut")
 
     def receive(self, deadline: float) -> str | None:
-        """Wait for a text until a time of `time.perf_counter` [s]; None if none has come.
+        """Wait for a text until a time of `now` [s]; None if none has come.
 
         Raises:
             DeviceError: the connection is lost, or what comes is no WebSocket's.
@@ -125,7 +129,7 @@ class WebSocket:
         if protocol.state is not State.OPEN:
             raise self._end()
         try:
-            ready = select.select([line], [], [], max(0.0, deadline - time.perf_counter()))[0]
+            ready = select.select([line], [], [], max(0.0, deadline - self.now()))[0]
             part = line.recv(CHUNK) if ready else None
         except BlockingIOError:
             return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
@@ -79,7 +78,7 @@ class Controller:
     def ask(self) -> None:
         """Send POLL."""
         self._question += 1
-        self._deadline = time.perf_counter() + self.timeout
+        self._deadline = self.port.now() + self.timeout
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
@@ -117,14 +116,14 @@ class Controller:
             with suppress(DeviceError):
                 self.run(STILL)
                 self.port.send(short_frame(Kind.STOP))
-                next((each for each in self._messages(time.perf_counter() + GOODBYE) if state_in(each)), None)
+                next((each for each in self._messages(self.port.now() + GOODBYE) if state_in(each)), None)
         self.port.close()
         self._buffer, self._deadline = b"", None
 
     def _exchange(self, kind: Kind, reading: Callable[[bytes], T | None]) -> T:
         for _ in range(TRIES):
             self.port.send(b"\0" + short_frame(kind))  # the zero ends whatever another program left
-            for message in self._messages(time.perf_counter() + PATIENCE):
+            for message in self._messages(self.port.now() + PATIENCE):
                 answer = reading(message)
                 if answer is not None:
                     self._number = 0
@@ -132,7 +131,7 @@ class Controller:
         raise DeviceError(f"nothing at {self.port.path} answers {kind.name} as a rig's controller does")
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Give messages as they come, until a time of `time.perf_counter` [s]; damaged ones are left out."""
+        """Give messages as they come, until a time of the port's clock [s]; damaged ones are left out."""
         while True:
             frame, end, rest = self._buffer.partition(b"\0")
             if end:

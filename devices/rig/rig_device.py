@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Self
@@ -102,7 +101,7 @@ class Rig:
             for arm in self.arms:
                 arm.open(period)
             self._period, self._silent, self._time, self._clock = period, 0, 0.0, state.microseconds
-            self._heard = time.perf_counter()
+            self._heard = self.controller.port.now()
             self._take(state)
         except DeviceError:
             self.close()
@@ -118,13 +117,13 @@ class Rig:
         state = self.controller.answer()
         if state is None:
             self._silent += 1
-            if self._silent > SILENCE and time.perf_counter() - self._heard > SILENCE * period:
+            if self._silent > SILENCE and self.controller.port.now() - self._heard > SILENCE * period:
                 self._abandon()
                 text = f"gave no answer to {self._silent} readings in a row"
                 raise DeviceError(f"the controller at {self.controller.port.path} {text}")
             return self._position, self._velocity, self._time
         since = 1e-6 * ((state.microseconds - self._clock) % WRAP)
-        self._clock, self._silent, self._heard = state.microseconds, 0, time.perf_counter()
+        self._clock, self._silent, self._heard = state.microseconds, 0, self.controller.port.now()
         self._time += since
         try:
             self._take(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Self
 
 import numpy as np
@@ -29,10 +30,14 @@ class TouchFingers:
         start: of the fingers when it is opened, (k, d) [m].
         lag: of a finger behind its target; twice that where it moves steadily [s].
         speed: the largest of a target [m/s].
+        now: clock of who reads them [s].
     """
 
-    def __init__(self, screen: TouchScreen, workspace: FloatArray, start: FloatArray, lag: float, speed: float) -> None:
-        self.screen, self.speed = screen, speed
+    def __init__(
+        self, screen: TouchScreen, workspace: FloatArray, start: FloatArray, lag: float, speed: float,
+        now: Callable[[], float] = time.perf_counter,
+    ) -> None:  # fmt: skip
+        self.screen, self.speed, self.now = screen, speed, now
         self._box, self._start = workspace, start
         self._target = start.copy()
         self._follower = Follower(lag, start)
@@ -72,14 +77,14 @@ class TouchFingers:
         self._target[:] = self._start
         self._follower.place(self._start)
         self._forces[:] = 0.0
-        self._began = self._time = time.perf_counter()
+        self._began = self._time = self.now()
         self._is_open = True
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Give positions (k, d) [m], velocities (k, d) [m/s] and time [s]."""
         self._opened()
         touches = self.screen.touches()
-        now = time.perf_counter()
+        now = self.now()
         duration, self._time = min(now - self._time, LONGEST), now
         d = self._start.shape[1]
         self._switches = 0

@@ -8,11 +8,11 @@ from typing import Any
 
 from graspfx.compile import cache as disk
 from graspfx.compile.marks import written
-from graspfx.compile.own_sources import is_own, source_stamps
+from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 
 def was_compiled(kernel: Callable[..., Any]) -> bool:
-    """Tell whether a kernel of ours was compiled with this version of the sources."""
+    """Tell whether a kernel of ours was compiled from the sources as they are."""
     return _is_ours(kernel) and disk.load(_key(kernel)) is not None
 
 
@@ -27,5 +27,5 @@ def _is_ours(kernel: Callable[..., Any]) -> bool:
 
 
 def _key(kernel: Callable[..., Any]) -> str:
-    name = f"{kernel.__module__}.{kernel.__qualname__}"
-    return f"kernel-{hashlib.sha256(repr((name, source_stamps())).encode()).hexdigest()}"
+    sources = closure_digest(kernel.__module__, *compiler_modules())
+    return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"

@@ -1,18 +1,20 @@
-"""Whether what was made from kernels is still of their sources: those of the package, and those of others."""
+"""Disk entries made from kernels, found by the sources that the kernels come from."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from graspfx.compile import cache as disk
 from graspfx.compile.kernel import written
-from graspfx.compile.own_sources import is_own
+from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 
-class Sources(Protocol):
+class Origins(Protocol):
     """Places that a program was made from."""
 
     files: set[str]
@@ -26,16 +28,35 @@ def identity(kernel: Callable[..., Any]) -> list[str]:
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 
-def foreign_sources(program: Sources) -> dict[str, Any]:
-    """Note the files of others' kernels and the numbers of their modules, for `is_fresh`."""
+def request_key(modules: Iterable[str], *parts: str) -> str:
+    """Name a request: what is asked for, the sources of the modules that it is made from, and those of the compiler."""
+    digest = closure_digest(*sorted(set(modules)), *compiler_modules())
+    return hashlib.sha256("\0".join([digest, *parts]).encode()).hexdigest()
+
+
+def recall(key: str) -> str | None:
+    """Load what a request led to, if files and numbers of others are what they were; the key tells of our own."""
+    content = disk.load(key)
+    if content is None:
+        return None
+    entry = json.loads(content)
+    return str(entry["content"]) if _is_fresh(entry["sources"]) else None
+
+
+def remember(key: str, program: Origins, content: str) -> None:
+    """Store what a request led to."""
+    disk.store(key, json.dumps({"sources": _foreign_sources(program), "content": content}).encode())
+
+
+def _foreign_sources(program: Origins) -> dict[str, Any]:
+    """Note the files of others' kernels and the numbers of their modules."""
     folders = {Path(file).parent for file in program.files if not is_own(file)}
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
     numbers = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
     return {"files": files, "numbers": numbers}
 
 
-def is_fresh(sources: Mapping[str, Any]) -> bool:
-    """Tell whether files and numbers of others are what they were; what is of the package, keys tell."""
+def _is_fresh(sources: Mapping[str, Any]) -> bool:
     same = all(_digest(file) == digest for file, digest in sources["files"].items())
     return same and all(_number(module, name) == number for module, name, number in sources["numbers"])
 

@@ -17,10 +17,9 @@ from typing import Any
 from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.emission import loaded, platform, show
-from graspfx.compile.freshness import foreign_sources, identity, is_fresh
+from graspfx.compile.freshness import identity, recall, remember, request_key
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.llvm.llvm_arithmetic import LlvmFunction, Type
-from graspfx.compile.own_sources import source_digest
 from graspfx.system.file_lock import alone
 
 TYPES = {"int": "i64", "float": "double", "bool": "i1"}  # by the annotation of a kernel's number; others are buffers
@@ -107,13 +106,17 @@ def library(names: tuple[str, ...]) -> Library:
     Args:
         names: their modules' and their own, with a point between, for the types of arguments that they declare.
     """
-    key = _key("library", *names)
+    key = _library_key(names)
     home = _from_disk(key)
     if home is not None:
         return home
     with alone(disk.lock_folder(), "kernels") as waited:
         home = _from_disk(key) if waited else None  # another process has compiled them meanwhile
         return home or _compiled(key, dict(_kernels(names)), "compiling kernels, once per version and machine")
+
+
+def _library_key(names: tuple[str, ...]) -> str:
+    return request_key((name.rpartition(".")[0] for name in names), "library", *names)
 
 
 def _kernels(names: Iterable[str]) -> Iterator[tuple[str, tuple[Kernel, tuple[str, ...]]]]:
@@ -134,16 +137,12 @@ def single(kernel: Kernel, types: tuple[str, ...], *, make: bool = True) -> Libr
     """
     home = _SINGLES.get((kernel, types))
     if home is None:
-        key = _key("kernel", *identity(kernel), *types)
+        key = request_key([kernel.__module__], "kernel", *identity(kernel), *types)
         home = _from_disk(key)
         if home is None and not make:
             raise LookupError("not compiled yet")
         home = _SINGLES[kernel, types] = home or _compiled(key, {kernel_name(kernel): (kernel, types)}, "")
     return home
-
-
-def _key(*parts: str) -> str:
-    return hashlib.sha256("\0".join([source_digest(), *platform(), *parts]).encode()).hexdigest()
 
 
 def _declared_types(kernel: Kernel) -> tuple[str, ...]:
@@ -152,16 +151,30 @@ def _declared_types(kernel: Kernel) -> tuple[str, ...]:
 
 
 def _from_disk(key: str) -> Library | None:
-    content = disk.load(key)
+    """Load the library that a request led to before."""
+    digest = recall(key)
+    return None if digest is None else _machine_code(digest)
+
+
+def _machine_code(digest: str) -> Library | None:
+    """Load the machine code of a text by its digest."""
+    content = disk.load(_machine_key(digest))
     if content is None:
         return None
     head, _, machine = content.partition(b"\n")
-    description = json.loads(head)
-    return Library(description, machine, cached=True) if is_fresh(description["sources"]) else None
+    return Library(json.loads(head), machine, cached=True)
+
+
+def _machine_key(digest: str) -> str:
+    return hashlib.sha256("\0".join(["machine", *platform(), digest]).encode()).hexdigest()
 
 
 def _compiled(key: str, kernels: Mapping[str, tuple[Kernel, tuple[str, ...]]], title: str) -> Library:
-    """Compile a library, as many of its modules at a time as there are processors."""
+    """Compile a library, as many of its modules at a time as there are processors.
+
+    The machine code is known by the text that it is compiled from: after an edit that leaves the text as it is, it is
+    found again.
+    """
     from graspfx.compile.emitters import Emitters
     from graspfx.compile.llvm.library_text import Entry, library_text
     from graspfx.compile.specialise.specialise import Program
@@ -175,7 +188,11 @@ def _compiled(key: str, kernels: Mapping[str, tuple[Kernel, tuple[str, ...]]], t
         ]
         source = program.source([entry.function for entry in entries])
         keep_lowerings()
-        prefix = f"gx.{hashlib.sha256(source.encode()).hexdigest()[:16]}"
+        digest = hashlib.sha256(repr((source, entries, [*kernels])).encode()).hexdigest()
+        remember(key, program, digest)
+        if (known := _machine_code(digest)) is not None:
+            return known
+        prefix = f"gx.{digest[:16]}"
         text = library_text(source, entries, prefix)
         machines = emitters.emit([(part.text, part.lanes) for part in text.parts])
     parts, at = [], 0
@@ -186,9 +203,9 @@ def _compiled(key: str, kernels: Mapping[str, tuple[Kernel, tuple[str, ...]]], t
         (_label(name, types), (function.name, function.result))
         for (name, (_, types)), function in zip(kernels.items(), text.entries, strict=True)
     ]
-    description = {"sources": foreign_sources(program), "symbols": symbols, "parts": parts}
+    description = {"symbols": symbols, "parts": parts}
     log.info("%d kernels: compiled in %.2f s, %d kB", len(kernels), perf_counter() - began, at // 1000)
-    note = disk.store(key, json.dumps(description).encode() + b"\n" + b"".join(machines))
+    note = disk.store(_machine_key(digest), json.dumps(description).encode() + b"\n" + b"".join(machines))
     return Library(json.loads(json.dumps(description)), b"".join(machines), cached=False, note=note)
 
 

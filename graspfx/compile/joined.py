@@ -17,7 +17,6 @@ from graspfx.compile.freshness import identity
 from graspfx.compile.generic import Library, kernel_name, library, single
 from graspfx.compile.llvm.llvm_arithmetic import LlvmFunction
 from graspfx.compile.native import Native, native_of
-from graspfx.compile.own_sources import source_digest
 
 Kernel = Callable[..., Any]
 NAME = re.compile(r"[A-Za-z_]\w*")
@@ -98,7 +97,7 @@ def joined(
     names = set(NAME.findall(source))
     used = {name: kernel for name, kernel in kernels.items() if name in names}
     roots = [[name, *identity(kernel)] for name, kernel in sorted(used.items())]
-    request = json.dumps([source_digest(), *platform(), source, sorted(buffers), roots, sorted(floats)])
+    request = json.dumps([*platform(), source, sorted(buffers), roots, sorted(floats)])
     key = hashlib.sha256(f"joined {request}".encode()).hexdigest()
     calls = Calls(used, shelf, machine)
     return _from_cache(key, calls) or _compiled(key, source, buffers, calls, floats)

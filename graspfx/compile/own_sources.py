@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from graspfx.compile import cache as disk
 
+PACKAGE = __name__.partition(".")[0]
 NO_KERNELS = ("commands", "live", "show")  # rooms that no program is made from: they stand above all that has kernels
 
 
 @cache
 def source_folders() -> tuple[str, ...]:
     """List the package's folder and, in a checkout, the shelf of drivers beside it."""
-    package, *beside = (str(Path(place)) for place in sys.modules[__name__.partition(".")[0]].__path__)
+    package, *beside = (str(Path(place)) for place in sys.modules[PACKAGE].__path__)
     shelves = [os.path.join(place, "devices") for place in beside]  # noqa: PTH118 (strings, of hundreds of files)
     return package, *(shelf for shelf in shelves if os.path.isdir(shelf))  # noqa: PTH112
 
@@ -49,19 +52,108 @@ def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int
                 yield path, status.st_mtime_ns, status.st_size
 
 
-@cache
-def source_digest() -> str:
-    """Digest all sources that programs are made from: kernels stand in many files, and numbers in still more.
+# What kernels are made from -------------------------------------------------------------------------------------------
 
-    The digest is kept by the files' times and sizes, since reading them takes longer than loading what it is asked for.
+
+class Source(NamedTuple):
+    """A source file as it was read: time, size, digest of its content, modules of the package that it imports."""
+
+    time: int
+    size: int
+    digest: str
+    imports: Sequence[str]
+
+
+@cache
+def closure_digest(*modules: str) -> str:
+    """Digest the sources that these modules are made from: their own, and all that they import of the package.
+
+    Kernels, records, values and numbers that a kernel uses come into its module by an import statement, so an edit
+    elsewhere leaves the digest as it is. If a module is not the package's, all sources of the package are digested.
     """
-    key = f"sources-{hashlib.sha256(repr(source_stamps()).encode()).hexdigest()}"
-    content = disk.load(key)
-    if content is not None:
-        return content.decode()
-    digest = hashlib.sha256()
-    for root in source_folders():
-        for file in sorted(Path(each) for each, *_ in stamps_in(root, NO_KERNELS)):
-            digest.update(f"{file.relative_to(root)}\0".encode() + file.read_bytes())
-    disk.store(key, digest.hexdigest().encode())
-    return digest.hexdigest()
+    files, sources = _files(), _sources()
+    roots = [files.get(module) for module in modules]
+    left = [*files.values()] if None in roots else [file for file in roots if file is not None]
+    closure = dict[str, Source]()
+    while left:
+        if (file := left.pop()) not in closure:
+            closure[file] = sources.read(file)
+            left += [files[module] for module in closure[file].imports if module in files]
+    sources.save()
+    rows = sorted((_name(file), source.digest) for file, source in closure.items())
+    return hashlib.sha256(repr(rows).encode()).hexdigest()
+
+
+@cache
+def compiler_modules() -> tuple[str, ...]:
+    """List the modules of the compiler, which write a program's text."""
+    return tuple(module for module in _files() if module.startswith(__name__.rpartition(".")[0]))
+
+
+@cache
+def _files() -> dict[str, str]:
+    """Find the source file of each module that programs are made from."""
+    found = {}
+    for path, *_ in source_stamps():
+        name = _name(path).removesuffix(".py").removesuffix(f"{os.sep}__init__").replace(os.sep, ".")
+        found[name if name.startswith(PACKAGE) else f"{PACKAGE}.{name}"] = path
+    found.pop(PACKAGE)  # shows the names of every room
+    return found
+
+
+class Sources:
+    """Source files as they were read, kept on disk by their times and sizes."""
+
+    def __init__(self) -> None:
+        self._key = f"sources-{hashlib.sha256(repr((sys.version, source_folders())).encode()).hexdigest()}"
+        content = disk.load(self._key)
+        self._entries = json.loads(content) if content is not None else {}
+        self._stamps = {path: stamp for path, *stamp in source_stamps()}
+        self._changed = False
+
+    def read(self, path: str) -> Source:
+        """Read a file, unless it is as it was."""
+        entry = self._entries.get(path)
+        if entry is None or entry[:2] != self._stamps[path]:
+            entry = self._entries[path] = [*self._stamps[path], *_digest_and_imports(path)]
+            self._changed = True
+        return Source(*entry)
+
+    def save(self) -> None:
+        """Keep what was read."""
+        if self._changed:
+            disk.store(self._key, json.dumps(self._entries).encode())
+            self._changed = False
+
+
+@cache
+def _sources() -> Sources:
+    return Sources()
+
+
+def _digest_and_imports(path: str) -> tuple[str, list[str]]:
+    """Read a source file: what it imports when it is loaded, not what its functions import or type checkers see."""
+    import ast  # only for a source that is new
+
+    content, names = Path(path).read_bytes(), set[str]()
+
+    def visit(statements: Iterable[ast.stmt]) -> None:
+        for statement in statements:
+            if isinstance(statement, ast.Import):
+                names.update(alias.name for alias in statement.names)
+            elif isinstance(statement, ast.ImportFrom):
+                names.add(f"{statement.module}")
+                names.update(f"{statement.module}.{alias.name}" for alias in statement.names)
+            elif isinstance(statement, ast.If) and ast.unparse(statement.test).endswith("TYPE_CHECKING"):
+                visit(statement.orelse)
+            elif not isinstance(statement, ast.FunctionDef):
+                visit(each for each in ast.iter_child_nodes(statement) if isinstance(each, ast.stmt))
+
+    visit(ast.parse(content).body)
+    return hashlib.sha256(content).hexdigest(), sorted(name for name in names if name.startswith(f"{PACKAGE}."))
+
+
+def _name(file: str) -> str:
+    """Name a source file in the same way wherever the package stands."""
+    folder = next(each for each in source_folders() if file.startswith(each + os.sep))
+    return os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from graspfx import log
-from graspfx.compile import cache as disk
-from graspfx.compile.freshness import foreign_sources, identity, is_fresh
+from graspfx.compile.freshness import identity, recall, remember, request_key
 from graspfx.compile.kernel import keep_lowerings
-from graspfx.compile.own_sources import source_digest
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory
 
@@ -39,19 +36,17 @@ def program_source(
         make: whether to specialise what is not kept yet; else a LookupError.
     """
     key = program_key(text, kernels, arrays, frozen, unroll=unroll)
-    content = disk.load(key)
-    if content is not None:
-        entry = json.loads(content)
-        if is_fresh(entry["sources"]):
-            log.debug("program %s: specialised before", key[:12])
-            return str(entry["source"])
+    known = recall(key)
+    if known is not None:
+        log.debug("program %s: specialised before", key[:12])
+        return known
     if not make:
         raise LookupError("not specialised yet")
     program = specialise(text, kernels, arrays, frozen, unroll=unroll)
     source = program.source()
     log.debug("program %s: specialised, %d lines", key[:12], source.count("\n"))
     keep_lowerings()
-    disk.store(key, json.dumps({"sources": foreign_sources(program), "source": source}).encode())
+    remember(key, program, source)
     return source
 
 
@@ -66,8 +61,8 @@ def program_key(
     """Name what a program is made from; arguments as of `program_source`."""
     roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
-    return hashlib.sha256(f"program {request}".encode()).hexdigest()
+    request = json.dumps([text, roots, list(arrays), numbers, unroll])
+    return request_key((kernel.__module__ for kernel in kernels.values()), "program", request)
 
 
 def specialise(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import time
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
@@ -77,7 +76,7 @@ class ClaimServer(SocketThread):
     Args:
         line: a socket that listens; it is closed at the end.
         name: of the thread.
-        gate: before it.
+        gate: before it; silence and rates are measured on its clock.
         terms: for clients.
         things: how many may be led.
         hello: a first message to every client; none while it is empty.
@@ -185,7 +184,7 @@ class ClaimServer(SocketThread):
         if number <= client.last:
             return "number"
         client.last = number
-        if not client.budget.take(time.monotonic()) and kind != Kind.LIFT:
+        if not client.budget.take(self.gate.clock()) and kind != Kind.LIFT:
             return "rate"
         client.silence = 0.0
         if kind == Kind.ALIVE:
@@ -209,10 +208,10 @@ class ClaimServer(SocketThread):
 
     async def _watch(self) -> None:
         """Release what silent clients have; time in which nobody listened here is no silence."""
-        before = time.monotonic()
+        before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)
-            now = time.monotonic()
+            now = self.gate.clock()
             passed, before = min(now - before, 2.0 * LOOK), now
             for client in self._clients.values():
                 client.silence += passed

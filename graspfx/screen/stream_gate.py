@@ -25,7 +25,7 @@ class StreamGate(Gate):
         port: of the address; 0 for any, as behind a tunnel.
         token: 16 letters or more; by default a new one.
         origins: of pages that may open the stream besides one of this address, such as http://localhost:5000.
-        clock: [s].
+        clock: of the gate and of the server behind it [s].
 
     Attributes:
         token: as it is to be brought.
@@ -59,7 +59,7 @@ class StreamGate(Gate):
         own = {name: value for name, value in headers.items() if name != "Origin" or value not in self.origins}
         if reason := refusal(own, is_socket=False, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
-        now = self._clock()
+        now = self.clock()
         if self._is_barred(peer, now):
             return BARRED
         if is_same(token_in(target), self.token):

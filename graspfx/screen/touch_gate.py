@@ -71,21 +71,21 @@ class Gate:
         names: that the host may have.
         port: of the address; 0 for any, as behind a tunnel (`ssh -L`).
         locked: whether a token is asked for.
-        clock: [s].
+        clock: of the gate and of the server behind it [s].
     """
 
     def __init__(
         self, names: Collection[str], port: int, *, locked: bool, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.names, self.port, self.locked = frozenset(names), port, locked
-        self._clock = clock
+        self.clock = clock
         self._token, self._ends = "", 0.0
         self._sessions: list[str] = []
         self._wrong: dict[str, Bucket] = {}
 
     def renew(self) -> str:
         """Make a token, in place of the last; give it."""
-        self._token, self._ends = secrets.token_urlsafe(24), self._clock() + LIFE
+        self._token, self._ends = secrets.token_urlsafe(24), self.clock() + LIFE
         return self._token
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
@@ -101,7 +101,7 @@ class Gate:
             return Admission(HTTPStatus.FORBIDDEN, reason)
         if not self.locked or self._has_session(headers.get("Cookie", "")):
             return Admission(HTTPStatus.OK)
-        now = self._clock()
+        now = self.clock()
         if self._is_barred(peer, now):
             return BARRED
         token = "" if is_socket else token_in(target)

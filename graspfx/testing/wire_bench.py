@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -61,15 +60,15 @@ class WireBench:
     ) -> bool:
         """Tell whether the wire comes into a state in time, while the device is ticked by `act` or left alone."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
-        deadline = time.monotonic() + wait
+        deadline = self.wire.clock.now() + wait
         while True:
             if act is not None:
                 act()
             if state():
                 return True
-            if time.monotonic() > deadline:
+            if self.wire.clock.now() > deadline:
                 return False
-            time.sleep(min(self.period, 1e-3))
+            self.wire.clock.sleep(min(self.period, 1e-3))
 
     def place_error(self, seen: FloatArray) -> float:
         """Compute how far fingers are from where they are read, at most [m]; the wire knows where they are."""
@@ -86,5 +85,5 @@ class WireBench:
         """Tell whether the motors hold nothing soon, and then stay so."""
         if not self.becomes(self.is_quiet, within=self.patience):
             return False
-        time.sleep(0.005)
+        self.wire.clock.sleep(0.005)
         return self.is_quiet()

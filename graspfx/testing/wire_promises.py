@@ -7,7 +7,6 @@ import os
 import select
 import signal
 import sys
-import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -133,11 +132,11 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
             off = min(_reckoning(readings, began, bench.period, each, seen - start) for each in INTERVALS)
             promise.holds(off <= RECKONING, f"velocities that do not add up to the way: {100 * off:.0f} % off")
     with promises(SECONDS) as promise:
-        first, began = bench.tick()[2], time.perf_counter()
+        first, began = bench.tick()[2], wire.clock.now()
         elapsed = 0.0
         while elapsed < 0.2:
-            last, elapsed = bench.tick()[2], time.perf_counter() - began
-            time.sleep(min(bench.period, 1e-3))
+            last, elapsed = bench.tick()[2], wire.clock.now() - began
+            wire.clock.sleep(min(bench.period, 1e-3))
         ratio = (last - first) / elapsed
         off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by this machine's clock or the hardware's
         promise.holds(off <= RECKONING, f"{last - first} s by its readings in {elapsed:.3f} s")
@@ -209,8 +208,8 @@ def _level(bench: WireBench, forces: FloatArray) -> FloatArray:
     for _ in range(5):
         bench.device.read()
         bench.device.write(forces)
-        time.sleep(min(bench.period, 1e-3))
-    time.sleep(min(0.01, 0.2 * bench.patience))
+        bench.wire.clock.sleep(min(bench.period, 1e-3))
+    bench.wire.clock.sleep(min(0.01, 0.2 * bench.patience))
     return bench.wire.torque
 
 
@@ -291,7 +290,7 @@ def _killed(bench: WireBench, promise: Promise) -> float | None:
             os.write(theirs, repr(bench.device.features.watchdog).encode())
             while True:
                 bench.tick(bench.forces)
-                time.sleep(min(bench.period, 1e-3))
+                bench.wire.clock.sleep(min(bench.period, 1e-3))
         finally:
             os._exit(1)
     os.close(theirs)
@@ -345,9 +344,9 @@ def _check_failure(bench: WireBench, promises: Promises, kind: Failure) -> None:
             error = trouble
         if kind == "unplugged":
             promise.holds(error is not None and ticks <= AT_ONCE, f"no DeviceError in {ticks} samples")
-        began = time.perf_counter()
+        began = wire.clock.now()
         device.close()
-        spent = time.perf_counter() - began
+        spent = wire.clock.now() - began
         promise.holds(kind != "unplugged" or spent < QUICK, f"`close` took {spent:.3f} s")
         wire.heal()
         _drop(bench, promise, device.features.watchdog)

@@ -26,7 +26,7 @@ PARTS = [
     "hand.0.squeeze", "finger.0.device.mass", "finger.*.device.damping", "finger.1.device.force_limit",
     "device.0.mass", "device.0.damping", "device.0.force_limit",
 ]  # fmt: skip
-SHELF = ["paper-spring", "sphere-three-fingers", "reference-1dof", "paper-waving", "unequal-devices", "soft-pinch"]
+SHELF = ["paper-spring", "sphere-three-fingers", "paper-waving", "soft-pinch"]
 COUNT = FULL + 4
 
 
@@ -86,8 +86,8 @@ def test_columns_are_what_is_built_on_the_shelf(name: str) -> None:
     scene, rng = gx.load(name), np.random.default_rng(len(name))
     keys = {key: values for key in [*GAINS, *OTHERS] if (values := values_of(scene, key, rng)) is not None}
     assert len(keys) >= 4
-    for key, values in keys.items():
-        require_as_built(scene, {key: values})
+    for key in rng.permutation(list(keys))[:5]:
+        require_as_built(scene, {key: keys[key]})
     pairs = list(itertools.combinations(keys, 2))
     for k in rng.choice(len(pairs), size=4, replace=False):
         require_as_built(scene, {key: keys[key] for key in pairs[k]})
@@ -116,7 +116,7 @@ def test_a_value_that_a_driver_refuses_is_said_as_of_one_scene() -> None:
     assert [fault.message for fault in several.value.faults] == [fault.message for fault in single.value.faults]
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_columns_are_what_is_built_of_random_scenes(seed: int) -> None:
     table: dict[str, Any] = random_case(seed).table
     scene, rng = gx.Scene(**table, duration=1.0), np.random.default_rng(seed)

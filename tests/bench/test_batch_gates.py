@@ -15,7 +15,7 @@ from graspfx.batch.single_runs import SingleRuns
 from graspfx.batch.variants import Variants
 from graspfx.bench.cases.batches import MASS, QUANTITIES, RANGES, STIFFNESS, VISCOSITY
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.optimised]
 ROUNDS, TICKS = 7, 400
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,6 @@ from pathlib import Path
 import pytest
 
 from graspfx.bench.threads import environment
-
-pytestmark = pytest.mark.alone
 
 ROOT = Path(__file__).parents[2]
 IMPORTS = ["-c", "import numpy, h5py, pydantic, llvmlite"]
@@ -32,26 +31,18 @@ def seconds(arguments: list[str], cache: Path) -> float:
     return spent() - before
 
 
-@pytest.mark.parametrize(
-    ("scene", "most"),
-    [("paper-waving", 3.6), ("mug", 3.8), ("thin-plate", 3.8), ("prism", 5.4), ("twenty-fingers", 6.8)],
-)
-def test_a_second_run_takes_little_more_than_its_imports(scene: str, most: float, tmp_path: Path) -> None:
+@pytest.mark.alone
+def test_a_second_run_takes_little_more_than_its_imports(tmp_path: Path) -> None:
     """Ten ticks, so that start-up alone counts; of processor time, 1.8, 1.9, 1.9, 2.7 and 3.4 were measured."""
-    run = [
-        "-m",
-        "graspfx",
-        "run",
-        scene,
-        "--no-figure",
-        "--set",
-        "engine='interpreted'",
-        "--overwrite",
-        "--out",
-        "here",
-    ]
-    run += ["--duration", "0.02"]
-    seconds(run, tmp_path)  # fills the cache
-    times = [(seconds(IMPORTS, tmp_path), seconds(run, tmp_path)) for _ in range(ROUNDS)]
-    imports, own = (min(each) for each in zip(*times, strict=True))
-    assert own <= most * imports
+    most = {"paper-waving": 3.6, "mug": 3.8, "thin-plate": 3.8, "prism": 5.4, "twenty-fingers": 6.8}
+    options = ["--no-figure", "--overwrite", "--out", "here", "--duration", "0.02", "--set", "engine='interpreted'"]
+    words = {scene: ["-m", "graspfx", "run", scene, *options] for scene in most}
+    for each in words.values():
+        seconds(each, tmp_path)  # fills the cache
+    imports, own = math.inf, dict.fromkeys(most, math.inf)
+    for k in range(ROUNDS):
+        imports = min(imports, seconds(IMPORTS, tmp_path))
+        own = {scene: min(least, seconds(words[scene], tmp_path)) for scene, least in own.items()}
+        if k > 0 and all(own[scene] <= limit * imports for scene, limit in most.items()):
+            return
+    pytest.fail(f"{own} s, imports {imports:.3g} s")

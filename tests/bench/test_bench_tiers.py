@@ -15,7 +15,7 @@ from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.programs import Compiled, Generic, MachineCode
 from graspfx.loop.tick.text import write
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.optimised]
 
 SLOWER = 2.5  # generic over specialised ticks: 1.2 was measured
 SOONER = 15.0  # a specialised program over a joined one, nothing of the scene in the cache: 30 to 70 were measured

@@ -1,4 +1,4 @@
-"""A run's hardware: opened when all else is ready, settled, met where its fingers are, rested, closed."""
+"""A run's hardware: opened when all else is ready, settled, met where its fingers are, told forces, rested, closed."""
 
 from __future__ import annotations
 
@@ -409,3 +409,36 @@ def test_memory_is_frozen_while_hardware_is_open(tmp_path: Path) -> None:
     gx.run(cart(driver(tmp_path)), duration=0.05, real_time=True, stop=stop)
     assert min(counts) > 10_000
     assert gc.get_freeze_count() == 0
+
+
+def test_after_one_device_has_failed_the_next_is_told_nothing(tmp_path: Path) -> None:
+    """In the tick in which the first one's `write` raises, the second one is stopped instead; both felt it before."""
+    file = driver(tmp_path)
+    fingers = [
+        {"start": [-0.02], "device": {"name": str(file), "position": [[-0.02]], "evil": "write raises OSError"}},
+        {"start": [0.02], "device": {"name": str(file), "position": [[0.02]]}},
+    ]
+    recording = gx.run(gx.Scene(**{**CART, "finger": fingers}).replace(ramp()), real_time=True)
+    first, second = (fake for fake in fakes(file) if fake.log)
+    assert recording.faults[0].tick == first.at
+    assert [first.forces[-1][0], second.forces[-1][0]] == [first.at, first.at - 1]
+    assert first.forces[-2][1].any() and second.forces[-1][1].any()
+    after = [what for reads, what in second.log if reads > second.forces[-1][0] + 42]
+    assert after and all(what in ("stop", "close") for what in after)
+    assert np.array_equal(recording.displayed_force[first.at :], np.zeros_like(recording.displayed_force[first.at :]))
+
+
+def test_displayed_forces_do_not_scale_with_the_period() -> None:
+    """A squeeze at rest is the same for periods of 5, 2.5 and 1 ms; others display force times the period."""
+    forces = []
+    for period in (0.005, 0.0025, 0.001):
+        changes = {
+            "engine": "interpreted", "period": period,
+            "coupling.internal.stiffness": 30.0, "finger.*.hand.damping": 3.0,
+            "finger.0.hand.rest": [0.01], "finger.1.hand.rest": [-0.01],
+        }  # fmt: skip
+        recording = gx.run(gx.load("reference-1dof", changes), duration=4.0)
+        forces.append(recording.displayed_force[-1].ravel())
+    assert np.abs(forces[0]).min() > 0.05
+    assert forces[1] == pytest.approx(forces[0], rel=1e-6)
+    assert forces[2] == pytest.approx(forces[0], rel=1e-6)

@@ -26,11 +26,10 @@ TABLES = sorted(path.stem for path in plugins.shelf("scenes").glob("*.toml"))
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(new_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of each test's own, and a current folder."""
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
-    return tmp_path / "cache"
+    return new_cache
 
 
 def is_kept(name: str, **overrides: object) -> bool:
@@ -210,13 +209,19 @@ def test_a_scene_that_was_trusted_is_not_from_then_on(capsys: pytest.CaptureFixt
     assert "outside of the scene's folder" in capsys.readouterr().err
 
 
+def forget() -> None:
+    """Forget the meshes that this process has read."""
+    meshes._read.cache_clear()
+    meshes._scene_mesh.cache_clear()
+
+
 @pytest.mark.parametrize("name", ["mug", "thin-plate", "prism"])
 def test_a_mesh_from_the_cache_is_the_mesh(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every array has the same bits, and nothing loads trimesh again."""
+    forget()  # what another test has read
     [first] = [part.solid.mesh for part in resolve(load(name)).objects]
     assert first is not None
-    meshes._read.cache_clear()
-    meshes._scene_mesh.cache_clear()
+    forget()
     monkeypatch.setattr("graspfx.surfaces.triangles.mesh_file.import_module", lambda name: pytest.fail(name))
     [second] = [part.solid.mesh for part in resolve(load(name)).objects]
     assert second is not None and second is not first

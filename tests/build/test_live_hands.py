@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,12 @@ def ends(built: gx.Scene, key: str = "", value: Any = None, before: int = TICKS)
         return session.recording.finger_position[-1].copy()
 
 
+@cache
+def left_alone(kind: str, before: int) -> np.ndarray:
+    """Give where fingers of a hand with all its parts are at the end of a run without a change."""
+    return ends(scene(kind, PARTS), before=before)
+
+
 def has(kind: str, name: str) -> bool:
     absent = ("arm", "grip", "share") if kind == "finger.*.hand" else ("stiffness", "damping", "rest")
     return name not in absent
@@ -105,7 +112,7 @@ def test_a_live_key_takes_effect(name: str, kind: str) -> None:
         return
     key = f"{kind}.{name}"
     for before in (0, TICKS):
-        assert np.abs(ends(built, key, OTHER[name], before) - ends(built, before=before)).max() > 1e-9
+        assert np.abs(ends(built, key, OTHER[name], before) - left_alone(kind, before)).max() > 1e-9
 
 
 @pytest.mark.parametrize("kind", ["finger.*.hand", "finger.1.hand", "hand.right"])

@@ -15,13 +15,11 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
-from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, servo_of, settled
+from graspfx.loop.realtime.ring import Word
+from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene, servo_of, settled
 from tests.support.waiting import wait_until
 
-pytestmark = [
-    pytest.mark.alone,
-    pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX"),
-]
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
 
 LINE = "reference-1dof"
 STIFFNESS, FRICTION = "coupling.internal.stiffness", "coupling.external.damping"
@@ -38,7 +36,7 @@ def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path
         assert session.wait(0.1)
         assert session.values == {STIFFNESS: 40.0, FRICTION: 0.1}
         assert 0 < len(session.recording) <= session.tick + 100
-        assert session.force.any()
+        wait_until(lambda: session.force.any())
         with pytest.raises(InputError, match="ticks come by themselves"):
             session.step()
     rec = session.recording
@@ -61,7 +59,7 @@ def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path
 def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
     """Handles are pressed; `rest` and Ctrl-C take the force away, and a servo that is killed is told."""
     with board() as wire:
-        scene = boards_scene([wire], PATIENT)
+        scene = boards_scene([wire], PATIENT, **BUSY)
 
         def press() -> None:
             wire.place(np.array(PRESSED))
@@ -71,7 +69,7 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
             press()
             session.set(STIFFNESS, 100.0)
             session.rest()
-            wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+            wait_until(lambda: not wire.torque.any())  # the line has its own delay
             assert not session.wait(0.01)
             with pytest.raises(InputError, match="a session that goes on; it has ended"):
                 session.set(STIFFNESS, 50.0)
@@ -85,20 +83,18 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
                 sessions.append(session)
                 press()
                 threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
-                time.sleep(20.0)
+                time.sleep(600.0)
 
-        began = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
             sleep_in_a_session()
-        assert time.monotonic() - began < 20.0
-        wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+        wait_until(lambda: not wire.torque.any())  # the line has its own delay
         assert sessions[0].recording.outcome.cause == "SIGINT"
         wire.home()
         with settled(lambda: gx.open(scene, real_time=True)) as session:
             press()
             os.kill(servo_of(os.getpid()), signal.SIGKILL)
             assert not session.wait(10.0)
-            wait_until(lambda: not wire.torque.any(), 1.0)  # the line has its own delay
+            wait_until(lambda: not wire.torque.any())  # the line has its own delay
         assert session.fault is not None
         assert not session.recording.outcome.complete
         assert session.recording.outcome.cause == "the servo's process was ended by SIGKILL"
@@ -150,12 +146,14 @@ def test_what_is_more_than_numbers_is_not_live_in_real_time() -> None:
 
 
 def test_simulations_bear_a_program_that_is_busy() -> None:
-    """It gives no sign of life for twice as long as a hand on hardware would wait; no tick is held up by that."""
+    """It fetches no row for twice as long as a hand on hardware would wait; no tick is held up by that."""
     with gx.open(LINE, real_time=True) as session:
         assert session.wait(0.1)
+        words, count = session._remote.ring.words, round(1.0 / session.scene.period)
         with session._remote.guard.lock:
-            time.sleep(1.0)
+            last = int(words[Word.HEAD]) + count
+            wait_until(lambda: int(words[Word.HEAD]) >= last)
         assert session.wait(0.1)
     assert session.recording.outcome.complete
     assert session.recording.outcome.lost == 0
-    assert session.recording.time[-1] > 1.0
+    assert len(session.recording) >= last

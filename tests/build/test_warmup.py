@@ -18,29 +18,25 @@ from tests.support import foreign_parts
 from tests.support.small_scenes import LINE
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
 def said(scene: gx.Scene) -> dict[str, str]:
     return {row.step: row.why for row in engine_plan(scene)}
 
 
 def test_a_scene_of_kernels_is_one_call_and_its_program_is_where_warmup_puts_it(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    new_cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = gx.load("reference-1dof")
     before = said(scene)
     assert "one call for many ticks" in before["calls"]
-    assert f"not in {folder} yet" in before["program"] and "graspfx warmup" in before["program"]
+    assert f"not in {new_cache} yet" in before["program"] and "graspfx warmup" in before["program"]
     for state in ("compiled", "was there"):
         assert main(["warmup", "reference-1dof"]) == 0
         kernels_, line, last = capsys.readouterr().out.splitlines()
         assert kernels_.startswith("kernels of all scenes") and kernels_.endswith(" kB")
-        assert line.split()[0] == "reference-1dof" and state in line and line.endswith(" kB") and last == f"in {folder}"
-    assert f"kB in {folder}" in said(scene)["program"]
+        assert (
+            line.split()[0] == "reference-1dof" and state in line and line.endswith(" kB") and last == f"in {new_cache}"
+        )
+    assert f"kB in {new_cache}" in said(scene)["program"]
     assert main(["warmup", "reference-1dof", "--set", "coupling.internal.stiffness=30.0"]) == 0
     assert "compiled" in capsys.readouterr().out  # equal gains are another program
 
@@ -92,7 +88,7 @@ def test_a_real_device_is_neither_opened_nor_timed(tmp_path: Path) -> None:
         ("interpreted", 0.1, "interpreted, as the scene says"),
     ],
 )
-def test_what_the_key_engine_makes_of_a_duration(folder: Path, engine: str, duration: float, says: str) -> None:
+def test_what_the_key_engine_makes_of_a_duration(new_cache: Path, engine: str, duration: float, says: str) -> None:
     assert says in said(gx.Scene(**{**LINE, "engine": engine, "duration": duration}))["engine"]
 
 
@@ -114,7 +110,7 @@ def test_a_folder_that_cannot_be_written(
 
 
 def test_a_scene_that_cannot_be_compiled_is_told_and_the_others_are(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    new_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(warm, "processors", lambda: 1)
     assert main(["warmup", "nosuch", "reference-1dof"]) == 2
@@ -123,12 +119,12 @@ def test_a_scene_that_cannot_be_compiled_is_told_and_the_others_are(
     assert "compiled" in second
 
 
-def test_scenes_are_compiled_side_by_side(folder: Path) -> None:
+def test_scenes_are_compiled_side_by_side(new_cache: Path) -> None:
     names = ["reference-1dof", "nosuch"]
     made: list[Any] = list(warm.warm_all(names, {}))
     assert [each.scene for each in made] == names
     assert [each.state for each in made] == ["compiled", "cannot"]
-    assert made[0].size > 0 and any(path.suffix == ".machine" for path in folder.iterdir())
+    assert made[0].size > 0 and any(path.suffix == ".machine" for path in new_cache.iterdir())
 
 
 def test_the_plan_of_a_scene_in_space_is_its_program() -> None:

@@ -4,20 +4,327 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
+from graspfx.build.resolve import resolve
+from graspfx.build.run_header import header_of
 from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import mode_limits
 from graspfx.certificate.rest.cone_edge import released, sliding_notes
+from graspfx.compile.records import numbers, start_of
+from graspfx.coupling import block as at
 from graspfx.errors import InputError
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.velocity import VelocityEstimate
+from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
+from graspfx.objects.floor.planes import FloorState
+from graspfx.spatial import Quaternion, Vector, exponential
 from tests.support.carriers import CARRIERS, require
-from tests.support.slid_grasps import askew, slid_grasp, standing
-from tests.support.whole_ticks import RestedRun
+
+STEP = 1e-7  # [m], [m/s]
+
+
+class RestedRun:
+    """A run of simulated devices and one object, recorded to its end, that can go on with other gains.
+
+    Args:
+        scene: what is run.
+        duration: until it rests [s].
+    """
+
+    def __init__(self, scene: gx.Scene, duration: float, engine: str = "interpreted") -> None:
+        self.scene = scene
+        self._stack = ExitStack()
+        self.servo = self._stack.enter_context(build(scene, engine=engine))
+        self.recording = self.run(round(duration / scene.period))
+        self.grasped = self.servo.objects[0].grasped
+        self.state = self.grasped.body_state
+        self._arrays = self.servo.script.script.arrays
+        self._rest = {name: array.copy() for name, array in self._arrays.items()}
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def run(self, ticks: int) -> gx.Recording:
+        with Recorder(self.servo.layout, header_of(resolve(self.scene))) as recorder:
+            self.servo.run(ticks, recorder)
+            return recorder.finish()
+
+    def restore(self) -> None:
+        """Put everything back to rest."""
+        for name, array in self._arrays.items():
+            array[:] = self._rest[name]
+
+    def set_external(self, stiffness: float) -> None:
+        self.grasped.block[at.EXTERNAL_STIFFNESS] = stiffness
+
+    def growth(self, external: float, skip: int, ticks: int, speed: float) -> float:
+        """Push the fingers a little, wait, and measure the growth of the force's swing per sample."""
+        self.restore()
+        self.set_external(external)
+        rng = np.random.default_rng(1)
+        for moved in self.servo.plants:
+            plant: Any = moved.plant
+            velocity = plant.state[plant.ports.velocity :][: plant.position.size]
+            velocity += speed * rng.normal(size=velocity.shape)
+        self.run(skip)
+        force = self.run(ticks).finger_force.reshape(ticks, -1)
+        swing = np.diff(force, 2, axis=0)
+        k = np.arange(len(swing))
+        # energy of the swing over windows of a quarter, first against last
+        first, last = swing[: ticks // 4], swing[-(ticks // 4) :]
+        return float((np.sqrt((last**2).sum()) / np.sqrt((first**2).sum())) ** (1.0 / (k[-1] - ticks // 4 + 1)))
+
+    def spectral_radius(self, external: float) -> float:
+        """The largest eigenvalue of a tick's derivative, but for 1: what nothing depends on stays as it is."""
+        sizes = np.linalg.eigvals(self.tick_matrix(external))
+        return float(np.abs(sizes[np.abs(sizes - 1.0) > 1e-5]).max())
+
+    def tick_matrix(self, external: float) -> np.ndarray:
+        """d(state after a tick)/d(state before it), contacts too rough to slide; central differences."""
+        self.restore()
+        self.set_external(external)
+        self.grasped.rows[:, at.COEFFICIENT] *= 1e3
+        rough = {name: array.copy() for name, array in self._arrays.items()}
+        columns = []
+        for i in range(self._size()):
+            ends = []
+            for sign in (1.0, -1.0):
+                for name, array in self._arrays.items():
+                    array[:] = rough[name]
+                before = self._read()
+                self._move(i, sign * STEP)
+                self.run(1)
+                ends.append(self._read(before))
+            columns.append((ends[0] - ends[1]) / (2 * STEP))
+        self.restore()
+        return np.array(columns).T
+
+    # Coordinates: fingers' positions, velocities and last readings, the object's position, velocity and spin, what a
+    # floor remembers, the object's turn.
+
+    def _size(self) -> int:
+        return len(self._parts()) + (1 if self.scene.dimensions == 2 else 3)
+
+    def _parts(self) -> list[tuple[np.ndarray, int]]:
+        """(array, entry) of every coordinate but the turn's."""
+        d = self.scene.dimensions
+        turns = [2] if d == 2 else [0, 1, 2]
+        found: list[tuple[np.ndarray, int]] = []
+        for which in ("position", "velocity"):
+            for moved in self.servo.plants:
+                plant: Any = moved.plant
+                state, start = plant.state, getattr(plant.ports, which)
+                found += [(state, start + k) for k in range(plant.position.size)]
+        newest = start_of(VelocityEstimate, "positions")
+        for station in self.servo.stations:
+            device: Any = station.device
+            found += [(device.state, estimate.offset + newest) for estimate in device._estimates]
+        for first, axes in ((body.POSITION, range(d)), (body.VELOCITY, range(d)), (body.ANGULAR_VELOCITY, turns)):
+            found += [(self.state, first + a) for a in axes]
+        floor = getattr(self.servo.movers[0].body, "buffer", None)
+        if floor is not None:
+            block = FloorState(floor)
+            memory, end = block.memory.offset, block.contacts.offset
+            found += [(floor, k) for k in range(memory, end) if d == 3 or (k - memory) % 2 == 0]
+            if self.grasped.implicit:
+                force, moment = start_of(FloorState, "force"), start_of(FloorState, "moment")
+                found += [(floor, force + a) for a in range(d)] + [(floor, moment + a) for a in turns]
+        return found
+
+    def _read(self, origin: np.ndarray | None = None) -> np.ndarray:
+        d = self.scene.dimensions
+        values = [array[entry] for array, entry in self._parts()]
+        if d == 2:
+            return np.array([*values, self.state[body.ANGLE]])
+        q = self.state[body.QUATERNION : body.QUATERNION + 4]
+        if origin is None:
+            return np.array([*values, *q])
+        turn = Quaternion(*q.tolist()) @ Quaternion(*origin[-4:]).conjugate  # since then, small
+        return np.array([*values, 2 * turn.x, 2 * turn.y, 2 * turn.z])
+
+    def _move(self, i: int, length: float) -> None:
+        parts = self._parts()
+        if i < len(parts):
+            array, entry = parts[i]
+            array[entry] += length
+            return
+        if self.scene.dimensions == 2:
+            self.state[body.ANGLE] += length
+        else:
+            turn = [0.0, 0.0, 0.0]
+            turn[i - len(parts)] = length
+            q = self.state[body.QUATERNION : body.QUATERNION + 4]
+            q[:] = list(numbers(exponential(Vector(*turn)) @ Quaternion(*q.tolist())))
+        body.orient(BodyState(self.state))
+
+
+DURATION = 4.0  # [s]: the hands are closed at 0.4, and motions have died out
+
+
+def askew(
+    friction: float | str, skew: float, external: float, internal: float, squeeze: float, ramp: float = 0.0
+) -> gx.Scene:
+    """Two fingers on a box that cannot turn; their hands close along lines `skew` [m] apart, at once or in `ramp` [s].
+
+    What the hands take long to close leaves contacts on their cones' edges.
+    """
+    fingers: list[dict[str, Any]] = []
+    for side in (1, -1):
+        hand: dict[str, Any] = {"stiffness": 100.0, "damping": 1.0}
+        if ramp:
+            aside = [side * squeeze, side * skew / 2]
+            hand |= {"squeeze": math.hypot(*aside), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
+        else:
+            hand |= {"rest": [side * (squeeze - 0.025), side * skew / 2]}
+        device = {"name": "simulated", "mass": 0.15, "damping": 0.2}
+        fingers.append({"start": [-0.025 * side, 0.0], "device": device, "hand": hand})
+    return gx.Scene(
+        dimensions=2,
+        period=0.005,
+        duration=3.0,
+        object={
+            "mass": 0.1,
+            "viscosity": 0.8,
+            "integrator": "explicit",
+            "shape": {"kind": "box", "size": [0.05, 0.05]},
+            "free": [True, True, False],
+        },
+        coupling={"friction": friction, "external": {"stiffness": external}, "internal": {"stiffness": internal}},
+        finger=fingers,
+    )
+
+
+def slid_grasp(seed: int) -> gx.Scene:
+    """2 to 5 fingers on a box or a ball, in the plane or in space, whose hands close along lines beside the contacts.
+
+    Hands are damped, so that what closing excites dies out; nothing but the fingers holds the object.
+    """
+    rng = np.random.default_rng(seed)
+    d, n = int(rng.integers(2, 4)), int(rng.integers(2, 6))
+    n = max(n, d)  # two fingers in space let the object swing about their line
+    ball = bool(rng.random() < 0.5)
+    half = rng.uniform(0.02, 0.03, d)
+    directions = _around(rng, n, d)
+    starts, inward = [], []
+    for u in directions:
+        reach = half[0] if ball else float(np.min(half / np.maximum(np.abs(u), 1e-9)))
+        p = reach * u
+        axis = int(np.argmax(np.abs(p) / half))
+        normal = -u if ball else -np.sign(p[axis]) * np.eye(d)[axis]
+        starts.append(p - 1e-4 * normal)
+        inward.append(normal)
+    squeeze = rng.uniform(0.004, 0.008)
+    mu = float(rng.uniform(0.25, 0.7))
+    mass, T = float(rng.uniform(0.1, 0.3)), 0.004
+    fingers: list[dict[str, Any]] = []
+    for p, normal in zip(starts, inward, strict=True):
+        beside = rng.normal(size=d)
+        beside -= (beside @ normal) * normal
+        beside *= rng.uniform(0.3, 0.9) * squeeze / np.linalg.norm(beside)
+        fingers.append(
+            {
+                "start": p.tolist(),
+                "device": {"name": "simulated", "mass": float(rng.uniform(0.1, 0.2)), "damping": 0.4},
+                "hand": {
+                    "stiffness": float(rng.uniform(80.0, 150.0)),
+                    "damping": float(rng.uniform(1.5, 2.5)),
+                    "rest": (p + beside).tolist(),
+                    "squeeze": squeeze,
+                    "squeeze_ramp": 0.4,
+                    "closing": normal.tolist(),
+                },
+            }
+        )
+    shape = {"kind": "sphere", "radius": float(half[0])} if ball else {"kind": "box", "size": (2.0 * half).tolist()}
+    return gx.Scene(
+        dimensions=d,
+        period=T,
+        duration=DURATION,
+        object={
+            "mass": mass,
+            "viscosity": float(rng.uniform(0.5, 1.5)),
+            "rotational_viscosity": float(mass * half[0] ** 2 * rng.uniform(3.0, 8.0)),
+            "integrator": str(rng.choice(["explicit", "semi-implicit", "exact"])),
+            "shape": shape,
+        },
+        coupling={
+            "friction": mu,
+            "external": {"stiffness": float(rng.uniform(20.0, 40.0))},
+            "internal": {"stiffness": float(rng.uniform(60.0, 150.0))},
+            "absent": "follow",
+        },
+        finger=fingers,
+    )
+
+
+def _around(rng: np.random.Generator, n: int, d: int) -> np.ndarray:
+    """Directions from the centre that hold an object between them (n, d), not evenly."""
+    if d == 2:
+        angles = 2 * np.pi * np.arange(n) / n + rng.uniform(-0.25, 0.25, n) + rng.uniform(0.0, 2 * np.pi)
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if n == 3:
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        angles = 2 * np.pi * np.arange(3) / 3 + rng.uniform(-0.2, 0.2, 3)
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1) @ turn[:2]
+    around: np.ndarray = rng.normal(size=(n, 3))
+    for _ in range(200):  # they repel one another until they are spread
+        apart = around[:, None] - around[None]
+        apart /= (np.linalg.norm(apart, axis=2) ** 3 + np.eye(n))[:, :, None]
+        around = around + 0.05 * apart.sum(axis=1)
+        around /= np.linalg.norm(around, axis=1)[:, None]
+    return around
+
+
+def standing(integrator: str) -> gx.Scene:
+    """Two fingers on a box in the plane that stands on a floor, which bears its weight."""
+    fingers = [
+        {
+            "start": [0.025 * side, 0.03],
+            "device": {"name": "simulated", "mass": 0.15, "damping": 0.4},
+            "hand": {
+                "stiffness": 100.0,
+                "damping": 1.5,
+                "squeeze": 0.006,
+                "squeeze_ramp": 0.3,
+                "closing": [-side, 0.0],
+            },
+        }
+        for side in (-1, 1)
+    ]
+    return gx.Scene(
+        dimensions=2,
+        period=0.004,
+        duration=3.0,
+        gravity=[0.0, -9.81],
+        world={"friction": 0.6},
+        obstacle=[{"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
+        object={
+            "mass": 0.2,
+            "viscosity": 0.8,
+            "rotational_viscosity": 4e-4,
+            "integrator": integrator,
+            "shape": {"kind": "box", "size": [0.05, 0.06]},
+            "position": [0.0, 0.03],
+        },
+        coupling={
+            "friction": 0.5,
+            "absent": "follow",
+            "external": {"stiffness": 40.0},
+            "internal": {"stiffness": 90.0},
+        },
+        finger=fingers,
+    )
+
 
 SKEWS = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.010)  # [m]
 SLID = [seed for seed in range(44) if seed not in (2, 3, 11, 13, 15, 20, 22, 25, 29, 32, 35, 38, 42, 43)]

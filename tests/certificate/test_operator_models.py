@@ -164,8 +164,9 @@ def test_long_delays_are_counted_and_short_ones_have_states_with_one_answer(monk
 
 def test_motions_that_are_lost_together_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three fingers around a sphere are alike: eigenvalues that cross the circle are several times the same."""
-    scene = gx.load("sphere-three-fingers", {"hand.0.reaction": {"delay": 0.08, "stiffness": 60.0, "damping": 0.5}})
+    scene = gx.load("sphere-three-fingers", {"hand.0.reaction": {"delay": 0.02, "stiffness": 60.0, "damping": 0.5}})
     loop = linearise(scene)
+    assert fullloop.is_late(loop.linear)
     limits = {row.mode: row for row in mode_limits(scene, loop, halves=False, compare=False)}
     monkeypatch.setattr(fullloop, "MOST_LATE", 10_000)
     for row in mode_limits(scene, loop, halves=False, compare=False):

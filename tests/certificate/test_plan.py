@@ -41,45 +41,36 @@ def row(made: Scene, step: str) -> PlanRow:
     return found
 
 
+IMPLICIT = {"object__integrator": "implicit"}
+EQUAL: dict[str, Any] = {"coupling__internal__stiffness": 30.0}
+TURN = [{"kind": "reach", "angle": 1.0, "duration": 1.0}]
+DEPTH = {"coupling__damping_depth": 0.002}
+DAMPED = {"coupling__internal__damping": 0.1}
+NUMBERS = {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]}
 CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({}, "split", True, "eq. (3), when a contact has moved"),
     ({"coupling__contact": "attached"}, "split", True, "once: contacts are fixed"),
     ({"object__free": [False, True, True]}, "split", True, "in every sample: locked directions"),
-    (
-        {"coupling__internal__stiffness": 30.0},
-        "split",
-        False,
-        "equal external and internal gains: the conventional method",
-    ),
-    (
-        {"coupling__internal__stiffness": 30.0, "object__integrator": "implicit"},
-        "split",
-        True,
-        "whose rigid modes the implicit integrator finds forces in",
-    ),
-    ({"coupling__internal__damping": 0.1}, "rate of displacement", True, "damping"),
+    (EQUAL, "split", False, "equal external and internal gains: the conventional method"),
+    (EQUAL | IMPLICIT, "split", True, "whose rigid modes the implicit integrator finds forces in"),
+    (DAMPED, "rate of displacement", True, "damping"),
     ({}, "rate of displacement", False, "no damping"),
-    (
-        {"coupling__internal__damping": 0.1, "coupling__damping_depth": 0.002},
-        "damping by depth",
-        True,
-        "grows up to its value over 2 mm of depth",
-    ),
-    ({"coupling__internal__damping": 0.1}, "damping by depth", False, "all its damping at once"),
-    ({"coupling__damping_depth": 0.002}, "damping by depth", False, "there is no damping"),
+    (DAMPED | DEPTH, "damping by depth", True, "grows up to its value over 2 mm of depth"),
+    (DAMPED, "damping by depth", False, "all its damping at once"),
+    (DEPTH, "damping by depth", False, "there is no damping"),
     ({}, "split: rotation", True, "between 0.25 and 1 mm of arm"),
     ({"object__free": [True, True, False]}, "split: rotation", False, "locked"),
     ({"object__free": [True, True, False]}, "turn", False, "every rotation is locked"),
     ({}, "turn", True, "angular velocity"),
     ({}, "fade", True, "between 2 and 10 mm"),
     ({"coupling__absent": "follow"}, "fade", False, "absent = 'follow'"),
-    ({"coupling__internal__stiffness": 30.0}, "fade", False, "equal gains"),
+    (EQUAL, "fade", False, "equal gains"),
     ({}, "letting go", True, "slips freely"),
     ({"coupling__friction": "stick"}, "letting go", True, "holds where it touched"),
     ({"coupling__contact": "attached"}, "letting go", False, "attached: the contact is bilateral"),
     ({"coupling__contact": "attached"}, "contact points", False, "attached: they are fixed in the object"),
     ({}, "contact points", True, "closed form on box"),
-    ({"object__integrator": "implicit"}, "predict", True, "one system"),
+    (IMPLICIT, "predict", True, "one system"),
     ({}, "predict", False, "present state"),
     ({}, "move", True, "native, exact"),
     ({"coupling__external__stiffness": [30.0, 30.0]}, "impedance", True, "per finger or matrices, literal form"),
@@ -88,12 +79,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({}, "read", True, "2 x simulated"),
     ({}, "hand", True, "2 of 2 fingers held; finger0, finger1 by themselves (motion: rest)"),
     ({"finger__1__hand__squeeze": 0.002}, "hand", True, "finger0 by itself (motion: rest); finger1 by itself"),
-    (
-        {"finger__*__hand__turn": [{"kind": "reach", "angle": 1.0, "duration": 1.0}]},
-        "hand",
-        True,
-        "(motion: rest; turn: reach)",
-    ),
+    ({"finger__*__hand__turn": TURN}, "hand", True, "(motion: rest; turn: reach)"),
 ]
 
 
@@ -151,19 +137,14 @@ def test_the_split_is_made_as_often_as_the_plan_says(changes: dict[str, Any], mo
     assert made == 1 if "once" in why else made == 20 if "every" in why else 1 < made <= 20
 
 
-EQUAL = {"coupling__internal__stiffness": 30.0}
-
-
 @pytest.mark.parametrize(
     "changes",
     [
-        *(case[0] for case in CASES),
+        *{str(changes): changes for changes, *_ in CASES}.values(),
         EQUAL | {"coupling__friction": 0.5},
         EQUAL | {"coupling__passivity": "observe"},
-        EQUAL | {"object__integrator": "implicit"},
-        {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]},
-        {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]}
-        | {"object__integrator": "implicit"},
+        NUMBERS,
+        NUMBERS | IMPLICIT,
     ],
     ids=str,
 )

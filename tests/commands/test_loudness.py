@@ -10,14 +10,12 @@ from pathlib import Path
 import pytest
 
 import graspfx as gx
-from graspfx.__main__ import COMMANDS, main
+from graspfx.__main__ import main
 
 RUN = ("run", "paper-waving", "--duration", "0.1", "--no-figure", "--overwrite")
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("new_cache")
 
 
 def test_a_run_says_what_it_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,16 +71,6 @@ def test_a_quiet_run_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out.startswith("stable: ")
     assert main(["run", "paper-wavin", "-q"]) == 2
     assert "unknown scene" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_every_command_takes_them(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main([command, "--help"])
-    text = capsys.readouterr().out
-    assert "-v, --verbose" in text and "-q, --quiet" in text
-    with pytest.raises(SystemExit):
-        main([command, "-v", "-q"])
 
 
 def test_nothing_is_logged_before_somebody_listens() -> None:

@@ -40,6 +40,7 @@ def test_what_is_refused(words: list[str], text: str, capsys: pytest.CaptureFixt
 
 HARDWARE = """
 dimensions = 2
+engine = "interpreted"
 period = 0.002
 duration = 1.0
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import os
+import shutil
 import subprocess
 import sys
 import weakref
@@ -88,6 +90,50 @@ def test_a_library_is_compiled_once_with_a_line_of_progress(
     library.cache_clear()
     assert library(SMALL).cached and not capsys.readouterr().err
     library.cache_clear()
+
+
+ASK = """
+from graspfx.compile import generic
+from graspfx.compile.llvm import library_text
+from graspfx.compile.specialise.specialise import Program
+
+done, lower, emit = [], Program.source, library_text.library_text
+Program.source = lambda *given: done.append("lowered") or lower(*given)
+library_text.library_text = lambda *given: done.append("compiled") or emit(*given)
+generic.library(("graspfx.coupling.law.combine",))
+print(*done)
+"""
+EDITS = [  # a file, what stands in it and what comes in its place, and what the next process does
+    ("coupling/law.py", "", "", "lowered compiled"),
+    ("coupling/law.py", "", "", ""),
+    ("build/run.py", "", "# a comment in a module without kernels\n", ""),
+    ("loop/tick/tick.py", "", "# one beside kernels that are not asked for\n", ""),
+    ("coupling/law.py", "", "# one beside the kernel\n", "lowered"),
+    ("compile/lower/lowering.py", "", "# one in the compiler\n", "lowered"),
+    ("coupling/law.py", "kip * ", "-kip * ", "lowered compiled"),
+    ("coupling/law.py", "-kip * ", "kip * ", ""),
+    (
+        "coupling/grasp_state.py",
+        "class FingerState(FramedContact):",
+        "class FingerState(FramedContact):\n    new: float",
+        "lowered compiled",
+    ),
+    ("spatial.py", "self.x + other.x", "other.x + self.x", "lowered compiled"),
+]
+
+
+def test_programs_are_known_by_what_they_are(tmp_path: Path) -> None:
+    """An edit outside of a kernel's imports lowers nothing, and one that leaves the lowered text compiles nothing."""
+    package = tmp_path / "graspfx"
+    shutil.copytree(Path(graspfx.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {**os.environ, "GRASPFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    for file, old, new, expected in EDITS:
+        text = (package / file).read_text("utf-8")
+        assert old in text
+        (package / file).write_text(text.replace(old, new) if old else text + new, "utf-8")
+        words = [sys.executable, "-P", "-c", ASK]
+        out = subprocess.run(words, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert out.stdout.strip() == expected, (file, new)
 
 
 def test_machine_code_that_others_may_call_outlives_its_library(folder: Path) -> None:

@@ -11,12 +11,10 @@ from graspfx.compile.records import Many, Table
 from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,
-    RESTARTS,
     UNRESOLVED,
-    friction_force,
     turn_modes,
 )
-from graspfx.cones.problem import Answer, ConeContact, Gains, ModePart, Unknown, problem_size, set_up
+from graspfx.cones.problem import Answer, ModePart, Unknown, problem_size, set_up
 from graspfx.spatial import Matrix
 from tests.support.cone_problems import DEEP, Problem
 
@@ -145,60 +143,6 @@ def test_large_coefficient_holds() -> None:
         np.testing.assert_allclose(problem.force, held, rtol=1e-13, atol=1e-14)
         assert not problem.slip.any()
         assert problem.status.tolist() == [1.0] * 4
-
-
-@pytest.mark.parametrize(
-    ("coulomb", "expected", "slip"),
-    [(True, [0.1, 0.05], [0.0, -0.0025]), (False, [0.2, 0.1], [0.001, -0.002])],
-)
-def test_lone_finger_in_closed_form(coulomb: bool, expected: list[float], slip: list[float]) -> None:
-    """k = 100 N/m, mu = 0.5, 1 mm in and 3 mm along: the trial force (0.1, 0.3) N scaled back, or projected."""
-    problem = set_up(memoryview(np.zeros(problem_size(1))), 0, 1)
-    contacts = problem.contacts
-    contacts[0].weight, contacts[0].coefficient = 1.0, 0.5
-    contacts.array(ConeContact.displacement)[0, :2] = 0.001, 0.003
-    answer = friction_force(problem, 2, Gains(100.0, 100.0), coulomb, RESTARTS)
-    assert answer.law == (COULOMB if coulomb else ASSOCIATED)
-    result = np.concatenate([contacts.array(field)[0, :2] for field in (ConeContact.force, ConeContact.slip)])
-    np.testing.assert_allclose(result, [*expected, *slip], rtol=1e-14, atol=1e-18)
-    assert answer.residual == 0.0
-
-
-@pytest.mark.parametrize("ratio", [0.01, 4.0, 1000.0])
-def test_elastic_projection_is_passive(ratio: float) -> None:
-    """0 <= df/de <= K between any two displacements: (f - g)'(e - h) >= (f - g)'K^-1 (f - g)."""
-    rng = np.random.default_rng(11)
-    for _ in range(15):
-        problem = random_problem(rng, ratio, 6)
-        problem.solve(False)
-        f, e = problem.force.copy(), problem.e
-        other = e + rng.normal(size=e.size) * DEEP * 10.0 ** rng.uniform(-4, 0)
-        problem.displacement[:] = other.reshape(problem.n, problem.d)
-        problem.solve(False)
-        df, de = f - problem.force, e - other
-        rounding = 1e-12 * max(1.0, ratio, 1 / ratio) * problem.size * float(np.abs(de).max())
-        assert df @ de >= df @ np.linalg.solve(problem.K, df) - rounding
-
-
-@pytest.mark.parametrize("ratio", [0.01, 4.0, 1000.0])
-def test_added_damping_is_passive_and_stays_in_the_cone(ratio: float) -> None:
-    """f = f0 + D (e' + s): (f - f0)'e' >= 0, in the cones, nothing where f0 is zero."""
-    rng = np.random.default_rng(12)
-    for _ in range(20):
-        problem = random_problem(rng, ratio, 6)
-        n, d = problem.n, problem.d
-        f0 = problem.base_force
-        f0[:, 0] = rng.uniform(0.0, 2.0, n) * (rng.random(n) < 0.7)
-        if d > 1:
-            f0[:, 1] = rng.uniform(-1.0, 1.0, n) * problem.mu * f0[:, 0]
-        problem.status[:] = np.where(f0[:, 0] > 0.0, 0.0, -1.0)
-        assert problem.solve(False).law == ASSOCIATED
-        f = problem.force.reshape(n, d)
-        assert not f[f0[:, 0] == 0.0].any()
-        assert (np.linalg.norm(f[:, 1:], axis=1) <= problem.mu * f[:, 0] * (1 + 1e-15) + 1e-300).all()
-        assert (problem.force - f0.ravel()) @ problem.e >= -1e-14 * problem.size * DEEP
-        law_of_motion = f0.ravel() + problem.K @ (problem.e + problem.slip) - problem.force
-        assert np.abs(law_of_motion).max() <= 1e-13 * max(ratio, 1 / ratio) * (problem.size + 2.0)
 
 
 @pytest.mark.parametrize("coulomb", [False, True])

@@ -13,7 +13,6 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import MU, finger_grasp, law, respond
-from tests.support.subsets import every_subset
 
 KINDS = ("smooth", "stick", "rough")
 GAINS = ((0.5, 2.0), (2.0, 0.5), (1.0, 1.0))
@@ -50,7 +49,7 @@ def random_state(rng: np.random.Generator, kind: str, matrices: bool) -> State:
     n, d = int(rng.integers(1, 6)), int(rng.integers(1, 4))
     kep, kip = [(40.0, 160.0), (160.0, 40.0), (70.0, 70.0)][rng.integers(3)]
     ked, kid = GAINS[rng.integers(3)]
-    depth = float(10.0 ** rng.uniform(-3.5, -1.5))
+    depth = float(10.0 ** rng.uniform(-3.5, -1.5)) if rng.random() < 0.8 else 0.0
     share = rng.uniform(0.3, 2.0, n).tolist() if rng.random() < 0.3 else None
     shape = (Box((0.05,) * d), Sphere(0.03))[rng.integers(2)]
     first = rng.uniform(-0.03, 0.03, (n, d))
@@ -66,7 +65,8 @@ def random_state(rng: np.random.Generator, kind: str, matrices: bool) -> State:
     w = np.ones(n) if share is None else np.array(share)
     split = gx.Grasp(g.contact_position).split(metric=None if share is None else w, tolerance=1e-12)
     normals = g.inward()
-    s = np.clip((results[0] * normals).sum(axis=1) / (w * kip * depth), 0.0, 1.0)
+    push = (results[0] * normals).sum(axis=1)
+    s = np.clip(push / (w * kip * depth), 0.0, 1.0) if depth else (push > 0.0).astype(float)
     D = law(kep, kip, ked, kid).damping(split)
     return State(kind, results[0], results[1], rate, normals, D, s, w, max(ked, kid))
 
@@ -76,6 +76,8 @@ def random_state(rng: np.random.Generator, kind: str, matrices: bool) -> State:
 @pytest.mark.parametrize("kind", KINDS)
 def test_force_is_the_projection_with_dampers_in_series(kind: str, matrices: bool, count: int) -> None:
     """Random states: f is the least of 1/2 (f - f0 - D_s e')'D_s^-1 (f - f0 - D_s e') over the cones, passive.
+
+    One in five has all its damping at once, D_s = D.
 
     By the conditions of an optimum, with D from an SVD and dense inverses: x = D_s^-1 (f - f0) - e' lies in the dual
     cone, f in the cone, and x'f = 0, each to 1e-12 of the rates and forces at hand.
@@ -104,49 +106,6 @@ def test_force_is_the_projection_with_dampers_in_series(kind: str, matrices: boo
         assert np.abs(work).max() <= 1e-12 * speed * force, state
         assert ((f - f0) * state.rate).sum() >= -1e-13 * speed * force
     assert shallow > count // 8
-
-
-def test_frictionless_force_is_that_of_every_subset() -> None:
-    """40 states by trying every set of fingers that push: the least function among them, to 1e-12 of the forces."""
-    rng = np.random.default_rng(20)
-    for _ in range(40):
-        state = random_state(rng, "smooth", False)
-        if not state.touching.any():
-            continue
-        M, carried = state.in_series()
-        goal = M @ state.f0.ravel()[carried] + state.rate.ravel()[carried]
-        expected = every_subset(np.linalg.inv(M), goal, state.normals[state.touching])
-        scale = np.abs(state.f).max() + np.abs(state.f0).max()
-        np.testing.assert_allclose(state.f.ravel()[carried], expected, rtol=0.0, atol=1e-12 * scale)
-
-
-def test_frictional_force_is_a_conic_solvers() -> None:
-    """20 states by Clarabel, to its own tolerance: 1e-6 of the largest force."""
-    clarabel = pytest.importorskip("clarabel")
-    from scipy import sparse
-
-    rng = np.random.default_rng(21)
-    for _ in range(20):
-        state = random_state(rng, "rough", False)
-        n, d = int(state.touching.sum()), state.f0.shape[1]
-        if not n or d == 1:
-            continue
-        M, carried = state.in_series()
-        unit = np.abs(state.f).max()
-        turn = np.zeros((n * d, n * d))  # contact axes: the normal times mu first
-        for i, normal in enumerate(state.normals[state.touching]):
-            basis = np.linalg.qr(np.column_stack([normal, np.eye(d)]))[0]
-            basis[:, 0] = MU * normal
-            turn[i * d : i * d + d, i * d : i * d + d] = basis.T
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
-        goal = M @ state.f0.ravel()[carried] + state.rate.ravel()[carried]
-        solution = clarabel.DefaultSolver(
-            sparse.csc_matrix(np.triu(M)), -goal / unit, sparse.csc_matrix(-turn), np.zeros(n * d),
-            [clarabel.SecondOrderConeT(d)] * n, settings,
-        ).solve()  # fmt: skip
-        np.testing.assert_allclose(state.f.ravel()[carried] / unit, solution.x, atol=1e-6)
 
 
 def damper(g: GraspedObject, position: np.ndarray, speed: float = 1e-7) -> np.ndarray:

@@ -17,7 +17,7 @@ from graspfx.grasp.impedance import ActiveCouplingWarning, per_finger
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box
-from tests.support.grasps import RIGID, free_mask, grasped, law
+from tests.support.grasps import RIGID, free_mask, grasped, law, respond
 from tests.support.scatter import positive
 
 FloatArray = NDArray[np.float64]
@@ -68,10 +68,13 @@ def test_they_are_those_of_the_law(outer: str, inner: str, d: int, form: str) ->
         inertia = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}[d]
         rules = Rules(attached=True, share=weights.tolist(), axes="world")
         g = grasped(n, d, gains, rules, contacts=contacts, inertia=inertia, orientation=turned(d))
-        K, D = sampled(g, rng.normal(size=(n, d)))
+        p, v = rng.normal(size=(2, n, d))
+        force = respond(g, p, v)
+        K, D = matrices(g)
         R = g.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)[:d, :d]
         split = gx.Grasp(contacts @ R.T).split(metric=weights)
-        for made, expected in ((K, gains.stiffness(split)), (D, gains.damping(split))):
+        of_law = gains.force(split, (p - contacts @ R.T).ravel(), v.ravel()).reshape(n, d)
+        for made, expected in ((K, gains.stiffness(split)), (D, gains.damping(split)), (force, of_law)):
             np.testing.assert_allclose(made, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 

@@ -20,10 +20,9 @@ from graspfx.coupling.react import react
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import sample
 from graspfx.coupling.scaling import scale
-from graspfx.objects.body import fill_body
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
-from tests.support.grasps import law
+from tests.support.grasps import ON_A_LINE, RIGID, grasped, law
 from tests.support.pushed_grasps import KINDS, depth, push, random_grasp, wrench_rows
 
 # Scaling ----------------------------------------------------------------------------------------------------------
@@ -69,7 +68,7 @@ def test_scaling_keeps_cones_limits_and_the_wrench(kind: str) -> None:
 
 def test_scaling_gives_up_squeezing_first() -> None:
     """Two fingers on a line at 1.5 N and 0.6 N, at most 1 N: 1.0 and 0.1 N move the object with the same 0.9 N."""
-    g = GraspedObject(2, 1, 0.001, law(40.0, 160.0), Rules(stick=True), line, shape=Box((0.05,)), limit=1.0)
+    g = grasped(2, 1, law(40.0, 160.0), Rules(stick=True), shape=Box((0.05,)), limit=1.0, **ON_A_LINE)
     g.rows[:, at.NORMAL] = 1.0, -1.0
     g.touching[:] = 1.0
     g.rows[:, at.LOCAL] = 1.5, -0.6
@@ -80,23 +79,7 @@ def test_scaling_gives_up_squeezing_first() -> None:
     np.testing.assert_allclose(g.rows[:, at.LOCAL], [1.0, 0.0], rtol=0.0, atol=1e-13)
 
 
-def line(state: np.ndarray) -> None:
-    fill_body(state, dimensions=1, mass=0.1)
-
-
 # Inside the projection --------------------------------------------------------------------------------------------
-
-
-def attached_grasp(rng: np.random.Generator, n: int, gains: Any, limit: Any) -> tuple[GraspedObject, np.ndarray]:
-    start = rng.uniform(-0.03, 0.03, (n, 3))
-
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=3, mass=0.1, inertia=4e-5, rotational_viscosity=1e-4)
-
-    rules = Rules(attached=True)
-    g = GraspedObject(n, 3, 0.005, gains, rules, fill, shape=Box((0.06,) * 3), limit=limit)
-    g.attach(start)
-    return g, start
 
 
 @pytest.mark.parametrize("rules", [Rules(friction=3.0, fade=None), Rules(stick=True, fade=None)], ids=["mu", "stick"])
@@ -107,11 +90,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
     The limit slips, the contacts do not: they stick where they touched.
     """
     start = 0.022 * np.array([[1.0, 0.1, 0.2], [-1.0, 0.2, -0.1], [0.1, 1.0, 0.1], [-0.2, -1.0, 0.1]])
-
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=3, mass=0.1, inertia=4e-5, rotational_viscosity=1e-4)
-
-    g = GraspedObject(4, 3, 0.005, law(kep, kip), rules, fill, shape=Box((0.06,) * 3), limit=0.15)
+    g = grasped(4, 3, law(kep, kip), rules, shape=Box((0.06,) * 3), limit=0.15)
     g.meet(1.5 * start)
     run, shares, sticks = program(sample, g), [], []
 
@@ -145,8 +124,8 @@ def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None
     force, which the object receives too, leaves more than 1e-2.
     """
     limit, cut, count = 0.08, 0, 0
-    g, start = attached_grasp(np.random.default_rng(3), 4, law(kep, kip), limit)
-    free, _ = attached_grasp(np.random.default_rng(3), 4, law(kep, kip), None)
+    start = np.random.default_rng(3).uniform(-0.03, 0.03, (4, 3))
+    g, free = (grasped(4, 3, law(kep, kip), RIGID, contacts=start, limit=most) for most in (limit, None))
     run, run_free, again = program(sample, g), program(sample, free), program(react, free)
 
     def inside(g: GraspedObject) -> int:

@@ -10,10 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.plan import plan
-from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
-from graspfx.surfaces.closed_form.shape import Box
-from tests.support.grasps import grasped, law, respond
 
 HEAVY, LIGHT = 0.3, 0.1  # devices' masses [kg]
 
@@ -62,42 +59,6 @@ def test_they_stay_coupled_otherwise(metric: str, friction: tuple[float, float])
     """With the equal metric, and with the mass metric where friction is not in the ratio of the masses."""
     internal, _ = coordinates(gx.run(waved(metric, (0.01, 0.01), friction)))
     assert np.abs(internal).max() > 1e-4
-
-
-@pytest.mark.parametrize("kip", [40.0, 160.0])
-@pytest.mark.parametrize("matrices", [False, True])
-def test_force_is_the_analysis_with_the_metric(kip: float, matrices: bool) -> None:
-    """f = K e + D e' of gx.Coupling with Split(metric=m/mean), equal gains too: k M e; numbers and matrices."""
-    rng = np.random.default_rng(1)
-    share = np.array([0.5, 1.0, 1.5])
-    contacts = rng.normal(size=(3, 3)) * 0.03
-    one: Any = np.eye(3) if matrices else 1.0
-    gains = law(40.0 * one, kip * one, 0.3 * one, kip / 40.0 * 0.3 * one)
-    g = grasped(3, 3, gains, Rules(attached=True, share=tuple(share)), contacts=contacts, inertia=(1e-5, 2e-5, 3e-5))
-    e, v = rng.normal(size=(3, 3)) * 1e-3, rng.normal(size=(3, 3)) * 0.1
-    numbers = law(40.0, kip, 0.3, kip / 40.0 * 0.3)
-    expected = numbers.force(gx.Grasp(contacts).split(metric=share), e.ravel(), v.ravel()).reshape(3, 3)
-    np.testing.assert_allclose(respond(g, contacts + e, v), expected, rtol=0.0, atol=1e-14)
-    if kip == 40.0:
-        np.testing.assert_allclose(expected, share[:, None] * (40.0 * e + 0.3 * v), rtol=1e-13)
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.4])
-def test_touching_goes_by_the_metric_too(friction: float) -> None:
-    """Against gx.unilateral_force on the K of the analysis, three fingers of 1:2:3."""
-    rng = np.random.default_rng(2)
-    share = np.array([0.5, 1.0, 1.5])
-    gains = law(40.0, 160.0)
-    rules = Rules(fade=None, friction=friction, share=tuple(share), blend=(1e-9, 2e-9))
-    for _ in range(20):
-        g = grasped(3, 2, gains, rules, shape=Box((0.05, 0.05)))
-        p = rng.uniform(-0.028, 0.028, size=(3, 2))
-        respond(g, p)
-        p += rng.normal(size=(3, 2)) * 5e-4
-        f, c = respond(g, p), g.contact_position
-        K = gains.stiffness(gx.Grasp(c).split(metric=share, tolerance=1e-12))
-        touch = gx.unilateral_force(K, (p - c).ravel(), g.inward(), friction)
-        np.testing.assert_allclose(f.ravel(), touch.force, rtol=0.0, atol=1e-13)
 
 
 def test_a_device_that_tells_no_mass_is_a_fault(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import conclude
 from graspfx.coupling.sample import respond as law_alone
 from graspfx.errors import InputError
-from graspfx.objects.body import NativeBody, fill_body
+from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import INERTIA, SHARP, grasped, law, respond
@@ -284,15 +284,11 @@ def test_limits_cut_the_force_and_the_depth_with_it(kind: str, gains: tuple[floa
     """A finger at its limit: f_n = k delta^1.5 of the force that is left, others as their displacement asks for."""
     k = np.array([2e3, 1e4])
     rules = Rules(fade=None, friction=MU if kind == "rough" else 0.0, pad=k.tolist())
-    g = GraspedObject(2, 2, 0.005, law(*gains), rules, _fill, shape=Box((0.05, 0.05)), limit=[0.05, np.inf])
+    g = grasped(2, 2, law(*gains), rules, shape=Box((0.05, 0.05)), limit=[0.05, np.inf])
     f = respond(g, [[-0.022, 0.0], [0.023, 0.001]])
     assert np.linalg.norm(f[0]) == pytest.approx(0.05, rel=1e-9)
     assert g.state.fingers[0].saturated and not g.state.fingers[1].saturated
     assert misses(g, k).max() < 1e-13
-
-
-def _fill(state: np.ndarray) -> None:
-    fill_body(state, dimensions=2, mass=0.1, inertia=4e-5, rotational_viscosity=1e-4)
 
 
 def test_a_search_without_an_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,40 +14,16 @@ from graspfx.certificate.prospect import kernels
 from graspfx.commands.output import doubts
 from graspfx.coupling.law import normal_force
 from graspfx.errors import SceneError
+from tests.support import small_scenes
 
 PADS = np.array([2e4, 6e4, 1e5])
 
 
+SOFT = {f"finger__{i}__pad": {"kind": "hertz", "stiffness": k} for i, k in enumerate(PADS.tolist())}
+
+
 def closing(**changes: Any) -> gx.Scene:
-    """Three fingers that close on a disc, touch it one after another and hold it; pads of three kinds."""
-    angles = 2 * np.pi * np.arange(3) / 3 + 0.1
-    out = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    scene = gx.Scene(
-        dimensions=2,
-        period=0.002,
-        duration=0.12,
-        object={
-            "mass": 0.1,
-            "viscosity": 0.5,
-            "rotational_viscosity": 2e-4,
-            "shape": {"kind": "sphere", "radius": 0.03},
-        },
-        coupling={
-            "external": {"stiffness": 200.0},
-            "internal": {"stiffness": 400.0},
-            "friction": 0.6,
-        },
-        finger=[
-            {
-                "start": ((0.033 + 0.0007 * i) * out[i]).tolist(),
-                "pad": {"kind": "hertz", "stiffness": PADS[i].item()},
-                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
-                "hand": {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.01, "squeeze_ramp": 0.1},
-            }
-            for i in range(3)
-        ],
-    )
-    return scene.replace({key.replace("__", "."): value for key, value in changes.items()})
+    return small_scenes.closing(**(SOFT | changes))
 
 
 DAMPED: dict[str, Any] = {"coupling__external__damping": 1.0, "coupling__internal__damping": 2.0}

@@ -9,25 +9,17 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.plan import plan
-from graspfx.compile.kernel import written
-from graspfx.compile.machine import compiled
 from graspfx.compile.records import numbers
-from graspfx.cones.mode_equations import jacobian_of_modes
-from graspfx.cones.problem import ConeContact, problem_size, set_up
-from graspfx.cones.square_equations import jacobian_of_square
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
-from graspfx.grasp.contact_state import Contact
-from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
 from graspfx.spatial import Quaternion, Vector, exponential
 from graspfx.surfaces.closed_form.shape import Box, Sphere
-from tests.support.contact_sets import ContactSet, contact_set, modes_of
 from tests.support.grasps import grasped, law, respond
 
 RHO = 0.006  # [m]
@@ -88,18 +80,6 @@ def test_attached_torsion_is_the_analysis_with_its_metric(n: int, kip: float) ->
     np.testing.assert_allclose(g.moment, expected[:, 3:] * swung, rtol=0.0, atol=1e-16)
     np.testing.assert_allclose(g.wrench[3:], (np.cross(p, f) + g.moment).sum(axis=0), rtol=0.0, atol=1e-16)
     np.testing.assert_allclose(swung, normals, atol=0.05)  # the normal, but for half the swing
-
-
-def test_newton_metres_and_newton_millimetres_are_the_same_forces() -> None:
-    """In mm, N/mm and N mm, rho in mm: the same to 1e-12. (With a bare pseudoinverse they differ by 15 %.)"""
-    e = np.random.default_rng(0).normal(size=(4, 4)) * [1e-3, 1e-3, 1e-3, 0.05]
-    found = []
-    for unit in (1.0, 1000.0):
-        grasp = gx.Grasp(0.03 * unit * OUT, -OUT, model="soft")
-        split = grasp.split(metric=grasp.metric(torsion_length=RHO * unit))
-        gains = law(40.0 / unit, 160.0 / unit)
-        found.append(gains.force(split, (e * [unit, unit, unit, 1.0]).ravel()).reshape(4, 4) / [1, 1, 1, unit])
-    np.testing.assert_allclose(found[1], found[0], rtol=0.0, atol=1e-12 * np.abs(found[0]).max())
 
 
 @pytest.mark.parametrize("integrator", ["exact", "implicit"])
@@ -229,53 +209,6 @@ def test_implicit_force_and_torsion_are_solved_with_the_objects_motion(kip: floa
     give = np.diag([0.005**2 / 0.1] * 3 + [0.005**2 / (j + 0.005 * 1e-4) for j in INERTIA])
     expected = np.linalg.solve(np.linalg.inv(K) + G.T @ give @ G, np.column_stack([e, np.zeros(4)]).ravel())
     np.testing.assert_allclose(g.rows[:, at.LOCAL : at.LOCAL + 4].ravel(), expected, rtol=0.0, atol=1e-13)
-
-
-def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
-    """Four coordinates a finger, 200 random blocks: the return map with both Jacobians."""
-    rng = np.random.default_rng(8)
-    n, c, count, size = 3, 4, 6, 12
-    square = problem_size(n, size)
-    twins = {kernel: compiled(kernel) for kernel in (jacobian_of_modes, jacobian_of_square)}
-    for k in range(200):
-        S = rng.normal(size=square + size * size)
-        problem = set_up(S, 0, n, size)
-        contacts = problem.contacts
-        contacts.array(ConeContact.weight)[:] = rng.uniform(0.2, 1.5, size=n)
-        contacts.array(ConeContact.coefficient)[:] = rng.uniform(0.2, 1.5, size=n)
-        contacts.array(ConeContact.status)[:] = 0.0
-        contacts.array(ConeContact.compliance)[:] = rng.uniform(0.0, 0.1, size=n)
-        problem.limited, problem.compliant = False, k // 4 % 2 == 1
-        theta = float(k % 2)
-        calls: dict[Any, tuple[Any, ...]] = {
-            jacobian_of_modes: (0, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta),
-            jacobian_of_square: (0, c, 160.0, S, square, size, theta),
-        }
-        for kernel, arguments in calls.items():
-            a, b = S.copy(), S.copy()
-            one, other = ([x if entry is S else entry for entry in arguments] for x in (memoryview(a), b))
-            told, found = kernel(memoryview(a), *one), twins[kernel](b, *other)
-            assert told == found and np.array_equal(a, b)
-
-
-def test_modes_with_torsion_compile_to_the_same_bits() -> None:
-    """Random contacts with normals and patches, as written, lowered and compiled."""
-    rng = np.random.default_rng(9)
-    twin = compiled(rigid_modes)
-    for _ in range(100):
-        axes = np.vstack([np.eye(3), np.eye(3)])
-        sets = [contact_set(rng.normal(size=(3, 3)), rng.uniform(0.2, 1.5, size=3), axes, 3, width=4)]
-        sets[0].contacts.array(Contact.normal)[:] = rng.normal(size=(3, 3))
-        sets[0].contacts.array(Contact.patch)[:] = rng.uniform(0.0, 0.1, size=3)
-        sets += [ContactSet(sets[0].buffer.copy()), ContactSet(sets[0].buffer.copy())]
-        counts = modes_of(sets[0], 3, 0.1, 2.0), modes_of(sets[1], 3, 0.1, 2.0, written(rigid_modes))
-        one, S = sets[2], sets[2].buffer
-        group = (S, one.contacts.offset, one.contacts.stride, 3)
-        count, blended = twin(
-            *group, S, one.freedom.offset, 3, 0.1, 2.0, 4, False, S, one.modes.offset, one.modes.columns
-        )
-        assert counts[0] == counts[1] == (count, blended)
-        assert sets[0].buffer.tobytes() == sets[1].buffer.tobytes() == S.tobytes()
 
 
 # Scenes -----------------------------------------------------------------------------------------------------------

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -14,12 +18,28 @@ from graspfx.coupling import contact_frames, sample
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.objects.body import NativeBody, fill_body
+from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box, Sphere
-from tests.support.grasps import law
-from tests.support.plain_python import plain_python
+from tests.support.grasps import INERTIA, ON_A_LINE, grasped, law
 
-INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}
+
+@contextmanager
+def plain_python() -> Iterator[None]:
+    """Let kernels that are called by name run as they are written, in every module that is loaded."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("graspfx.")]
+    lowered = [
+        (module, name, member)
+        for module in modules
+        for name, member in list(vars(module).items())
+        if isinstance(member, FunctionType) and hasattr(member, "__kernel__")
+    ]
+    try:
+        for module, name, member in lowered:
+            setattr(module, name, written(member))
+        yield
+    finally:
+        for module, name, member in lowered:
+            setattr(module, name, member)
 
 
 def matrix(rng: np.random.Generator, size: int, low: float) -> np.ndarray:
@@ -61,13 +81,13 @@ def random_grasp(rng: np.random.Generator, case: str, kind: str) -> GraspedObjec
     free = [True] * d + (rng.random({1: 0, 2: 1, 3: 3}[d]) < 0.7).tolist()
     integrator = str(rng.choice(["exact", "implicit"]))
 
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=d, mass=0.1, inertia=INERTIA[d], free=free, integrator=integrator)
-
     rules = Rules(fade=(0.002, 0.01) if rng.random() < 0.7 else None, axes=rng.choice(["object", "world"]), **settings)
     shape: Any = Box((0.05,) * d) if rng.random() < 0.6 else Sphere(0.03)
     limit = rng.uniform(0.2, 3.0, n) if rng.random() < 0.5 else None
-    return GraspedObject(n, d, 0.002, coupling(rng, kind, n, d), rules, fill, shape=shape, limit=limit)
+    return grasped(
+        n, d, coupling(rng, kind, n, d), rules, period=0.002, shape=shape, limit=limit, inertia=INERTIA[d],
+        rotational_viscosity=0.0, free=free, integrator=integrator,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -105,10 +125,8 @@ def test_limits_after_a_brake() -> None:
 
     rng = np.random.default_rng(1)
     for friction in (0.0, 0.6):
-        g = GraspedObject(
-            3, 3, 0.002, law(40.0, 160.0, 0.1, 0.3), Rules(friction=friction),
-            lambda state: fill_body(state, dimensions=3, mass=0.1, inertia=4e-5), shape=Box((0.05,) * 3), limit=0.3,
-        )  # fmt: skip
+        gains, rules = law(40.0, 160.0, 0.1, 0.3), Rules(friction=friction)
+        g = grasped(3, 3, gains, rules, period=0.002, shape=Box((0.05,) * 3), limit=0.3)
         g.meet(0.04 * np.eye(3))
         g.finger_position[:] = 0.02 * np.eye(3) + rng.normal(size=(3, 3)) * 0.001
         assert g.sample() == 0
@@ -124,11 +142,8 @@ def test_limits_after_a_brake() -> None:
 def test_frames_there_and_back(d: int) -> None:
     """A vector in a contact's frame and back again is itself to rounding."""
     rng = np.random.default_rng(d)
-
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=d, mass=0.1, free=[True] * d + [False] * (0, 1, 3)[d - 1])
-
-    g = GraspedObject(1, d, 0.002, law(40.0, 160.0), Rules(), fill, shape=Sphere(0.03))
+    free = [True] * d + [False] * (0, 1, 3)[d - 1]
+    g = grasped(1, d, law(40.0, 160.0), Rules(), shape=Sphere(0.03), free=free, **ON_A_LINE)
     for _ in range(50):
         out = rng.normal(size=(1, d))
         g.meet(0.04 * out / np.linalg.norm(out))

@@ -6,7 +6,6 @@ import ctypes
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,24 +13,17 @@ import pytest
 
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import driver
-from graspfx.testing.wire import ForceDimensionWire, fake_library
+from graspfx.testing.wire import ForceDimensionWire
 from graspfx.testing.wire.c_compiler import compiler
 from graspfx.testing.wire.fake_library import FUNCTIONS
-
-pytestmark = pytest.mark.alone
+from tests.support.hardware import VirtualClock
 
 PERIOD = 0.001
 
 
-@pytest.fixture(params=["linked", "loaded"])
-def wire(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[ForceDimensionWire]:
-    """A library linked by this machine's compiler, and one that LLVM has loaded into this process."""
-    if request.param == "loaded":
-        monkeypatch.setattr(fake_library, "compiler", lambda: None)
-    elif compiler() is None:
-        pytest.skip("no C compiler")
-    with ForceDimensionWire(slowness=20.0) as bench:  # a watchdog of 0.6 s: this machine may be busy
-        assert isinstance(bench.library, str) == (request.param == "linked")
+@pytest.fixture
+def wire() -> Iterator[ForceDimensionWire]:
+    with ForceDimensionWire(clock=VirtualClock()) as bench:
         yield bench
 
 
@@ -98,18 +90,18 @@ def test_no_new_data_is_the_last_sample_and_no_error(wire: ForceDimensionWire) -
 
 
 @pytest.mark.parametrize("function", ["dhdGetPosition", "dhdSetForce", "dhdGetStatus"])
-@pytest.mark.parametrize("code", [-1, -2, -1000])
-def test_no_new_data_never_hides_an_error_of_another_call(wire: ForceDimensionWire, function: str, code: int) -> None:
+def test_no_new_data_never_hides_an_error_of_another_call(wire: ForceDimensionWire, function: str) -> None:
     with connect(wire) as device:
         device.open(PERIOD)
         for other in ("dhdGetPosition", "dhdSetForce", "dhdGetStatus"):
             wire.answer(other, 1)
         device.read()
         device.write(np.ones((1, 3)))
-        wire.answer(function, code)
         call = device.write if function == "dhdSetForce" else lambda _: device.read()
-        with pytest.raises(DeviceError, match=f"{function} .* returns {code}: communication error"):
-            call(np.ones((1, 3)))
+        for code in (-1, -2, -1000):
+            wire.answer(function, code)
+            with pytest.raises(DeviceError, match=f"{function} .* returns {code}: communication error"):
+                call(np.ones((1, 3)))
 
 
 def test_positive_codes_are_no_errors(wire: ForceDimensionWire) -> None:
@@ -208,7 +200,6 @@ def test_quench_reaches_a_device_whose_program_was_killed() -> None:
                 quench(**wire.settings)
             program.kill()
             program.wait()
-            time.sleep(0.05)
             assert wire.torque.any()
             quench(**wire.settings)
             assert not wire.torque.any() and wire.devices[0].owner == 0

@@ -6,31 +6,42 @@ import math
 import os
 import pty
 import struct
-import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from graspfx.devices import haply_2diy
 from graspfx.devices.haply_2diy.diy_frames import angles_in, setup_frame, torque_frame
 from graspfx.devices.haply_2diy.five_bar import FiveBar
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import QuenchableDriver, SerialPort
 from graspfx.testing import driver
 from graspfx.testing.wire import DiyWire
-
-pytestmark = pytest.mark.alone
+from tests.support.hardware import Line, VirtualClock
 
 PERIOD = 0.002
-PATIENT = 0.05  # for an answer: this machine may be busy
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[DiyWire]:
+    """A board on a clock of its own, to which every port leads."""
+    with DiyWire(clock=VirtualClock()) as board:
+        monkeypatch.setattr(haply_2diy, "SerialPort", lambda path: Line(board))
+        yield board
 
 
 def connect(wire: DiyWire, **settings):
-    return driver("haply-2diy").connect(**{"timeout": PATIENT, **wire.settings, **settings})
+    return driver("haply-2diy").connect(**{"timeout": 0.001, **wire.settings, **settings})
 
 
-def read_often(device, count: int) -> None:
+def read_often(device, count: int) -> list[float]:
+    """Read once a period; give the times."""
+    times = []
     for _ in range(count):
-        device.read()
+        device.port.sleep(PERIOD)
+        times.append(device.read()[2])
+    return times
 
 
 def test_golden_frames() -> None:
@@ -63,8 +74,8 @@ def test_the_linkage_closes_and_its_jacobian_is_its_derivative(distance: float) 
         FiveBar((0.09, 0.07), distance, 0.005).handle(math.pi, 0.0)
 
 
-def test_positions_and_forces_are_those_of_the_handle() -> None:
-    with DiyWire() as wire, connect(wire) as device:
+def test_positions_and_forces_are_those_of_the_handle(wire: DiyWire) -> None:
+    with connect(wire) as device:
         device.open(PERIOD)
         assert np.allclose(device.read()[0], wire.position, atol=1e-7)
         force = np.array([[0.2, -0.3]])
@@ -72,8 +83,8 @@ def test_positions_and_forces_are_those_of_the_handle() -> None:
         device.read()  # answered: the board has acted
         assert np.allclose(wire.force, force, atol=1e-6)
         wire.place(np.array([166.0, 13.0]))
-        for _ in range(40):  # longer than the window of the velocity
-            position, velocity, _ = device.read()
+        read_often(device, 40)  # longer than the window of the velocity
+        position, velocity, _ = device.read()
         assert np.allclose(position, wire.position, atol=1e-7) and not velocity.any()
         device.write(1e3 * force)
         device.read()
@@ -110,113 +121,81 @@ def test_a_frame_leaves_in_one_piece() -> None:
 
 
 @pytest.mark.parametrize("kind", ["drop", "cut", "garbage", "wrong-id", "late"])
-def test_a_bad_answer_holds_the_last_sample_and_the_next_one_is_asked_for(kind) -> None:
-    with DiyWire() as wire, connect(wire, timeout=0.01) as device:
+def test_a_bad_answer_holds_the_last_sample_and_the_next_one_is_asked_for(wire: DiyWire, kind) -> None:
+    with connect(wire) as device:
         device.open(PERIOD)
-        place = device.read()[0].copy()
-        wire.fail(kind, 0.03 if kind == "late" else None)
-        times = []
+        read_often(device, 1)
+        place, _, before = device.read()
+        place = place.copy()
+        wire.fail(kind, 0.003 if kind == "late" else None)
+        times = [before]
         for _ in range(12):
-            try:
-                position, _, now = device.read()
-            except DeviceError:
-                break
+            device.port.sleep(PERIOD)
+            position, _, now = device.read()
             times.append(now)
             assert np.abs(position - place).max() < 1e-9  # never zero, never anything else
-        assert len(set(times)) < len(times)
+        assert len(set(times)) < len(times) and times == sorted(times)
         wire.heal()
-        began = time.monotonic()
-        while now == times[-1] and time.monotonic() - began < 5.0:
-            _, _, now = device.read()
-        assert now > times[-1]
+        assert read_often(device, 2)[-1] > times[-1]
 
 
-def test_a_board_that_says_nothing_is_a_fault_and_is_told_zero() -> None:
-    with DiyWire() as wire, connect(wire, timeout=0.005) as device:
+def test_a_board_that_says_nothing_is_a_fault_and_is_told_zero(wire: DiyWire) -> None:
+    with connect(wire) as device:
         device.open(PERIOD)
         device.write(np.array([[0.3, 0.0]]))
         wire.fail("drop", 1)
+        read_often(device, 20)
+        assert wire.torque.any()
         with pytest.raises(DeviceError, match="no answer to 21 readings"):
-            read_often(device, 50)
-        time.sleep(0.02)
+            read_often(device, 1)
         assert not wire.torque.any()
 
 
-def test_an_angle_that_no_link_can_have_turned_to_is_not_taken() -> None:
-    with DiyWire() as wire, connect(wire) as device:
+def test_an_angle_that_no_link_can_have_turned_to_is_not_taken(wire: DiyWire) -> None:
+    with connect(wire) as device:
         device.open(PERIOD)
         place, _, before = device.read()
         place = place.copy()
         wire.place(np.array([100.0, 80.0]))  # 68 degrees in a sample, as a bit in a float does
-        position, _, now = device.read()
-        assert np.array_equal(position, place) and now == before
+        (now,) = read_often(device, 1)
+        assert np.array_equal(device.read()[0], place) and now == before
         wire.home()
-        assert device.read()[2] > now
+        assert read_often(device, 1)[0] > now
 
 
-def test_a_cut_frame_blocks_the_board_with_its_torques_on_and_quench_takes_them_away() -> None:
+def test_a_cut_frame_blocks_the_board_with_its_torques_on_and_quench_takes_them_away(wire: DiyWire) -> None:
     """A program dies between two bytes of a frame; the board takes what comes next for the rest of it."""
     module = driver("haply-2diy")
     assert isinstance(module, QuenchableDriver)
-    with DiyWire() as wire:
-        device = connect(wire)
-        device.open(PERIOD)
+    device = connect(wire)
+    device.open(PERIOD)
+    device.write(np.array([[0.3, 0.2]]))
+    for cut in range(1, 10):
+        device.port.send(torque_frame(5, 0.05, 0.05)[:cut])
+        device.port.sleep(0.01)
+        assert wire.torque.any()
+        device.port.close()  # all that a program that dies does
+        module.quench(**wire.settings)
+        assert not wire.torque.any(), cut
+        device.port.open()
         device.write(np.array([[0.3, 0.2]]))
-        device.read()
-        for cut in range(1, 10):
-            device.port.send(torque_frame(5, 0.05, 0.05)[:cut])
-            time.sleep(0.01)
-            assert wire.torque.any()
-            device.port.close()  # all that a program that dies does
-            module.quench(**wire.settings)
-            assert not wire.torque.any(), cut
-            device.port.open()
-            device.write(np.array([[0.3, 0.2]]))
-            device.read()
-        device.close()
-        time.sleep(0.02)
-        assert not wire.torque.any()
+    device.close()
+    assert not wire.torque.any()
 
 
-def test_a_blocked_board_keeps_its_torques_for_a_second_and_then_begins_afresh() -> None:
-    with DiyWire() as wire, connect(wire) as device:
+def test_a_blocked_board_keeps_its_torques_for_a_second_and_then_begins_afresh(wire: DiyWire) -> None:
+    with connect(wire) as device:
         device.open(PERIOD)
         device.write(np.array([[0.3, 0.2]]))
-        device.read()
-        torque, began = wire.torque, time.monotonic()
+        torque = wire.torque
         device.port.send(torque_frame(5, 0.0, 0.0)[:7])
-        while time.monotonic() - began < 0.9:
+        for _ in range(19):
+            device.port.sleep(0.05)
             assert np.array_equal(wire.torque, torque)
-            time.sleep(0.05)
-        time.sleep(0.3)
+        assert wire.exchange(b"") == b""
+        device.port.sleep(0.06)
         before = device._time
         assert device.read()[2] > before and np.array_equal(wire.torque, torque)
-
-
-def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
-    with DiyWire() as wire, connect(wire) as device:
-        device.open(PERIOD)
-        wire.fail("unplugged")
-        with pytest.raises(DeviceError, match="is gone"):
-            device.read()
-        began = time.perf_counter()
-        device.close()
-        assert time.perf_counter() - began < 0.1
-        wire.heal()
-        device.open(PERIOD)
-        device.read()
-
-
-def test_a_second_program_is_refused() -> None:
-    with DiyWire() as wire, connect(wire) as first, connect(wire) as second:
-        first.open(PERIOD)
-        with pytest.raises(DeviceError, match="taken by another program"):
-            second.open(PERIOD)
-        with pytest.raises(DeviceError, match="taken by another program"):
-            driver("haply-2diy").quench(**wire.settings)
-        first.read()
-        first.close()
-        second.open(PERIOD)
 
 
 def test_a_port_is_closed_to_programs_without_the_lock() -> None:
@@ -249,18 +228,20 @@ def test_the_rate_of_a_port_is_set() -> None:
     os.close(slave)
 
 
-def test_a_board_that_is_none_does_not_open() -> None:
-    master, slave = pty.openpty()
-    device = driver("haply-2diy").connect(port=os.ttyname(slave))
+def test_a_board_that_is_none_does_not_open(wire: DiyWire) -> None:
+    device = connect(wire)
+    wire.fail("blocked")
     with pytest.raises(DeviceError, match="does not answer"):
         device.open(PERIOD)
     assert not device.port.is_open
-    os.close(master)
-    os.close(slave)
-    with pytest.raises(DeviceError, match="does not open"):
-        driver("haply-2diy").connect(port="/nowhere/port").open(PERIOD)
-    with pytest.raises(DeviceError, match="no serial port"):
-        driver("haply-2diy").connect(port=os.devnull).open(PERIOD)
+    with pytest.raises(DeviceError, match="does not answer: take its power away"):
+        driver("haply-2diy").quench(**wire.settings)
+
+
+@pytest.mark.parametrize(("port", "text"), [("/nowhere/port", "does not open"), (os.devnull, "no serial port")])
+def test_a_port_that_is_none_does_not_open(port: str, text: str) -> None:
+    with pytest.raises(DeviceError, match=text):
+        driver("haply-2diy").connect(port=port).open(PERIOD)
 
 
 def test_settings_are_refused_by_name() -> None:

@@ -6,37 +6,51 @@ import os
 import struct
 import subprocess
 import sys
-import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build import pace
 from graspfx.build.run import run
 from graspfx.certificate.plan import plan
-from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, is_down, request
+from graspfx.devices import mouse
+from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, EventPort, is_down, request
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
 from graspfx.testing.wire import EventWire
-
-pytestmark = pytest.mark.alone
+from tests.support.hardware import LookedAtClock, VirtualClock
 
 ABSOLUTE, RELATIVE, KEY, SYNC = 3, 2, 1, 0
 LAG = 0.001  # a follower that arrives soon
 
 
+def on_clock(kind: Any = "mouse", clock: VirtualClock | None = None) -> EventWire:
+    return EventWire(kind, clock=clock or VirtualClock())
+
+
 def connect(wire: EventWire, **settings: Any) -> Any:
-    return driver(wire.kind).connect(**{"lag": LAG, **wire.settings, **settings})
+    """Connect a device on the clock of its wire."""
+    device = driver(wire.kind).connect(**{"lag": LAG, **wire.settings, **settings})
+    device.port.now = wire.clock.now
+    return device
+
+
+def speeds(device: Any, count: int) -> list[float]:
+    """Read every millisecond; give the speeds."""
+    found = []
+    for _ in range(count):
+        VirtualClock.time += 0.001
+        found.append(float(np.linalg.norm(device.read()[1])))
+    return found
 
 
 def settle(device: Any, duration: float = 0.05) -> np.ndarray:
     """Read until a follower has arrived."""
-    end = time.perf_counter() + duration
-    while time.perf_counter() < end:
-        position = device.read()[0]
-        time.sleep(0.001)
-    return position[0].copy()
+    speeds(device, round(1000 * duration))
+    return device.read()[0][0].copy()
 
 
 def test_requests_are_those_of_the_kernel() -> None:
@@ -51,8 +65,8 @@ def test_requests_are_those_of_the_kernel() -> None:
 
 @pytest.mark.parametrize("kind", ["mouse", "gamepad"])
 def test_they_keep_the_promises_of_a_device(kind: Any) -> None:
-    with EventWire(kind) as wire:
-        report = check_device(lambda: connect(wire, lag=0.08), wire)  # as this machine may be busy
+    with on_clock(kind, LookedAtClock()) as wire:
+        report = check_device(lambda: connect(wire), wire)
     assert "a moving finger is seen" in report.checks
     assert "hardware that is open is refused to a second program, and the first one goes on" in report.checks
     assert (
@@ -63,7 +77,7 @@ def test_they_keep_the_promises_of_a_device(kind: Any) -> None:
 
 def test_a_mouse_goes_as_far_as_the_hand() -> None:
     """1000 counts of 1000 dpi are an inch; up is away from the user; the wheel is the third axis."""
-    with EventWire() as wire, connect(wire, dimensions=3, wheel=0.002, speed=5.0) as mouse:
+    with on_clock() as wire, connect(wire, dimensions=3, wheel=0.002, speed=5.0) as mouse:
         mouse.open(0.001)
         wire.send((RELATIVE, 0, 1000), (RELATIVE, 1, -500), (RELATIVE, 8, 3))
         assert settle(mouse) == pytest.approx([0.0254, 0.0127, 0.006], abs=1e-9)
@@ -73,18 +87,14 @@ def test_a_mouse_goes_as_far_as_the_hand() -> None:
 
 
 def test_a_finger_is_no_faster_than_it_may_be() -> None:
-    with EventWire() as wire, connect(wire, speed=0.5, start=[-0.1, 0.0]) as mouse:
+    with on_clock() as wire, connect(wire, speed=0.5, start=[-0.1, 0.0]) as mouse:
         mouse.open(0.001)
         wire.send((RELATIVE, 0, 8000))
-        speeds = []
-        for _ in range(300):
-            speeds.append(float(np.linalg.norm(mouse.read()[1])))
-            time.sleep(0.0005)
-        assert 0.3 < max(speeds) < 0.6
+        assert 0.45 < max(speeds(mouse, 200)) <= 0.5
 
 
 def test_reports_count_as_a_whole_and_lost_ones_not_at_all() -> None:
-    with EventWire() as wire, connect(wire) as mouse:
+    with on_clock() as wire, connect(wire) as mouse:
         mouse.open(0.001)
         half = struct.pack("@llHHi", 0, 0, RELATIVE, 0, 400)
         os.write(wire._pipe, half[:7])
@@ -103,7 +113,7 @@ def test_reports_count_as_a_whole_and_lost_ones_not_at_all() -> None:
 
 
 def test_buttons_are_switches() -> None:
-    with EventWire("gamepad") as wire, connect(wire) as pad:
+    with on_clock("gamepad") as wire, connect(wire) as pad:
         pad.open(0.001)
         assert (pad.features.switches, pad.switches) == (15, 0)
         wire.press(0)
@@ -119,7 +129,7 @@ def test_buttons_are_switches() -> None:
 
 def test_sticks_are_places() -> None:
     """From the start to the workspace's ends, both ways, without the dead part in the middle."""
-    with EventWire("gamepad") as wire:
+    with on_clock("gamepad") as wire:
         box = [[-0.1, 0.0], [0.3, 0.2]]
         with connect(wire, workspace=box, start=[0.0, 0.05], speed=5.0) as pad:
             pad.open(0.001)
@@ -132,14 +142,10 @@ def test_sticks_are_places() -> None:
 
 
 def test_sticks_are_speeds() -> None:
-    with EventWire("gamepad") as wire, connect(wire, mode="rate", speed=0.5, lag=0.01) as pad:
+    with on_clock("gamepad") as wire, connect(wire, mode="rate", speed=0.5, lag=0.01) as pad:
         pad.open(0.001)
         wire.send((ABSOLUTE, 0, 32767), (ABSOLUTE, 1, -32768))
-        speeds = []
-        for _ in range(60):
-            speeds.append(pad.read()[1][0].copy())
-            time.sleep(0.001)
-        assert 0.45 < max(np.linalg.norm(speeds, axis=1)) < 0.6  # also along the diagonal; steps are of several lengths
+        assert 0.45 < max(speeds(pad, 200)) <= 0.5  # also along the diagonal
         wire.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))
         there = settle(pad, 0.2)
         assert (there > 0.005).all()
@@ -147,7 +153,7 @@ def test_sticks_are_speeds() -> None:
 
 
 def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
-    with EventWire() as wire, connect(wire) as mouse:
+    with on_clock() as wire, connect(wire) as mouse:
         mouse.open(0.001)
         mouse.read()
         wire.fail("unplugged")
@@ -160,7 +166,7 @@ def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
 
 def test_a_second_program_is_refused() -> None:
     text = "import sys; from graspfx.testing import driver; driver('mouse').connect(port=sys.argv[1]).open(0.001)"
-    with EventWire() as wire, connect(wire) as mouse:
+    with on_clock() as wire, connect(wire) as mouse:
         mouse.open(0.001)
         other = subprocess.run([sys.executable, "-c", text, wire.settings["port"]], capture_output=True, text=True)
         assert "is taken by another program" in other.stderr
@@ -186,9 +192,11 @@ def test_settings_are_refused_by_their_names(kind: str, setting: dict[str, Any],
         driver(kind).connect(port="/dev/input/event0", **setting)
 
 
-def test_a_ball_is_pushed_by_a_mouse() -> None:
-    """A scene runs under real time; the object is pushed, `check` says that no force is displayed."""
-    with EventWire() as wire:
+def test_a_ball_is_pushed_by_a_mouse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scene runs at the device's pace; the object is pushed, `check` says that no force is displayed."""
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(mouse, "EventPort", partial(EventPort, now=VirtualClock().now))
+    with on_clock() as wire:
         scene = gx.Scene(
             dimensions=2, period=0.002, duration=0.3, engine="interpreted",
             object={

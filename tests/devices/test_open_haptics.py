@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,25 +23,17 @@ from tests.support.optional import require
 from tests.support.waiting import wait_until
 from tests.support.wired_drivers import wired_driver
 
-pytestmark = pytest.mark.alone
-
-until = partial(wait_until, patience=2.0)
-
 require("llvmlite")
 if not sys.platform.startswith("linux"):
     pytest.skip("the fake scheduler is for Linux", allow_module_level=True)
 
 PERIOD = 0.001
+TRIES = 10  # of a run that a busy machine may be too late for
 X = np.array([[1.0, 0.0, 0.0]])
 
 
-@pytest.fixture(params=["linked", "loaded"])
-def wire(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[OpenHapticsWire]:
-    """A library linked by this machine's compiler, and one that LLVM has loaded into this process."""
-    if request.param == "loaded":
-        monkeypatch.setattr(fake_scheduler, "compiler", lambda: None)
-    elif compiler() is None:
-        pytest.skip("no C compiler")
+@pytest.fixture
+def wire() -> Iterator[OpenHapticsWire]:
     with OpenHapticsWire() as bench:
         yield bench
 
@@ -59,13 +50,24 @@ def display(wire: OpenHapticsWire, *forces: tuple[Any, float]) -> None:
             device.write(force * X)
         return [wire.forces(i)[0] for i in range(len(forces))] == [force for _, force in forces]
 
-    until(has_them)
+    wait_until(has_them)
 
 
-def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
-    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile."""
-    check_device(lambda: connect(wire), wire=wire, period=PERIOD)
-    assert wire.violations == 0
+@pytest.mark.alone
+@pytest.mark.parametrize("kind", ["linked", "loaded"])
+def test_it_keeps_its_promises(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile.
+
+    The library is linked by this machine's compiler, or LLVM has loaded it into this process.
+    """
+    if kind == "loaded":
+        monkeypatch.setattr(fake_scheduler, "compiler", lambda: None)
+    elif compiler() is None:
+        pytest.skip("no C compiler")
+    with OpenHapticsWire() as wire:
+        assert isinstance(wire.library, str) == (kind == "linked")
+        check_device(lambda: connect(wire), wire=wire, period=PERIOD)
+        assert wire.violations == 0
 
 
 def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
@@ -74,12 +76,12 @@ def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
         one.open(PERIOD)
         two.open(PERIOD)
         wire.place(np.array([0.1, 0.2, 0.3]), 1)
-        until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
+        wait_until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
         display(wire, (one, 1.0), (two, -2.0))
         one.close()
         assert not wire.forces(0).any()
         before = two.read()[2]
-        until(lambda: two.read()[2] > before)
+        wait_until(lambda: two.read()[2] > before)
     assert wire.violations == 0
     assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
 
@@ -100,17 +102,16 @@ def test_a_device_that_another_program_has_is_refused(wire: OpenHapticsWire) -> 
         (0x304, "timer"), (0x777, r"an error \(0x777\)"),
     ],
 )  # fmt: skip
-def test_errors_of_the_library_are_faults_in_words(error: int, words: str) -> None:
+def test_errors_of_the_library_are_faults_in_words(wire: OpenHapticsWire, error: int, words: str) -> None:
     """Each is told by its first reader, the device is at zero force, and the stack is empty afterwards."""
-    with OpenHapticsWire() as wire, connect(wire) as device, connect(wire, unit="right") as other:
+    with connect(wire) as device, connect(wire, unit="right") as other:
         device.open(PERIOD)
         other.open(PERIOD)
         display(wire, (device, 1.0), (other, 1.0))
         wire.leave(error)
         with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
-            until(lambda: device.read()[0] is None)
-        until(lambda: not wire.forces(0).any())
-        assert not wire.words[fake_scheduler.ERRORS]
+            wait_until(lambda: device.read()[0] is None)
+        wait_until(lambda: not wire.forces(0).any() and not wire.words[fake_scheduler.ERRORS])
         other.read()
 
 
@@ -120,7 +121,7 @@ def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
         device.open(PERIOD)
         device.read()
         display(wire, (device, 1.0))
-        until(lambda: not wire.torque.any(), patience=0.5)
+        wait_until(lambda: not wire.torque.any())
 
 
 def test_settings() -> None:
@@ -148,44 +149,54 @@ def loop_of(scene: gx.Scene) -> str:
     return next(row.why for row in plan(scene) if row.step == "loop")
 
 
+def undisturbed(go: Callable[[], gx.Recording]) -> gx.Recording:
+    """Run a scene in its devices' thread, again where this machine was too late for it."""
+    for _ in range(TRIES):
+        rec = go()
+        if not any("left out" in fault.message for fault in rec.faults):
+            return rec
+    raise AssertionError(f"{TRIES} runs, and this machine was too late for each")
+
+
+@pytest.mark.alone
 def test_the_loop_runs_in_its_thread(
     wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     """Every tick is a turn of the scheduler; another thread that keeps the interpreter takes none away."""
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
     scene, before = grasp(wire, tmp_path), sys.getswitchinterval()
-    hogs = threading.Event()
 
     def hog() -> None:
-        hogs.wait()
         sys.setswitchinterval(10.0)
         end = time.perf_counter() + 0.2
         while time.perf_counter() < end:
             pass
         sys.setswitchinterval(before)
 
-    thread = threading.Thread(target=hog)
-    thread.start()
+    def go() -> gx.Recording:
+        thread = threading.Thread(target=hog)
 
-    def stop() -> bool:
-        hogs.set()
-        return False
+        def stop() -> bool:
+            if not thread.ident:
+                thread.start()
+            return False
 
-    try:
-        rec = gx.run(scene, real_time=True, stop=stop)
-    finally:
-        hogs.set()
-        thread.join()
-        sys.setswitchinterval(before)
-    assert rec.ticks == 400
+        try:
+            return gx.run(scene, real_time=True, stop=stop)
+        finally:
+            thread.join()  # it was started
+            sys.setswitchinterval(before)
+
+    rec = undisturbed(go)
+    assert rec.ticks == 400 and not rec.faults
     assert wire.violations == 0
     assert wire.turns >= 400
     assert np.abs(rec.displayed_force[:, 0, 0]).max() > 0.01  # they squeeze
     assert not wire.forces(0).any()
     assert not wire.forces(1).any()
-    assert not rec.outcome.faults or "left out" in rec.outcome.faults[0].message  # a machine that was too late
 
 
+@pytest.mark.alone
 def test_an_error_in_its_thread_is_a_fault_in_words(
     wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
@@ -195,11 +206,15 @@ def test_an_error_in_its_thread_is_a_fault_in_words(
         wire.leave(0x200, 1)
         return False
 
-    rec = gx.run(grasp(wire, tmp_path), real_time=True, stop=stop)
-    fault = rec.outcome.faults[0]
-    assert "left out" in fault.message or "of finger1 (Stylus) cannot be asked" in fault.message
-    if "left out" not in fault.message:
-        assert "hdBeginFrame of OpenHaptics: the motors are warm" in fault.message
+    def go() -> gx.Recording:
+        wire.leave(0, 1)
+        return gx.run(scene, real_time=True, stop=stop)
+
+    scene = grasp(wire, tmp_path)
+    rec = undisturbed(go)
+    fault = rec.faults[0]
+    assert "of finger1 (Stylus) cannot be asked" in fault.message
+    assert "hdBeginFrame of OpenHaptics: the motors are warm" in fault.message
     assert not rec.displayed_force[fault.tick :].any()
     assert not wire.forces(0).any()
     assert not wire.forces(1).any()

@@ -11,9 +11,8 @@ import pytest
 
 from graspfx.errors import DeviceError
 from graspfx.protocols import ProgramLock, SerialPort
+from graspfx.testing import driver
 from graspfx.testing.wire import DiyWire
-
-pytestmark = pytest.mark.alone
 
 WAIT = "\nprint('open', flush=True)\nimport time\ntime.sleep(60)"
 
@@ -48,6 +47,19 @@ def test_a_port_that_another_program_has_is_refused_until_that_is_killed() -> No
         with pytest.raises(DeviceError, match="is taken by another program"):
             second.open()
         second.close()  # and takes nothing from the first
+        port.send(b"\0\0")
+        port.close()
+
+
+@pytest.mark.parametrize("name", ["haply-2diy", "rig"])
+def test_a_device_and_its_quench_are_refused_a_port_that_is_taken(name: str) -> None:
+    with DiyWire() as wire:
+        port, device = SerialPort(wire.port), driver(name).connect(**wire.settings)
+        port.open()
+        for act in (lambda: device.open(0.001), lambda: driver(name).quench(**wire.settings)):
+            for _ in range(2):
+                with pytest.raises(DeviceError, match="taken by another program"):
+                    act()
         port.send(b"\0\0")
         port.close()
 

@@ -24,7 +24,7 @@ from graspfx.live.frame import Frame
 from graspfx.live.live_run import LiveRun
 from graspfx.system.terminal_keys import terminal_keys
 from tests.support.experiments import PLAIN, experiment, table_of
-from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene
+from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene
 from tests.support.waiting import wait_until
 
 SHOWN = Presentation(Trial(1, "low", 1, {}, [{}]), [])
@@ -154,7 +154,7 @@ def boards_experiment(wire: Any, first: str = "40.0") -> Experiment:
         PLAIN, ("duration = 0.05", "duration = 1.0"), ("repetitions = 2", "repetitions = 1"),
         ('order = "random"', 'order = "fixed"'), ('stiffness" = 40.0', f'stiffness" = {first}'),
     )  # fmt: skip
-    scene = boards_scene([wire], PATIENT, **{"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}})
+    scene = boards_scene([wire], PATIENT, **BUSY, **{"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}})
     return Experiment(plain.table, scene.replace({"engine": "interpreted"}), plain.source)
 
 

@@ -79,16 +79,6 @@ def test_eq_4_with_every_kind_of_gain(outer, inner, form, d):
     assert np.allclose(law.force(split, e), K @ e, rtol=0, atol=1e-11)
 
 
-def test_two_fingers_on_the_line():
-    # 40 external, 160 internal: 1/2 [[40 + 160, 40 - 160], ...]
-    law = gx.Coupling(external=gx.Impedance(40.0), internal=gx.Impedance(160.0))
-    assert np.allclose(law.stiffness(PAIR.split()), [[100.0, -60.0], [-60.0, 100.0]], atol=1e-13)
-    assert np.array_equal(law.damping(PAIR.split()), np.zeros((2, 2)))
-    # 1 mm of common motion, then 1 mm of squeeze each
-    assert np.allclose(law.force(PAIR.split(), [1e-3, 1e-3]), [0.04, 0.04], atol=1e-16)
-    assert np.allclose(law.force(PAIR.split(), [1e-3, -1e-3]), [0.16, -0.16], atol=1e-16)
-
-
 @pytest.mark.parametrize("form", ["literal", "symmetric"])
 def test_equal_gains_are_the_conventional_method_and_never_project(form, monkeypatch):
     # K e + D e' to the last bit; the projector is out of order meanwhile

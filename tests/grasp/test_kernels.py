@@ -2,16 +2,56 @@
 
 from __future__ import annotations
 
-import mpmath
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
-from graspfx.compile.records import Floats, Table, numbers
+from graspfx.compile.records import Floats, Many, Record, Table, many, numbers, size_for, table
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
-from graspfx.grasp.rigid_modes import smoothstep
+from graspfx.grasp.contact_state import Contact, Freedom
+from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 from graspfx.spatial import Vector
-from tests.support.contact_sets import contact_set, modes_of
+
+
+class ContactSet(Record):
+    """Contacts, the directions in which their object is free, and the rigid modes of both."""
+
+    count: int
+    width: int  # entries of a contact in a mode
+    freedom: Freedom
+    contacts: Many[Contact] = many("count")
+    modes: Table = table("6", "1 + width * count")
+
+
+def contact_set(
+    points: np.ndarray, weights: np.ndarray | None = None, axes: np.ndarray | None = None, shifts: int | None = None,
+    width: int = 3,
+) -> ContactSet:  # fmt: skip
+    """Build the block of contacts at points (n, d); all directions are free unless axes are named."""
+    n, d = points.shape
+    turns = {1: 0, 2: 1, 3: 3}[d]
+    if axes is None:
+        axes, shifts = np.vstack([np.eye(3)[:d], np.eye(3)[3 - turns :]]), d
+    assert shifts is not None
+    contacts = ContactSet(np.zeros(size_for(ContactSet, count=n, width=width)))
+    contacts.count, contacts.width = n, width
+    contacts.freedom.shifts, contacts.freedom.turns = shifts, len(axes) - shifts
+    for k, axis in enumerate(axes):
+        contacts.buffer[contacts.freedom.axes[k].offset :][:3] = axis
+    contacts.contacts.array(Contact.contact)[:, :d] = points
+    contacts.contacts.array(Contact.weight)[:] = 1.0 if weights is None else weights
+    return contacts
+
+
+def modes_of(
+    contacts: ContactSet, d: int, low: float, high: float, kernel: Callable[..., Any] = rigid_modes
+) -> tuple[int, int]:
+    """Compute the modes; give how many, and how many rotations are not in them whole."""
+    count, blended = kernel(contacts.contacts, contacts.freedom, d, low, high, contacts.width, False, contacts.modes)
+    return int(count), int(blended)
 
 
 def external(
@@ -28,46 +68,6 @@ def external(
         q = mode[1:].reshape(n, 3)[:, :d].ravel()
         P += mode[0] * np.outer(q, q)
     return P
-
-
-def exact_external(points: np.ndarray) -> np.ndarray:
-    """P at 50 digits, full rank in space: G'(G G')^-1 G."""
-    with mpmath.workdps(50):
-        n = len(points)
-        G = mpmath.zeros(6, 3 * n)
-        for i, p in enumerate(points):
-            x, y, z = (mpmath.mpf(float(a)) for a in p)
-            block = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -z, y], [z, 0, -x], [-y, x, 0]]
-            for r in range(6):
-                for c in range(3):
-                    G[r, 3 * i + c] = block[r][c]
-        P = G.T * mpmath.inverse(G * G.T) * G
-        return np.array(P.tolist(), dtype=float)
-
-
-@pytest.mark.parametrize(
-    ("scale", "offset", "tolerance"),
-    [(0.03, 0.0, 2e-15), (1e-6, 0.0, 2e-15), (30.0, 0.0, 2e-15), (0.03, 1000.0, 2e-15), (1e-6, 1.0, 2e-15)],
-)
-def test_against_fifty_digits(scale: float, offset: float, tolerance: float) -> None:
-    """mm, m and 1e-6 m apart, 1 km away: modes are taken about the first contact, so that distance costs nothing."""
-    rng = np.random.default_rng(1)
-    worst = 0.0
-    for _ in range(20):
-        points = rng.normal(size=(5, 3)) * scale + offset
-        worst = max(worst, np.abs(external(points) - exact_external(points)).max())
-    assert worst < tolerance
-
-
-@pytest.mark.parametrize("h", [1e-2, 1e-4, 1e-6])
-def test_near_collinear_contacts(h: float) -> None:
-    """The error grows like eps/h, the data's own uncertainty, not like eps/h^2 as through a 3 x 3 moment matrix."""
-    rng = np.random.default_rng(2)
-    worst = 0.0
-    for _ in range(20):
-        points = np.outer(np.linspace(-1, 1, 5), rng.normal(size=3)) + h * rng.normal(size=(5, 3))
-        worst = max(worst, np.abs(external(points) - exact_external(points)).max())
-    assert worst < 20 * 2.2e-16 / h
 
 
 @pytest.mark.parametrize("seed", range(6))

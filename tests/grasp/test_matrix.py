@@ -67,28 +67,6 @@ def test_locked_freedoms_leave_rows_out():
     assert gx.grasp_matrix(points, free=[False] * 6).shape == (0, 9)
 
 
-@pytest.mark.parametrize("n", [3, 5, 8])
-def test_singular_values_of_a_regular_polygon(n):
-    # {sqrt n twice, R sqrt n}
-    R, angle = 0.04, 2 * np.pi * np.arange(n) / n
-    values = np.linalg.svd(gx.grasp_matrix(R * np.stack([np.cos(angle), np.sin(angle)], axis=1)), compute_uv=False)
-    assert np.allclose(values, np.sqrt(n) * np.array([1.0, 1.0, R]), rtol=1e-14)
-
-
-CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-TETRAHEDRON = CORNERS[CORNERS.prod(axis=1) > 0]
-OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])
-
-
-@pytest.mark.parametrize("solid", [TETRAHEDRON, OCTAHEDRON, CORNERS])
-def test_singular_values_of_regular_solids(solid):
-    # {sqrt n three times, R sqrt(2 n / 3) three times}
-    R, n = 0.03, len(solid)
-    points = R * solid / np.linalg.norm(solid[0])
-    values = np.linalg.svd(gx.grasp_matrix(points), compute_uv=False)
-    assert np.allclose(values, [np.sqrt(n)] * 3 + [R * np.sqrt(2 * n / 3)] * 3, rtol=1e-14)
-
-
 def test_metric_of_weights_and_a_torsion_length():
     # weight of the finger, times (4 mm)^2 for the torsion of the soft one
     grasp = gx.Grasp([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], [[1.0, 0.0, 0.0]] * 2, model=["soft", "hard"])

@@ -10,11 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.grasp.split import UnitDependentSplitWarning
-
-
-def polygon(n, R):
-    angle = 2 * np.pi * np.arange(n) / n
-    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+from tests.support.grasps import polygon
 
 
 @pytest.mark.parametrize(("d", "rank"), [(1, 1), (2, 3), (3, 5)])
@@ -58,17 +54,6 @@ def test_knob_turns_about_its_own_axis():
     assert np.abs(P - np.outer(q, q) / (q @ q)).max() < 1e-15
     centred = gx.Grasp(points - points.mean(axis=0), free=[False, False, True]).split().external
     assert np.isclose(np.linalg.norm(P - centred, 2), 0.42, rtol=1e-12)
-
-
-def test_hinge_with_a_sliding_axis():
-    # free to slide along z and to turn about z only: the rows are a.z and a.(z x c), about the given axis
-    points = np.random.default_rng(0).normal(size=(4, 3))
-    origin = np.array([1.0, 2.0, 3.0])
-    slide = np.tile([0.0, 0.0, 1.0], 4)
-    turn = np.cross([0.0, 0.0, 1.0], points - origin).ravel()
-    expected = np.outer(slide, slide) / 4 + np.outer(turn, turn) / (turn @ turn)
-    split = gx.Grasp(points, origin=origin, free=[False, False, True, False, False, True]).split()
-    assert np.abs(split.external - expected).max() < 1e-15
 
 
 def test_centring_and_scaling_condition_the_factor():

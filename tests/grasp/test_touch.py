@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import graspfx as gx
 from graspfx.errors import InputError
-from tests.support.subsets import every_subset
+
+
+def every_subset(K: np.ndarray, e: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """The friction-free answer by trying every set of touching fingers."""
+    n, d = normals.shape
+    N = np.zeros((n * d, n))
+    for i in range(n):
+        N[i * d : (i + 1) * d, i] = normals[i]
+    A, g = N.T @ np.linalg.inv(K) @ N, N.T @ e  # minimise 1/2 l'A l - l'g over l >= 0
+    best = None
+    for k in range(n + 1):
+        for subset in itertools.combinations(range(n), k):
+            s = list(subset)
+            force = np.zeros(n)
+            if s:
+                force[s] = np.linalg.solve(A[np.ix_(s, s)], g[s])
+            if (force >= -1e-12).all() and (A @ force - g >= -1e-12).all():
+                best = force
+    assert best is not None
+    return N @ best
+
 
 KEP, KIP = 40.0, 160.0
 ALONE = 2 * KEP * KIP / (KEP + KIP)
@@ -138,27 +158,6 @@ def test_lone_sticking_finger_is_isotropic() -> None:
     normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
     touch = gx.unilateral_force(K, [0.001, 0.0007, 0.02, 0.0], normals, friction="stick")
     np.testing.assert_allclose(touch.force, [ALONE * 0.001, ALONE * 0.0007, 0.0, 0.0], rtol=1e-13, atol=1e-17)
-
-
-@given(
-    n=st.integers(1, 8), d=st.integers(1, 3), ratio=st.floats(-6.0, 6.0), seed=st.integers(0, 2**32 - 1),
-    deep=st.sampled_from([1e-9, 1e-3, 1.0]),
-)  # fmt: skip
-def test_answers_satisfy_their_own_conditions(n: int, d: int, ratio: float, seed: int, deep: float) -> None:
-    """f = K (e + s), f and s along the normals not negative, one of them zero; gains a million apart either way."""
-    rng = np.random.default_rng(seed)
-    kep, kip = 100.0, 100.0 * 10.0**ratio
-    K, normals = random_stiffness(rng, n, d, kep, kip), random_normals(rng, n, d)
-    e = rng.normal(size=n * d) * deep
-    touch = gx.unilateral_force(K, e, normals)
-    size = max(kep, kip) * deep
-    along = (touch.force.reshape(n, d) * normals).sum(axis=1)
-    assert (along >= 0.0).all()
-    np.testing.assert_allclose(touch.force.reshape(n, d), along[:, None] * normals, atol=1e-15 * size)
-    s = ((np.linalg.solve(K, touch.force) - e).reshape(n, d) * normals).sum(axis=1)
-    error = 1e-12 * deep * max(kip / kep, kep / kip)
-    assert (s >= -error).all()
-    assert np.abs(s[along > 0.0]).max(initial=0.0) <= error
 
 
 def test_coefficient_says_who_slides() -> None:

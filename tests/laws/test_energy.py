@@ -7,21 +7,13 @@ import pytest
 
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.objects.body import fill_body
-from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
-from tests.support.grasps import law
+from tests.support.grasps import grasped, law
 
 
-def held(n: int, rules: Rules, seed: int = 3) -> tuple[GraspedObject, np.ndarray]:
-    start = np.random.default_rng(seed).uniform(-0.03, 0.03, (n, 3))
-
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=3, mass=0.1, inertia=4e-5, rotational_viscosity=1e-4)
-
-    g = GraspedObject(n, 3, 0.005, law(40.0, 160.0), rules, fill, shape=Box((0.06, 0.06, 0.06)))
-    g.attach(start)
-    return g, start
+def held(n: int, rules: Rules) -> tuple[GraspedObject, np.ndarray]:
+    start = np.random.default_rng(3).uniform(-0.03, 0.03, (n, 3))
+    return grasped(n, 3, law(40.0, 160.0), rules, contacts=start), start
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -11,25 +10,16 @@ import pytest
 import graspfx as gx
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.objects.body import fill_body
 from graspfx.surfaces.closed_form.shape import Box
 from graspfx.surfaces.triangles.mesh import make_mesh
-from tests.support.grasps import law
+from tests.support.grasps import grasped, law
+from tests.support.meshes import plate
 
 EDGE, RADIUS, GAIN = 0.05, 0.004, 400.0
-CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * EDGE
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-
-
-def triangles() -> object:
-    return make_mesh(CORNERS, [half for a, b, c, d in QUADS for half in ((a, b, c), (a, c, d))])
 
 
 def touched(shape: Any, rules: Rules, position: np.ndarray, gains: gx.Coupling) -> GraspedObject:
-    def fill(state: np.ndarray) -> None:
-        fill_body(state, dimensions=3, mass=0.1, inertia=4e-5)
-
-    g = GraspedObject(len(position), 3, 0.001, gains, rules, fill, shape=shape, radius=RADIUS)
+    g = grasped(len(position), 3, gains, rules, shape=shape, radius=RADIUS)
     out = position + 0.02 * np.sign(position) * (np.abs(position) >= 0.5 * EDGE)
     g.meet(out)
     for share in np.linspace(0.0, 1.0, 21):  # from outside to where the ball touches
@@ -38,7 +28,7 @@ def touched(shape: Any, rules: Rules, position: np.ndarray, gains: gx.Coupling) 
     return g
 
 
-@pytest.mark.parametrize("make", [lambda: Box((EDGE,) * 3), triangles], ids=["box", "mesh"])
+@pytest.mark.parametrize("make", [Box, lambda size: make_mesh(*plate(*size))], ids=["box", "mesh"])
 def test_a_ball_at_faces_edges_and_corners_is_pushed_once(make: Any) -> None:
     """k (r - distance) away from the nearest point of the box, for 200 balls that touch 1, 2 or 3 faces at once."""
     rng = np.random.default_rng(5)
@@ -46,7 +36,7 @@ def test_a_ball_at_faces_edges_and_corners_is_pushed_once(make: Any) -> None:
     beyond = rng.permuted(np.tile([True, False, False], (200, 1)), axis=1) | (rng.random((200, 3)) < 0.5)
     rise = rng.uniform(0.1, 0.55, (200, 3)) * RADIUS * beyond  # the three together stay below the radius
     centre = np.where(beyond, np.sign(inside) * 0.5 * EDGE, inside) + np.sign(inside) * rise
-    g = touched(make(), Rules(fade=None), centre, law(GAIN, GAIN))
+    g = touched(make((EDGE,) * 3), Rules(fade=None), centre, law(GAIN, GAIN))
     distance = np.linalg.norm(rise, axis=1)
     expected = -(GAIN * (RADIUS - distance) / distance)[:, None] * np.sign(inside) * rise
     assert {int(k) for k in beyond.sum(axis=1)} == {1, 2, 3}

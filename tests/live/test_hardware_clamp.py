@@ -20,7 +20,7 @@ from graspfx.live.hardware_clamp import HardwareClamp, Order
 from graspfx.live.live_run import LiveRun
 from graspfx.live.margins import Margins
 from graspfx.live.stability_verdict import Verdict
-from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled
+from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene, settled
 from tests.support.waiting import wait_until
 
 KEP, KIP, KID = "coupling.external.stiffness", "coupling.internal.stiffness", "coupling.internal.damping"
@@ -193,7 +193,7 @@ def test_the_end_of_the_certificates_is_the_end_of_changes() -> None:
 def test_a_board_gets_what_is_certified_and_its_recording_has_it(tmp_path: Path) -> None:
     """An emulated 2DIY is pressed into its ball; its gain goes up, is clamped, comes down, and is refused for good."""
     with board() as wire:
-        scene = boards_scene([wire], PATIENT, **MECHANICS)
+        scene = boards_scene([wire], PATIENT, **MECHANICS, **BUSY)
         limit = next(row.limit for row in list(Certifier(scene).stages({}))[-1].rows if row.mode == "internal")
         assert 70.0 < SHARE * limit < 1000.0
 

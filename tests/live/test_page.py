@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from graspfx.live.scenery import SLAB, recorded_scenery
 from graspfx.loop.recording.header import KeyChange
 from graspfx.loop.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
-from tests.support.chromium import Browser, Page, Pixels, chromium
+from tests.support.chromium import Browser, Page, Pixels
 from tests.support.played import SECONDS, played
 from tests.support.recordings import waving
 
@@ -31,12 +31,6 @@ ARROWS = """(box => graspfx.arrows().map(each => {
     const [x, y] = graspfx.project(each.tip.map((value, i) => (value + each.tail[i]) / 2));
     return {...each, middle: [box.left + x, box.top + y]};
 }))(document.getElementById('scene').getBoundingClientRect())"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as running:
-        yield running
 
 
 def opened(browser: Browser, folder: Path, run: Recording, **choices: Any) -> Page:
@@ -102,7 +96,6 @@ def test_a_page_shows_what_the_recording_says(browser: Browser, tmp_path: Path, 
     assert vermilion >= (name == "paper-waving")  # the others are not pushed in so short a while
     assert page.console_errors == []
     assert page.requests == [page.evaluate("location.href")]
-    page.close()
 
 
 def require_same(frame: Any, shown: Mapping[str, Any]) -> None:
@@ -144,7 +137,6 @@ def test_the_object_is_seen_where_it_is(browser: Browser, tmp_path: Path) -> Non
         offsets.append((20 + np.median(columns) - x, 90 + np.median(rows) - y))
     assert np.ptp([place_of(page, pose) for pose in ((-0.05, 0, 0), (0.05, 0, 0))], axis=0)[0] > 300
     assert np.abs(offsets).max() < 3.0
-    page.close()
 
 
 def waving_cube() -> Recording:
@@ -176,7 +168,6 @@ def test_the_chart_and_the_fingertips_have_their_colours(browser: Browser, tmp_p
     place = page.evaluate("graspfx.chartPlace(0, 0.5, 0.2)")
     page.click(*place)
     assert page.evaluate("graspfx.time") == pytest.approx(0.2, abs=0.005)
-    page.close()
 
 
 def test_hands_play_scrub_and_turn(browser: Browser, tmp_path: Path) -> None:
@@ -216,7 +207,6 @@ def test_hands_play_scrub_and_turn(browser: Browser, tmp_path: Path) -> None:
     page.key("r")
     assert page.evaluate("[graspfx.camera.azimuth, graspfx.camera.zoom]") == [azimuth, 1]
     assert page.console_errors == []
-    page.close()
 
 
 def test_a_phone_shows_all_of_it(browser: Browser, tmp_path: Path) -> None:
@@ -241,7 +231,6 @@ def test_a_phone_shows_all_of_it(browser: Browser, tmp_path: Path) -> None:
     page.touch([], "touchEnd")
     assert page.evaluate("graspfx.camera.zoom") == pytest.approx(0.5 * zoom, rel=0.1)
     assert page.console_errors == []
-    page.close()
 
 
 HOSTILE = "</script><script>window.bad = 1</script><img src=x onerror='window.bad = 1'> \u2028 ${bad} {story}"
@@ -267,7 +256,6 @@ def test_names_of_others_stay_text(browser: Browser, tmp_path: Path) -> None:
     page.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.bad = 1\">')")
     page.evaluate(DRAWN)
     assert page.evaluate("typeof bad") == "undefined"  # the page lets nobody's script run but its own
-    page.close()
 
 
 def test_values_change_with_time(browser: Browser, tmp_path: Path) -> None:
@@ -281,7 +269,6 @@ def test_values_change_with_time(browser: Browser, tmp_path: Path) -> None:
         go(page, time)
         words.append(page.evaluate(f"[{cell}.textContent, {cell}.className]"))
     assert words == [["70 N/m", ""], ["80 N/m", "changed"], ["70 N/m", ""]]
-    page.close()
 
 
 def test_without_graphics_in_space_the_chart_still_works(browser: Browser, tmp_path: Path) -> None:
@@ -296,4 +283,3 @@ def test_without_graphics_in_space_the_chart_still_works(browser: Browser, tmp_p
     x, y = page.evaluate(f"graspfx.chartPlace(0, {squeeze}, 1.0)")
     assert is_of(near(pixels, x, y), BLUE).any()
     assert page.console_errors == []
-    page.close()

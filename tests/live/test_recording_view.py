@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,62 +11,65 @@ from graspfx.__main__ import main
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
 from graspfx.show.style import INTERNAL
-from tests.support.chromium import Pixels, chromium
+from tests.support.chromium import Browser, Pixels
 from tests.support.played import played
 from tests.support.recordings import waving
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'graspfx[view]'")
 
 from graspfx.live.recording_view import RecordingView
+from tests.support.view_page import serving
 from tests.support.waiting import wait_until
 
-pytestmark = pytest.mark.alone
 
-
-@contextmanager
-def served(view: RecordingView) -> Iterator[None]:
-    done = threading.Event()
-    thread = threading.Thread(target=view.serve, args=(done.is_set,))
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join(10.0)
-        assert not thread.is_alive()
-
-
-def test_a_recording_is_scrubbed_and_played(tmp_path: Path) -> None:
+@pytest.mark.alone
+def test_a_recording_is_scrubbed_and_played(browser: Browser, tmp_path: Path) -> None:
     """Arrows of a squeeze are there while there is one; of a file only the rows that are shown are read."""
     played("paper-waving").save(tmp_path / "recording.h5")
     run = Recording.load(tmp_path / "recording.h5")
-    with RecordingView(run, port=0) as view, served(view), chromium() as browser:
+    with RecordingView(run, port=0) as view, serving(view):
         page = browser.open(view.server.url, 1200, 700)
-        page.wait_for("document.body.innerText.includes('time [s]')", 30.0)
+        page.wait_for("document.body.innerText.includes('time [s]')")
         view.go(1.4)
         assert view.row == 280
-        wait_until(lambda: blue(page.screenshot()) > 300, 30.0)
+        wait_until(lambda: blue(page.screenshot()) > 300)
         page.wait_for("document.body.innerText.includes('1.4 s')")
         assert "stands still" in page.evaluate("document.body.innerText")
         assert "internal stiffness, kip" in page.evaluate("document.body.innerText")
         view.step(-1)
         assert (view.row, view.playing) == (279, False)
         view.speed = 0.25
-        start, at = time.monotonic(), view.time
+        at = view.time
         view.play()
-        time.sleep(1.0)
-        view.pause()
-        passed = time.monotonic() - start
-        assert 0.1 * passed < view.time - at <= 0.25 * passed + 0.01
-        view.go(99.0)
-        assert view.time == view.end == pytest.approx(1.995)
-        view.play()
-        assert view.time < 1.0
+        wait_until(lambda: view.time > at)
         view.pause()
         view.go(0.0)
-        wait_until(lambda: blue(page.screenshot()) < 30, 30.0)
+        wait_until(lambda: blue(page.screenshot()) < 30)
         assert page.console_errors == []
         assert all(url.startswith((view.server.url, view.server.url.replace("http", "ws"))) for url in page.requests)
+
+
+def test_playing_keeps_its_pace_and_ends() -> None:
+    """As long as nobody looked does not count: of two seconds that a picture took, 0.2 s."""
+    with RecordingView(waving(N=400), port=0) as view:
+        view.speed = 0.25
+        view.play()
+        for elapsed, passed in ((0.1, 0.025), (2.0, 0.05)):
+            before = view.time
+            view._advance(elapsed)
+            assert view.time - before == pytest.approx(passed)
+        view.pause()
+        view._advance(0.1)
+        assert view.time == pytest.approx(0.075)
+        view.go(99.0)
+        assert view.time == view.end == pytest.approx(1.995)
+        view._advance(0.1)
+        assert view.time == view.end
+        view.play()
+        assert view.time == 0.0 and view.playing
+        view.go(view.end - 0.001)
+        view._advance(0.1)
+        assert view.time == view.end and not view.playing
 
 
 def blue(pixels: Pixels) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from itertools import count
@@ -15,8 +14,9 @@ import graspfx as gx
 from graspfx.live.clamp import INSIDE, SHARE
 from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
-from tests.support.chromium import chromium
-from tests.support.servo_wires import PATIENT, PRESSED, board, boards_scene, settled, undisturbed
+from tests.support.chromium import Browser
+from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene, settled, undisturbed
+from tests.support.view_page import serving
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
@@ -28,53 +28,47 @@ MECHANICS = {"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}}
 TEXT = "document.body.innerText"
 
 
-def steer(tmp_path: Path) -> tuple[gx.Scene, Path | None, float]:
+def steer(browser: Browser, tmp_path: Path) -> tuple[gx.Scene, Path | None, float]:
     """Lead a gain up until it is clamped, and another one until it is refused, before a browser."""
     from graspfx.live.view.live_view import LiveView
 
-    with board() as wire, chromium() as browser:
-        scene = boards_scene([wire], PATIENT, **MECHANICS)
+    with board() as wire:
+        scene = boards_scene([wire], PATIENT, engine="interpreted", **MECHANICS, **BUSY)
         numbers = [slider for slider in sliders(scene) if slider.key in (KIP, KID)]
         run = settled(lambda: LiveRun(scene, live=[slider.key for slider in numbers]))
         folders = (tmp_path / str(i) for i in count())  # another one where the machine is too busy for a board
-        with run, LiveView(run, numbers, lambda: next(folders), port=0, tell=lambda _: None) as page:
-            ended = threading.Event()
-            server = threading.Thread(target=page.serve, args=(ended.is_set,))
-            server.start()
-            try:
-                shown = browser.open(page.server.url)
+        view = LiveView(run, numbers, lambda: next(folders), port=0, tell=lambda _: None)
+        with run, view as page, serving(page):
+            shown = browser.open(page.server.url)
 
-                def says(text: str) -> Callable[[], bool]:
-                    return lambda: text in shown.evaluate(TEXT)
+            def says(text: str) -> Callable[[], bool]:
+                return lambda: text in shown.evaluate(TEXT)
 
-                wait_until(says("HARDWARE IS ARMED"))
-                wait_until(says("spectral radius"))
-                settled(page._record)
-                wire.place(np.array(PRESSED))
-                wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
-                page.sliders.set(KIP, 75.0)
-                wait_until(lambda: page.sliders.values[KIP] == 75.0)
-                page.sliders.set(KIP, 480.0)
-                wait_until(says("at most 0.9 of each limit"))
-                clamped = page.sliders.values[KIP]
-                assert page.sliders._handles[KIP].value == clamped
-                page.sliders.set(KID, 400.0)
-                wait_until(says("refused: coupling.internal.damping = 400"))
-                assert page.sliders._handles[KID].value == page.sliders.values[KID] == 0.0
-                assert not shown.console_errors
-                time.sleep(0.1)
-                folder = page._recording
-            finally:
-                ended.set()
-                server.join()
+            wait_until(says("HARDWARE IS ARMED"))
+            wait_until(says("spectral radius"), 300.0)
+            settled(page._record)
+            wire.place(np.array(PRESSED))
+            wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
+            page.sliders.set(KIP, 75.0)
+            wait_until(lambda: page.sliders.values[KIP] == 75.0)
+            page.sliders.set(KIP, 480.0)
+            wait_until(says("at most 0.9 of each limit"))
+            clamped = page.sliders.values[KIP]
+            assert page.sliders._handles[KIP].value == clamped
+            page.sliders.set(KID, 400.0)
+            wait_until(says("refused: coupling.internal.damping = 400"))
+            assert page.sliders._handles[KID].value == page.sliders.values[KID] == 0.0
+            assert not shown.console_errors
+            time.sleep(0.1)
+            folder = page._recording
             internal = run.scene.coupling.internal
     assert (internal.stiffness, internal.damping) == (clamped, 0.0)
     return scene, folder, clamped
 
 
-def test_sliders_of_an_armed_board(tmp_path: Path) -> None:
+def test_sliders_of_an_armed_board(browser: Browser, tmp_path: Path) -> None:
     """A browser looks on: a gain goes up, is clamped, is refused; the recording replays to the bit."""
-    scene, folder, clamped = undisturbed(lambda k: steer(tmp_path / str(k)))
+    scene, folder, clamped = undisturbed(lambda k: steer(browser, tmp_path / str(k)))
     assert folder is not None
     recording = gx.Recording.load(folder)
     assert [(change.key, change.value) for change in recording.changes] == [(KIP, 75.0), (KIP, clamped)]

@@ -20,8 +20,6 @@ from tests.support import foreign_parts
 from tests.support.engines import recorded, same
 from tests.support.optional import require
 
-pytestmark = pytest.mark.quick  # a program for each kind of limit, once
-
 TORQUE = 0.0012  # of a motor [N m], at a gear of 15 and links of 128 mm: 0.14 N at the finger
 
 

@@ -55,17 +55,6 @@ def wrench(k: int) -> tuple[Array, float]:
     )
 
 
-def test_one_second_at_a_tenth_of_a_newton(bodies: Any) -> None:
-    """Semi-implicit: 0.5025 m, 1 m/s, as native."""
-    body, native = bodies(dimensions=1, mass=0.1), native_body(dimensions=1, mass=0.1)
-    for each in (body, native):
-        push(each, [0.1])
-        for _ in range(200):
-            each.step(T)
-        assert each.position[0] == pytest.approx(0.5025, abs=1e-14)
-        assert each.velocity[0] == pytest.approx(1.0, abs=1e-14)
-
-
 def test_ten_seconds_in_the_plane_agree_with_native_semi_implicit(bodies: Any) -> None:
     """Viscosity passed in as the force -b v, the body's own zero: 1e-9 m and 1e-9 rad over 10 s."""
     given = {"dimensions": 2, "mass": 0.1, "inertia": CUBE, "integrator": "semi-implicit", "gravity": (0.0, -0.2)}

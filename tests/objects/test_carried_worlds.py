@@ -17,15 +17,14 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstac
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
 from tests.support import carriers
+from tests.support.meshes import plate
 
 Array = NDArray[np.float64]
 G, M, MU = 9.81, 0.1, 0.5
 CUBE = Box((0.05, 0.05, 0.05))
 FLOOR = place_obstacle("floor", HalfSpace((0.0, 0.0, 1.0)), 3)
 ON_ITS_SIDE = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
-CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.025
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-HULL = make_mesh(CORNERS, [t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
+HULL = make_mesh(*plate(0.05, 0.05, 0.05))
 
 # What each engine's contacts are good to. MuJoCo's give way by 0.1 um, and a box that is pushed tilts on them.
 FIRM = {"bullet": 1e-12, "mujoco": 2e-7}  # how far a body that holds moves [m]

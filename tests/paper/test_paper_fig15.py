@@ -82,6 +82,7 @@ def test_the_internal_mode_is_lost_at_80() -> None:
         assert np.polyfit(np.arange(len(windows)), np.log(windows), 1)[0] * sign > 0.0
 
 
-def test_kep_passes_kip_at_1_24() -> None:
+def test_kep_rises_and_passes_kip_at_1_24() -> None:
     """Fig. 15's crossing: below it kep is the limit of the conventional method, above it kip = 80 N/m."""
+    assert (np.diff([limit(b_v) for b_v in np.linspace(0.8, 1.5, 15)]) > 0.0).all()
     assert limit(1.235) < 80.0 < limit(1.245)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+import re
 from html.parser import HTMLParser
 from typing import Any
 
@@ -79,52 +79,30 @@ class Reader(HTMLParser):
         self.texts.append(data)
 
 
-@pytest.mark.parametrize("name", NOUNS)
-def test_a_noun_fits_a_screen(name: str, nouns: dict[str, Any]) -> None:
-    text = repr(nouns[name])
-    assert 20 < len(text) < 2000 and text.count("\n") < 40
-    assert max(map(len, text.splitlines()[1:]), default=0) <= WIDTH + 20
-    assert " at 0x" not in text and str(nouns[name]) == text
-
-
-@pytest.mark.parametrize("name", NOUNS)
-def test_a_noun_is_a_table_in_a_notebook(name: str, nouns: dict[str, Any]) -> None:
-    html = nouns[name]._repr_html_()
-    reader = Reader(html)
-    assert html.startswith("<table>") and reader.open == []
-    first = repr(nouns[name]).splitlines()[0]
-    assert reader.texts[0].startswith(first[:WIDTH])
-
-
 def test_every_noun_is_there(nouns: dict[str, Any]) -> None:
     assert set(nouns) == set(NOUNS)
 
 
 @pytest.mark.parametrize("name", NOUNS)
-def test_a_noun_shows_public_names_alone(name: str, nouns: dict[str, Any]) -> None:
-    names = dir(nouns[name])
-    assert names and not [each for each in names if each.startswith(("_", "model_"))]
-    assert all(hasattr(nouns[name], each) for each in names)
-
-
-@pytest.mark.parametrize("name", sorted(set(NOUNS) - {"session", "point coupling"}))  # which hold what is compiled here
-def test_a_noun_goes_to_another_process(name: str, nouns: dict[str, Any]) -> None:
-    other = pickle.loads(pickle.dumps(nouns[name]))
-    assert type(other) is type(nouns[name]) and repr(other) == repr(nouns[name])
-
-
-def test_what_a_card_says_can_be_called_is_there(nouns: dict[str, Any]) -> None:
+def test_a_noun_fits_a_screen_is_a_table_in_a_notebook_and_names_what_can_be_called(
+    name: str, nouns: dict[str, Any]
+) -> None:
     """Words of the last row that begin with a dot are attributes of the noun, those of `gx.` public names."""
-    for noun in nouns.values():
-        for owner, attribute in called(noun._card().calls):
-            assert hasattr(gx if owner == "gx" else noun, attribute), (type(noun), attribute)
-
-
-def called(text: str) -> Iterator[tuple[str, str]]:
-    import re
-
-    for match in re.finditer(r"(?<![\w)\]])(gx)?\.([a-z]\w*)", text):
-        yield match[1] or "", match[2]
+    noun = nouns[name]
+    text, html, names = repr(noun), noun._repr_html_(), dir(noun)
+    assert 20 < len(text) < 2000 and text.count("\n") < 40
+    assert max(map(len, text.splitlines()[1:]), default=0) <= WIDTH + 20
+    assert " at 0x" not in text and str(noun) == text
+    reader = Reader(html)
+    assert html.startswith("<table>") and reader.open == []
+    assert reader.texts[0].startswith(text.splitlines()[0][:WIDTH])
+    assert names and not [each for each in names if each.startswith(("_", "model_"))]
+    assert all(hasattr(noun, each) for each in names)
+    for owner, attribute in re.findall(r"(?<![\w)\]])(gx)?\.([a-z]\w*)", noun._card().calls):
+        assert hasattr(gx if owner else noun, attribute), attribute
+    if name not in ("session", "point coupling"):  # which hold what is compiled here
+        other = pickle.loads(pickle.dumps(noun))
+        assert type(other) is type(noun) and repr(other) == text
 
 
 def test_a_recording_says_what_it_is(nouns: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""docs/explanation/equation-by-equation.md: every equation of the paper has its row, and readers find the page."""
+"""docs/explanation/equation-by-equation.md: every equation of the paper has its row."""
 
 from __future__ import annotations
 
@@ -34,8 +34,3 @@ def test_each_equation_stands_in_the_code() -> None:
                 assert re.search(rf"^(?:def|class) {name}\b", text, re.MULTILINE), (file, name)
         assert re.search(r"`tests/[\w/]+\.py`: `test_\w+`", cells[-1]), row
     assert sorted(numbers) == list(range(1, EQUATIONS + 1))
-
-
-def test_readers_find_the_page() -> None:
-    assert "(docs/explanation/equation-by-equation.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
-    assert "(equation-by-equation.md)" in (PAGE.parent / "coupling.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Documents that name the test of what they promise: each such test exists."""
+"""Documents, and `tests/slow.txt`, that name tests: each such test exists."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import slow
 from tests.support.hardware import EVIL
 from tests.support.rooms import ROOT
 
@@ -56,3 +57,10 @@ def test_a_name_that_no_test_has_is_seen() -> None:
         "test_three", "tests/c/test_y.py", "no such deed",
     ]  # fmt: skip
     assert Path(ROOT / DOCUMENTS[0]).exists()
+
+
+def test_what_make_fast_leaves_out_is_there() -> None:
+    for name in slow.means():
+        path, _, test = name.partition("::")
+        text = (slow.ROOT / path).read_text(encoding="utf-8")
+        assert path.endswith(".md") or f"def {test}(" in text, f"{name}: measure anew with `make durations`"

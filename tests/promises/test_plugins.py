@@ -67,6 +67,7 @@ def test_drivers_that_ship_load_as_submodules_of_the_package() -> None:
     loaded = [plugins.load("devices", name) for name, origin in plugins.names("devices").items() if "GraspFX" in origin]
     assert loaded
     assert all(module.__name__.startswith("graspfx.devices.") and callable(module.connect) for module in loaded)
+    assert "devices.two_link" not in sys.modules  # the file has one name
 
 
 def test_a_path_needs_no_shelf_and_loads_once(tmp_path: Path) -> None:

@@ -128,20 +128,17 @@ def test_they_are_listed_with_their_owner(site: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("scene", ["acme-push", "acme-row"])
-def test_a_plan_names_them(site: Path, tmp_path: Path, scene: str) -> None:
-    plan = python(site, tmp_path, "-m", "graspfx", "check", scene)
-    assert "2 x rail" in plan and "syrup" in plan
-
-
-@pytest.mark.parametrize("scene", ["acme-push", "acme-row"])
-def test_a_run_uses_them(site: Path, tmp_path: Path, scene: str) -> None:
+def test_a_plan_names_them_and_a_run_uses_them(site: Path, tmp_path: Path, scene: str) -> None:
     """In syrup the object stays exactly where it is, though the carriages differ and push it unevenly."""
-    summary = json.loads(python(site, tmp_path, "-m", "graspfx", "run", scene, "--json", "--no-figure"))
-    assert summary["ticks"] == 20 and summary["faults"] == 0 and min(summary["peak_force"]) > 0.05
     code = (
         "import graspfx as gx\n"
+        "from graspfx.__main__ import main\n"
+        f"assert main(['check', {scene!r}]) == 0 and main(['run', {scene!r}, '--json', '--no-figure']) == 0\n"
         f"rec = gx.testing.check_scene({scene!r}, energy=None)\n"
         "assert not rec.object_position.any() and rec.finger_position[-1].sum() != 0.0\n"
         "gx.testing.check_device(lambda: gx.testing.driver('rail').connect(carriage=0.3))\n"
     )
-    python(site, tmp_path, "-c", code)
+    plan, brace, table = python(site, tmp_path, "-c", code).partition("{")
+    assert "2 x rail" in plan and "syrup" in plan
+    summary = json.loads(brace + table)
+    assert summary["ticks"] == 20 and summary["faults"] == 0 and min(summary["peak_force"]) > 0.05

@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import graspfx as gx
+from graspfx import plugins
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.plugins import PluginError
 from graspfx.scene.lines import KeyLines
@@ -116,11 +119,6 @@ def test_a_start_out_of_reach_has_its_line() -> None:
         scene.replace({"finger.0.start": [0.5]}).require_reach()
 
 
-def test_text_that_is_not_utf8_has_its_line() -> None:
-    Path("scene.toml").write_bytes(GOOD.encode() + b"title = '\xe9'\n")
-    assert report("scene.toml") == ["scene.toml:19: not UTF-8: byte 0xe9; save the file in that encoding"]
-
-
 def test_text_needs_quotes() -> None:
     [fault] = report(write(GOOD), {"title": 5})
     assert fault.endswith("expected text; given 5 (text needs quotes: --set 'title=\"5\"'; set by an override)")
@@ -130,6 +128,8 @@ def test_a_file_of_that_name_is_suggested() -> None:
     write(GOOD, "good.toml")
     with pytest.raises(UnknownNameError, match=r"there is a file good\.toml: name it with its ending"):
         load("good")
+    with pytest.raises(UnknownNameError, match="unknown scene 'no-such-scene'"):
+        load("no-such-scene")
 
 
 def test_a_missing_key_has_the_line_of_its_table() -> None:
@@ -144,6 +144,8 @@ def test_a_missing_key_has_the_line_of_its_table() -> None:
 def test_what_is_not_toml_has_its_line(text: str, line: int) -> None:
     [fault] = report(write(text))
     assert fault.startswith(f"scene.toml:{line}: not TOML: ")
+    Path("scene.toml").write_bytes(GOOD.encode() + b"title = '\xe9'\n")
+    assert report("scene.toml") == ["scene.toml:19: not UTF-8: byte 0xe9; save the file in that encoding"]
 
 
 def test_key_lines() -> None:
@@ -377,11 +379,6 @@ def test_a_python_file_without_a_scene(text: str) -> None:
         load(write(text, "mine.py"))
 
 
-def test_unknown_scene() -> None:
-    with pytest.raises(UnknownNameError, match="unknown scene 'no-such-scene'"):
-        load("no-such-scene")
-
-
 def test_a_scene_without_faults_needs_no_parser_of_lines(folder: Path) -> None:
     write(GOOD)
     code = (
@@ -410,3 +407,46 @@ def test_a_scene_that_is_none() -> None:
         to_scene(3.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="values by dotted key"):
         to_scene(load("reference-1dof"), ["mass"])  # type: ignore[arg-type]
+
+
+# Settings under their former names ------------------------------------------------------------------------------------
+
+FORMER = GOOD.replace("damping = 0.2", "friction = 0.2")
+
+
+def test_a_former_name_runs_the_same_and_is_noted() -> None:
+    now, former = load(write(GOOD)), load(write(FORMER))
+    assert np.array_equal(gx.run(now, duration=0.1).rows, gx.run(former, duration=0.1).rows)
+    assert not any("is called" in note for note in gx.check(now).notes)
+    assert [note for note in gx.check(former).notes if "is called" in note] == [
+        f"finger.{i}.device.friction is called 'damping' now: the old name is still read" for i in (0, 1)
+    ]
+
+
+@pytest.mark.parametrize("written", [GOOD, FORMER])
+@pytest.mark.parametrize("key", ["finger.*.device.friction", "finger.*.device.damping"])
+def test_an_override_replaces_either_name(written: str, key: str) -> None:
+    scene = load(write(written), {key: 0.5})
+    assert [finger.device.settings["damping"] for finger in scene.finger] == [0.5, 0.5]  # type: ignore[union-attr]
+    assert scene.replace({"finger.0.device.friction": 0.7}).finger[0].device.settings["damping"] == 0.7  # type: ignore[union-attr]
+
+
+def test_both_names_are_a_fault() -> None:
+    with pytest.raises(SceneError, match=r"friction: the former name of 'damping', which is there too: leave it out"):
+        load(write(GOOD.replace("damping = 0.2", "damping = 0.2, friction = 0.2", 1)))
+
+
+def test_a_fault_of_the_value_names_the_setting() -> None:
+    with pytest.raises(SceneError, match=r"damping.*expected a finite damping of zero or more \[N s/m\]"):
+        load(write(FORMER.replace("friction = 0.2", "friction = -0.2", 1)))
+
+
+def test_connect_itself_takes_the_former_name_with_a_warning() -> None:
+    connect = plugins.load("devices", "simulated").connect
+    with pytest.warns(FutureWarning, match="'friction' is called 'damping' now"):
+        device = connect(mass=0.1, friction=0.2, dimensions=1)
+    assert device.features.friction == 0.2
+    with pytest.raises(InputError, match="its former name"):
+        connect(mass=0.1, friction=0.2, damping=0.2, dimensions=1)
+    with pytest.warns(FutureWarning, match="'joint_friction' is called 'joint_damping' now"):
+        plugins.load("devices", "two-link").connect(joint_friction=1e-3)

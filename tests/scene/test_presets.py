@@ -37,8 +37,6 @@ def presets(name: str) -> list[str]:
 
 
 SHELF = [name for name, origin in plugins.names("scenes").items() if origin.startswith("GraspFX")]
-STATED = [(name, preset) for name in SHELF for preset in presets(name)]
-
 PYTHON = f'''
 import tomllib
 import graspfx as gx
@@ -51,9 +49,8 @@ def scene(viscosity: float = 0.8) -> gx.Scene:
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(new_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv(environment.VARIABLE, raising=False)
     (tmp_path / "own.toml").write_text(BASE + PRESETS)
     (tmp_path / "own.py").write_text(PYTHON)
@@ -77,18 +74,16 @@ def line(text: str, within: str) -> int:
     return (BASE + within).splitlines().index(text) + 1
 
 
-def test_the_shelf_states_one() -> None:
-    assert ("paper-waving", "light-hand") in STATED
-
-
-@pytest.mark.parametrize(("name", "preset"), STATED)
-def test_every_preset_of_the_shelf_runs(name: str, preset: str) -> None:
-    scene = gx.load(name, preset=preset)
-    assert scene.to_dict() != gx.load(name).to_dict()
-    assert len(scene.preset[preset].reason.split()) >= 4
-    rec = gx.run(scene, duration=2 * scene.period)
-    assert len(rec) == 2
-    assert not rec.faults
+@pytest.mark.parametrize("name", SHELF)
+def test_every_preset_of_the_shelf_runs(name: str) -> None:
+    stated = presets(name)
+    assert name != "paper-waving" or "light-hand" in stated
+    for preset in stated:
+        scene = gx.load(name, preset=preset)
+        assert scene.to_dict() != gx.load(name).to_dict()
+        assert len(scene.preset[preset].reason.split()) >= 4
+        rec = gx.run(scene, duration=2 * scene.period)
+        assert len(rec) == 2 and not rec.faults
 
 
 @pytest.mark.parametrize("file", ["own.toml", "own.py"])
@@ -254,9 +249,6 @@ def test_commands_take_a_preset(capsys: pytest.CaptureFixture[str]) -> None:
         assert main([words[0], "own.toml", "--preset", "stiff", *words[1:]]) == 0
     assert main(["picture", "out", "--preset", "stiff"]) == 2
     assert "has been run" in capsys.readouterr().err
-
-
-def test_list_shows_presets(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     assert f"--preset light-hand: {gx.load('paper-waving').preset['light-hand'].reason}" in capsys.readouterr().out
 

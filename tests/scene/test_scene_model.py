@@ -345,17 +345,6 @@ def test_rotational_viscosity_is_judged_by_the_inertia_of_the_shape_too(make: An
     assert found.startswith("object.rotational_viscosity: rotational_viscosity * period / inertia is 2.01, ")
 
 
-def test_channels_of_a_shared_device() -> None:
-    table = line()
-    table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 3}]
-    for i, finger in enumerate(table["finger"]):
-        finger |= {"device": "left", "channel": 5 * i}
-    assert faults(table) == ["finger.1.channel: expected less than 3: 'simulated' has 3 fingers; given 5"]
-    table["finger"][1]["channel"] = 2
-    [found] = faults(table)
-    assert found.startswith("device.0: no finger has its channel 1: ")
-
-
 REAL = """
 from graspfx.loop.device import Features
 
@@ -388,10 +377,6 @@ def test_a_device_that_lacks_a_method_is_a_fault_of_its_table(
     table["finger"][0] = {"start": [-0.03, 0.0], "device": "board"}
     [fault] = faults(table)
     assert fault.startswith("device.0: the device of part.py lacks")
-
-
-def test_every_method_that_a_device_lacks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("bare.py").write_text(
         "from graspfx.protocols import Features\nclass Bare:\n    features = Features(1, 2)\n    stop = 3\n"
         "def connect(): return Bare()\n"
@@ -445,18 +430,6 @@ def test_reach_is_asked_for_when_a_scene_is_to_run() -> None:
     assert "the arm works from 0.0100 to 0.2460 m" in first.message
     assert second.message.startswith("outside the device's workspace, [0.0, 0.0] to [1.0, 1.0] m; given [-0.03, 0.0]")
     Scene(**plane()).require_reach()
-
-
-def test_devices_with_several_fingers() -> None:
-    table = line()
-    table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 2}]
-    for i, finger in enumerate(table["finger"]):
-        finger |= {"device": "left", "channel": i}
-    assert faults(table) == []
-    table["finger"][1]["channel"] = 0
-    assert faults(table) == ["finger.1.channel: channel 0 of 'left' is finger 0's already"]
-    table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
-    assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)
 
 
 @pytest.mark.parametrize(("name", "package"), [("bullet", "pybullet"), ("mujoco", "mujoco")])
@@ -533,3 +506,20 @@ def test_faults_speak_of_values_and_not_of_validators(key: str, value: Any, mess
         Scene(**put(table, key, value))
     assert message in str(caught.value)
     assert not any(word in str(caught.value) for word in ("Input tag", "Value error", "ambiguous"))
+
+
+def test_devices_with_several_fingers() -> None:
+    table = line()
+    table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 3}]
+    for i, finger in enumerate(table["finger"]):
+        finger |= {"device": "left", "channel": 5 * i}
+    assert faults(table) == ["finger.1.channel: expected less than 3: 'simulated' has 3 fingers; given 5"]
+    table["finger"][1]["channel"] = 2
+    [found] = faults(table)
+    assert found.startswith("device.0: no finger has its channel 1: ")
+    table["device"][0]["fingers"], table["finger"][1]["channel"] = 2, 1
+    assert faults(table) == []
+    table["finger"][1]["channel"] = 0
+    assert faults(table) == ["finger.1.channel: channel 0 of 'left' is finger 0's already"]
+    table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
+    assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)

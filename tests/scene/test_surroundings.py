@@ -91,40 +91,29 @@ def test_faults_say_what_cannot_meet(things: list[dict[str, Any]], changes: dict
     assert any(fault.startswith(said) for fault in faults(*things, **changes)), faults(*things, **changes)
 
 
+def flat(dynamics: str, *obstacles: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A box on the ground in the plane: the object, and the other tables."""
+    ground = {"name": "ground", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}
+    fingers = [each | {"start": each["start"][::2]} for each in table()["finger"]]
+    plane = {"dimensions": 2, "gravity": [0.0, -9.81], "finger": fingers, "obstacle": [ground, *obstacles]}
+    return thing(dynamics=dynamics, shape={"kind": "box", "size": [0.05, 0.05]}, position=[0.0, 0.025]), plane
+
+
 def test_bullet_worlds_are_in_space_and_whole() -> None:
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     [fault] = faults(thing(dynamics="bullet", free=[True, True, True, False, False, False]))
     assert fault.startswith("object.0.free: PyBullet locks no single freedom of a body that meets others")
-    flat = {
-        "name": "box",
-        "mass": 0.1,
-        "viscosity": 0.2,
-        "rotational_viscosity": 2e-5,
-        "dynamics": "bullet",
-        "shape": {"kind": "box", "size": [0.05, 0.05]},
-        "position": [0.0, 0.025],
-    }
-    fingers = [each | {"start": each["start"][::2]} for each in table()["finger"]]
-    given = {
-        "dimensions": 2,
-        "gravity": [0.0, -9.81],
-        "finger": fingers,
-        "obstacle": [{"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
-    }
-    [fault] = faults(flat, **given)
+    things, changes = flat("bullet")
+    [fault] = faults(things, **changes)
     assert fault.startswith("object.0.dynamics: a PyBullet world is in space, not in 2 dimension(s)")
     assert "or dynamics = 'mujoco', or 'native' and half-spaces or planes" in fault
 
 
 def test_mujoco_worlds_are_flat_or_partly_locked_too() -> None:
     require("mujoco")
-    ground = {"name": "ground", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}
     step = {"name": "step", "shape": {"kind": "box", "size": [0.02, 0.02]}, "position": [0.3, 0.01]}
-    square = {"kind": "box", "size": [0.05, 0.05]}
-    fingers = [each | {"start": each["start"][::2]} for each in table()["finger"]]
-    flat = thing(dynamics="mujoco", shape=square, position=[0.0, 0.025])
-    plane = {"dimensions": 2, "gravity": [0.0, -9.81], "finger": fingers, "obstacle": [ground, step]}
-    rec = gx.run(gx.Scene(**table(flat, **plane)), duration=0.1)
+    things, changes = flat("mujoco", step)
+    rec = gx.run(gx.Scene(**table(things, **changes)), duration=0.1)
     assert not rec.faults and abs(rec.object_position[-1][1] - 0.025) < 1e-6
     partly = gx.Scene(**table(thing(dynamics="mujoco", free=[True, True, True, False, False, False])))
     rec = gx.run(partly, duration=0.1)

@@ -27,34 +27,22 @@ def first_forces(recording: Recording) -> FloatArray:
     return recording.finger_force[0, :, 0]
 
 
-def squeeze_before_waving(recording: Recording) -> FloatArray:
-    """How deep each finger stands in the cube from 0.9 to 1 s: squeezed, not yet waved."""
-    gap = recording.gap
-    assert gap is not None
-    return -gap[(recording.time >= 0.9) & (recording.time < 1.0)].mean(axis=0)
+def depths(begin: float, end: float = np.inf, *, mean: bool = True) -> Callable[[Recording], FloatArray]:
+    """How deep each finger stands in the object from `begin` to `end` [s], in the mean or at every tick."""
+
+    def number(recording: Recording) -> FloatArray:
+        each = -require(recording.gap)[(recording.time >= begin) & (recording.time < end)]
+        return np.asarray(each.mean(axis=0) if mean else each)
+
+    return number
 
 
 def squeeze_in_the_end(recording: Recording) -> FloatArray:
-    gap = recording.gap
-    assert gap is not None
-    return -gap[-200:].mean(axis=0)
-
-
-def gaps_at(begin: float, end: float) -> Callable[[Recording], FloatArray]:
-    """How deep each finger stands in the object, the mean from `begin` to `end` [s]."""
-
-    def depths(recording: Recording) -> FloatArray:
-        gap = recording.gap
-        assert gap is not None
-        return -gap[(recording.time >= begin) & (recording.time < end)].mean(axis=0)
-
-    return depths
+    return np.asarray(-require(recording.gap)[-200:].mean(axis=0))
 
 
 def depths_in_the_end(recording: Recording) -> FloatArray:
-    gap = recording.gap
-    assert gap is not None
-    return -gap[-1]
+    return -require(recording.gap)[-1]
 
 
 def forces_in_the_end(recording: Recording) -> FloatArray:
@@ -69,13 +57,6 @@ def turned_in_the_end(recording: Recording) -> FloatArray:
     """The rotation vector from the first pose to the last [rad]."""
     first, last = (Rotation.from_quat(require(recording.object_orientation)[k]) for k in (0, -1))
     return (last * first.inv()).as_rotvec()
-
-
-def depth_once_squeezed(recording: Recording) -> FloatArray:
-    """Give the depth of each finger at every tick from 0.35 s on [m]."""
-    gap = recording.gap
-    assert gap is not None
-    return -gap[recording.time >= 0.35]
 
 
 def contacts_apart(recording: Recording) -> FloatArray:
@@ -183,7 +164,7 @@ def pinch_and_weight(recording: Recording) -> FloatArray:
 
 
 # A finger between a spring k to a point s inside the surface and the coupling: k (s - x) = kip x, x = s k/(k + kip).
-WAVING = (squeeze_before_waving, 0.01 * 60.0 / (60.0 + 70.0), 1e-5)  # 0.2 %: the arms have viscous friction, and settle
+WAVING = (depths(0.9, 1.0), 0.01 * 60.0 / (60.0 + 70.0), 1e-5)  # 0.2 %: the arms have viscous friction, and settle
 SPRING = (squeeze_in_the_end, 0.01 * 33.0 / (33.0 + 80.0), 1e-5)  # the encoders' counts are 4 um
 # The bar hangs 15 mm beside two springs in torsion, kep rho^2 each: 2 kep rho^2 a = m g x cos(a), a = 5.82 degrees.
 # Each carries half of its moment and weight, and slips where sqrt(f_t^2 + (tau/rho)^2) = mu f_n.
@@ -214,8 +195,8 @@ NUMBERS: dict[str, Any] = {
     # 0.06 N and the swing some more, 0.1 mm. The contacts of the balls of 10 mm stay 21 mm apart, each on its own face;
     # they are where the implicit step predicts the plate, which turns by 0.02 rad from there at most: 21 mm (1 - cos).
     "thin-plate": [
-        (gaps_at(0.35, 0.4), [0.008 * 500.0 / 900.0] * 2, 1e-5),
-        (depth_once_squeezed, 0.008 * 500.0 / 900.0, 2e-4),
+        (depths(0.35, 0.4), [0.008 * 500.0 / 900.0] * 2, 1e-5),
+        (depths(0.35, mean=False), 0.008 * 500.0 / 900.0, 2e-4),
         (contacts_apart, 0.021, 5e-6),
     ],
     # At rest the fingers carry the weight and nothing else.

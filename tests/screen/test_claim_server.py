@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import pytest
 
 from graspfx.errors import DeviceError
-from graspfx.screen.claim_server import SILENCE, ClaimServer, Client, Terms
+from graspfx.screen.claim_server import LOOK, SILENCE, ClaimServer, Client, Terms
 from graspfx.screen.own_page import NAMES, listen_at
 from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import Kind
-from tests.support.waiting import wait_until
+from tests.support.hardware import VirtualClock
+from tests.support.waiting import let_pass
+from tests.support.waiting import wait_until as until
 
 pytest.importorskip("websockets", reason="the server's socket: pip install 'graspfx[touch]'")
 from websockets.sync.client import connect as open_socket
 
-pytestmark = pytest.mark.alone
-
-until = partial(wait_until, patience=5.0)
+LOST = SILENCE + LOOK  # after which a silent client is looked at as lost [s]
 
 
 class Things(ClaimServer):
     """Four things, that note when they are let go; those that stick raise an error then."""
 
     def __init__(self, line: Any) -> None:
-        super().__init__(line, "things", Gate(NAMES, 0, locked=False), Terms("/things", 64, 500.0, 500.0), 4)
+        gate = Gate(NAMES, 0, locked=False, clock=VirtualClock().now)
+        super().__init__(line, "things", gate, Terms("/things", 64, 500.0, 500.0), 4)
         self.ends: list[tuple[int, str]] = []
         self.stuck: set[int] = set()
 
@@ -69,7 +68,11 @@ def test_each_way_to_be_lost_lets_go_once() -> None:
         until(lambda: server.ends[1:] == [(1, "lost")])
         with client() as silent:
             claim(silent, 1, 2)
-            until(lambda: server.ends[2:] == [(2, "silence")])
+            until(lambda: server.counts["taken"] == 4)
+            let_pass(server, SILENCE - LOOK)
+            assert len(server.ends) == 2
+            let_pass(server, 2.0 * LOOK)
+            assert server.ends[2:] == [(2, "silence")]
             claim(silent, 2, 2, Kind.MOVE)  # nobody's now
             until(lambda: server.counts["claim"] == 1)
             claim(silent, 3, 3)
@@ -84,12 +87,18 @@ def test_one_that_cannot_be_let_go_keeps_no_other_and_clients_are_watched_on() -
         with client() as one, client() as two:
             for number, thing in enumerate((0, 1)):
                 claim(one, number + 1, thing)
-            until(lambda: server.ends == [(0, "silence"), (1, "silence")])
+            until(lambda: server.counts["taken"] == 2)
+            let_pass(server, LOST)
+            assert server.ends == [(0, "silence"), (1, "silence")]
             claim(two, 1, 2)
             claim(two, 2, 3)
-            until(lambda: server.ends[2:] == [(2, "silence"), (3, "silence")])
+            until(lambda: server.counts["taken"] == 4)
+            let_pass(server, LOST)
+            assert server.ends[2:] == [(2, "silence"), (3, "silence")]
             claim(one, 3, 1)
-            until(lambda: server.ends[4:] == [(1, "silence")])
+            until(lambda: server.counts["taken"] == 5)
+            let_pass(server, LOST)
+            assert server.ends[4:] == [(1, "silence")]
         assert server.counts["fault"] == 2
 
 
@@ -98,9 +107,9 @@ def test_time_in_which_nobody_listened_is_no_silence() -> None:
     with serving() as (server, client), client() as one:
         claim(one, 1, 0)
         until(lambda: server.counts["taken"] == 1)
-        server._post(time.sleep, 2.0 * SILENCE)
-        for number in range(2, 14):
-            claim(one, number, 0, Kind.ALIVE)
-            time.sleep(0.1)
-        until(lambda: server.counts["taken"] == 13)
-        assert not server.ends
+        (own,) = server._clients.values()
+        VirtualClock.time += 2.0 * SILENCE
+        assert until(lambda: own.silence) < 0.5 * SILENCE
+        claim(one, 2, 0, Kind.ALIVE)
+        until(lambda: server.counts["taken"] == 2)
+        assert own.silence == 0.0 and not server.ends

@@ -11,18 +11,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import pytest
 
 from graspfx.errors import DeviceError
-from graspfx.screen.claim_server import MOST_CLIENTS
-from graspfx.screen.touch_address import gate_for, listen, url
+from graspfx.screen.claim_server import LOOK, MOST_CLIENTS, SILENCE, TURN
+from graspfx.screen.own_page import NAMES
+from graspfx.screen.touch_address import listen, url
 from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order
 from graspfx.screen.touch_server import BURST, HEAD, TouchServer
-from tests.support.waiting import wait_until
+from tests.support.hardware import VirtualClock
+from tests.support.waiting import let_pass
+from tests.support.waiting import wait_until as until
 
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -30,10 +32,8 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 from websockets.sync.connection import Connection
 
-pytestmark = pytest.mark.alone
-
-until = partial(wait_until, patience=5.0)
-
+PATIENCE = 60.0  # [s]
+FATES = ("taken", "length", "kind", "finger", "place", "number", "rate", "claim")
 BOX = Box(-0.15, -0.1, 0.15, 0.1)
 SCENERY = json.dumps({"title": "a test"})
 
@@ -65,7 +65,7 @@ class Server:
 
     def get(self, path: str = "/", **headers: str) -> tuple[int, http.client.HTTPMessage, str]:
         name, port = self.host.split(":")
-        line = http.client.HTTPConnection(name, int(port), timeout=5.0)
+        line = http.client.HTTPConnection(name, int(port), timeout=PATIENCE)
         line.request("GET", path, headers=headers)
         answer = line.getresponse()
         text = answer.read().decode()
@@ -75,24 +75,26 @@ class Server:
     def client(self, origin: str | None = "", **headers: str) -> ClientConnection:
         own: Any = f"http://{self.host}" if origin == "" else origin
         return open_socket(
-            f"ws://{self.host}/socket", origin=own, additional_headers=headers, compression=None, proxy=None
-        )
+            f"ws://{self.host}/socket", origin=own, additional_headers=headers, compression=None, proxy=None,
+            open_timeout=PATIENCE,
+        )  # fmt: skip
 
 
 @contextmanager
 def serving(gate: Gate | None = None) -> Iterator[Server]:
+    """Serve a page on the virtual clock, or behind a gate with another one."""
+    gate = gate or Gate(NAMES, 0, locked=False, clock=VirtualClock().now)
     fingers, notes = Fingers(), list[tuple[int, Order, str]]()
-    with listen("127.0.0.1", 0) as line:
-        server = TouchServer(
-            line, gate or gate_for(line, lan=False), 3, BOX, SCENERY, fingers, lambda *note: notes.append(note)
-        )
-        with server:
-            yield Server(server, fingers, notes)
+    with (
+        listen("127.0.0.1", 0) as line,
+        TouchServer(line, gate, 3, BOX, SCENERY, fingers, lambda *note: notes.append(note)) as server,
+    ):
+        yield Server(server, fingers, notes)
 
 
 def read_all(client: Connection) -> None:
     while True:
-        client.recv(timeout=5.0)
+        client.recv(timeout=PATIENCE)
 
 
 def order(kind: Kind, finger: int, number: int, x: float = 0.0, y: float = 0.0) -> bytes:
@@ -132,9 +134,8 @@ def test_strangers_are_refused() -> None:
 
 
 def test_a_locked_page_is_for_whoever_has_the_token() -> None:
-    with listen("127.0.0.1", 0) as probe:
-        gate = Gate({"127.0.0.1"}, 0, locked=True)
-        token = gate.renew()
+    gate = Gate({"127.0.0.1"}, 0, locked=True, clock=VirtualClock().now)
+    token = gate.renew()
     with serving(gate) as site:
         assert site.get()[0] == 403
         with pytest.raises(InvalidStatus, match="403"):
@@ -149,7 +150,7 @@ def test_a_locked_page_is_for_whoever_has_the_token() -> None:
             site.client(Cookie=f"{cookie}x")
         statuses = [site.get("/?token=wrong")[0] for _ in range(6)]
         assert statuses[-1] == 429
-        assert site.server.counts["refused 403"] >= 5 and probe.fileno() == -1
+        assert site.server.counts["refused 403"] >= 5
 
 
 def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
@@ -168,7 +169,7 @@ def test_the_first_who_touches_has_the_finger_and_pictures_say_so() -> None:
 
         def heads(client: Connection) -> tuple[float, ...]:
             while True:
-                data = client.recv(timeout=5.0)
+                data = client.recv(timeout=PATIENCE)
                 if isinstance(data, bytes) and data.endswith(picture) and len(data) == HEAD.size + 8:
                     return HEAD.unpack(data[: HEAD.size])
 
@@ -186,25 +187,27 @@ def test_whoever_is_lost_lets_go() -> None:
             client.send(order(Kind.PRESS, 0, 1))
             client.send(order(Kind.PRESS, 2, 2))
             until(lambda: len(site.fingers.places) == 2)
-        until(lambda: sorted(site.fingers.lifts) == [0, 2], patience=1.0)
+        until(lambda: sorted(site.fingers.lifts) == [0, 2])
         crashing = site.client()
         crashing.send(order(Kind.PRESS, 1, 1))
         until(lambda: 1 in site.fingers.places)
         crashing.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         crashing.socket.shutdown(socket.SHUT_RDWR)
-        until(lambda: site.fingers.lifts[2:] == [1], patience=1.0)
+        until(lambda: site.fingers.lifts[2:] == [1])
         crashing.close()
         with site.client() as client:
             client.send(order(Kind.PRESS, 0, 1))
-            for number in range(2, 9):
-                time.sleep(0.1)
+            until(lambda: 0 in site.fingers.places)
+            for number in range(2, 6):
+                let_pass(site.server, 0.2)
                 client.send(order(Kind.ALIVE, 0, number))
-                assert len(site.fingers.lifts) == 3  # for 0.7 s: it is there
-            began = time.monotonic()
-            while len(site.fingers.lifts) < 4:
+                until(lambda number=number: site.server.last == number)  # type: ignore[misc]
+            assert len(site.fingers.lifts) == 3  # for 0.8 s: it is there
+            for looks in (SILENCE / LOOK - 1, 2):
+                assert len(site.fingers.lifts) == 3
                 client.send(b"rubbish")  # which is no sign of life
-                time.sleep(0.01)
-            assert 0.4 < time.monotonic() - began < 1.5
+                let_pass(site.server, looks * LOOK)
+            assert len(site.fingers.lifts) == 4
             client.send(order(Kind.MOVE, 0, 10, 0.1, 0.0))  # its finger is nobody's now
             until(lambda: site.server.counts["claim"] == 1)
             client.send(order(Kind.PRESS, 0, 11, 0.1, 0.0))
@@ -221,33 +224,35 @@ def test_a_flood_of_rubbish_leads_nowhere_and_no_other_screen_suffers() -> None:
         for _ in range(chance.randrange(1, 5)):
             data[chance.randrange(24)] = chance.randrange(256)
         messages.append(bytes(data[: chance.choice((24, 24, 24, 0, 7, 23))]) + bytes(chance.choice((0, 0, 0, 3))))
-    with serving() as site, site.client() as other:
-        flood = site.client()
+    with serving() as site, site.client() as other, site.client() as flood:
+        counts, kept, poured = site.server.counts, threading.Event(), threading.Event()
+        heard: list[int] = []  # of the flood, with each order of the other screen
 
         def pour() -> None:
-            for data in messages:
+            for k, data in enumerate(messages):
                 flood.send(data if len(data) % 2 == 0 else data.decode("latin-1"))
+                if k == 1000:
+                    poured.set()
 
-        thread = threading.Thread(target=pour)
+        def press(finger: int, place: tuple[float, float]) -> None:
+            if finger == 2:
+                heard.append(sum(counts[each] for each in FATES))
+            Fingers.press(site.fingers, finger, place)
+
         other.send(order(Kind.PRESS, 2, 1, 0.1, 0.1))
         until(lambda: site.fingers.places.get(2) == (0.1, 0.1))
+        site.server._post(kept.wait, PATIENCE)
+        thread = threading.Thread(target=pour)
         thread.start()
-        number = 1
-        while thread.is_alive():
-            number += 1
-            other.send(order(Kind.MOVE, 2, number, 0.1, -0.1))
-            time.sleep(0.01)
-        until(lambda: site.fingers.places.get(2) == (0.1, -0.1))
-        counts = site.server.counts
-        until(
-            lambda: (
-                sum(counts[each] for each in ("taken", "length", "kind", "finger", "place", "number", "rate", "claim"))
-                == 10_000 + number
-            )
-        )
+        assert poured.wait(PATIENCE)
+        site.fingers.press = press  # type: ignore[method-assign]
+        other.send(order(Kind.MOVE, 2, 2, 0.1, -0.1))
+        kept.set()
+        thread.join()
+        until(lambda: sum(counts[each] for each in FATES) == 10_000 + 2)
+        assert site.fingers.places[2] == (0.1, -0.1)
         assert counts["length"] > 3_000 and counts["place"] > 100 and counts["kind"] > 100 and counts["finger"] > 100
-        assert "let go: silence" not in counts  # the other screen was heard all along
-        flood.close()
+        assert heard[0] < 4 * TURN  # of a thousand that were there before
 
 
 def test_orders_are_bounded_but_a_finger_can_always_go_up() -> None:
@@ -258,12 +263,21 @@ def test_orders_are_bounded_but_a_finger_can_always_go_up() -> None:
             client.send(order(Kind.MOVE, 0, number, 0.1, 0.0))
         client.send(order(Kind.LIFT, 0, most))
         until(lambda: site.fingers.lifts == [0])
-        assert site.server.counts["rate"] > 0
-        assert site.server.counts["lost"] == 0  # they came, and were not followed
-        assert len(site.notes) == most
+        assert len(site.notes) == most  # they came, and were not followed
+        assert site.server.counts == {"lost": 0, "taken": BURST + 1, "rate": most - BURST - 1}
         client.send(bytes(1000))  # longer than any order
         with pytest.raises(ConnectionClosed):
             read_all(client)
+
+
+@pytest.mark.alone
+def test_a_screen_is_silent_for_half_a_second_by_the_machine_s_clock() -> None:
+    with serving(Gate(NAMES, 0, locked=False)) as site, site.client() as client:
+        client.send(order(Kind.PRESS, 0, 1))
+        until(lambda: 0 in site.fingers.places)
+        began = time.monotonic()
+        until(lambda: site.fingers.lifts == [0])
+        assert 0.3 < time.monotonic() - began < 10.0
 
 
 def test_screens_are_few_and_a_port_is_one_program_s() -> None:

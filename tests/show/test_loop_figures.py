@@ -1,4 +1,4 @@
-"""Bode and Nyquist diagrams and Z-widths: what is drawn are the loci's and the region's own numbers."""
+"""Bode and Nyquist diagrams, Z-widths and measures over keys: what is drawn are their own numbers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
+from graspfx.show.variant_figures import Surface, variants_sheet
 
 
 @pytest.fixture(scope="module")
@@ -53,3 +54,15 @@ def test_the_command_draws_what_is_named(tmp_path: Path, capsys: pytest.CaptureF
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.iterdir())
     assert main(["stability", "reference-1dof", *plots]) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "scale"), [("finger_force.growth", "log"), ("finger_force.peak", "linear")])
+def test_growth_over_many_powers_has_a_logarithmic_axis(name: str, scale: str) -> None:
+    values = np.array([0.5, 20.0, 1e6])
+    sheet = variants_sheet(
+        {"object.mass": np.array([0.1, 0.2, 0.3])}, [Surface(name, "", values)], np.zeros(3, bool), "scene"
+    )
+    ax = sheet.panels[0, 0]
+    assert ax.get_yscale() == scale
+    if scale == "log":
+        assert ax.get_ylim()[0] < values.min() and ax.get_ylim()[1] > values.max()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
@@ -21,10 +20,10 @@ from graspfx.loop.recording.record import Recording
 from graspfx.show.picture.arrows import arrows, head
 from graspfx.show.picture.instant import instant
 from graspfx.show.picture.painter import Camera, Painter
-from graspfx.show.picture.portrait import picture
+from graspfx.show.picture.portrait import picture, portrait
 from graspfx.show.picture.surfaces import Surface, ball, rotation, surface
 from graspfx.show.picture.zbuffer import Layer, corner_normals
-from graspfx.show.style import EXTERNAL, INK, INTERNAL
+from graspfx.show.style import EXTERNAL, INK, INTERNAL, arranged
 from tests.support.recordings import layout, recording, waving
 from tests.support.writing import faults
 
@@ -76,22 +75,9 @@ def held(
     return recording(columns, layout(3, n), **({"scene_table": table, "title": "By hand"} | head))
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
-    saved: list[Figure] = []
-    save = Figure.savefig
-
-    def keep(self: Figure, *arguments: Any, **options: Any) -> None:
-        saved.append(self)
-        save(self, *arguments, **options)
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-
-    def draw(recorded: Recording, **options: Any) -> tuple[Figure, tuple[str, ...]]:
-        notes = picture(recorded, tmp_path / "picture.png", **options)
-        return saved[-1], notes
-
-    return draw
+def drawn(recorded: Recording, **options: Any) -> Any:
+    drawing, notes = portrait(recorded, **options)
+    return arranged(drawing), notes
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -221,7 +207,7 @@ def test_the_nearer_finger_is_painted_over_the_object(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("n", "radius"), [(1, 0.0), (5, 0.0), (5, 0.008), (20, 0.0)])
-def test_names_do_not_overlap(drawn: Any, n: int, radius: float) -> None:
+def test_names_do_not_overlap(n: int, radius: float) -> None:
     made, notes = drawn(held(n=n, radius=radius))
     axes = made.axes[0]
     named = [text for text in axes.texts if text.get_text() and text.get_color() != INK]
@@ -233,7 +219,7 @@ def test_names_do_not_overlap(drawn: Any, n: int, radius: float) -> None:
         assert made.bbox.contains(box.x0, box.y0) and made.bbox.contains(box.x1, box.y1)
 
 
-def test_axes_are_equal_and_hold_every_surface(drawn: Any) -> None:
+def test_axes_are_equal_and_hold_every_surface() -> None:
     made, _ = drawn(held())
     axes = made.axes[0]
     assert axes.get_aspect() == 1.0
@@ -245,14 +231,14 @@ def test_axes_are_equal_and_hold_every_surface(drawn: Any) -> None:
     assert (x1 - x0) / width == pytest.approx((y1 - y0) / height, rel=1e-3)
 
 
-def test_nothing_is_written_over_anything_else(drawn: Any) -> None:
+def test_nothing_is_written_over_anything_else() -> None:
     for width in ("screen", "page", "column"):
         for rec in (held(n=3), with_shape(waving())):
             made, _ = drawn(rec, width=width)
             assert faults(made) == []
 
 
-def test_arrows_and_their_scale_agree(drawn: Any) -> None:
+def test_arrows_and_their_scale_agree() -> None:
     """In the plane: an arrow's length over the scale's length is its force over the scale's."""
     made, _ = drawn(with_shape(waving(50.0)), time=0.0, forces="total")
     axes = made.axes[0]
@@ -272,7 +258,7 @@ def with_shape(recorded: Recording) -> Recording:
     return Recording(recorded.rows, recorded.layout, type(head)(**{**vars(head), "scene_table": table}))
 
 
-def test_twenty_thousand_triangles_over_a_floor(drawn: Any) -> None:
+def test_twenty_thousand_triangles_over_a_floor() -> None:
     floor = {"shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "position": [0.0, 0.0, -0.05]}
     post = {
         "name": "post",
@@ -295,14 +281,14 @@ def test_twenty_thousand_triangles_over_a_floor(drawn: Any) -> None:
         ({"vertices": [[0.0, 0.0, 0.0]], "faces": []}, "triangles"),
     ],
 )
-def test_what_cannot_be_drawn_is_skipped_with_a_note(drawn: Any, shape: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_drawn_is_skipped_with_a_note(shape: dict[str, Any], words: str) -> None:
     strange = {"name": "strange"}
     _, notes = drawn(held(shape, obstacles=(strange,)))
     assert any("object0" in note and words in note for note in notes)
     assert any("strange" in note for note in notes)
 
 
-def test_the_instant_is_where_forces_are_largest_else_the_end(drawn: Any) -> None:
+def test_the_instant_is_where_forces_are_largest_else_the_end() -> None:
     assert instant(held()).time == pytest.approx(0.005)  # the second tick
     assert instant(held(), 0.0).time == 0.0
     idle = recording({"objects/object0/position": np.zeros((4, 2))}, layout(2))
@@ -312,7 +298,7 @@ def test_the_instant_is_where_forces_are_largest_else_the_end(drawn: Any) -> Non
             instant(held(), time)
 
 
-def test_a_finger_that_is_nowhere_is_left_out(drawn: Any) -> None:
+def test_a_finger_that_is_nowhere_is_left_out() -> None:
     lost = held()
     rows = lost.rows.copy()
     rows[:, lost.layout.columns["true_position"].where.start] = np.nan

@@ -134,14 +134,10 @@ def test_a_long_run_shows_rate_and_time_left_and_an_interrupt_leaves_the_line_cl
     assert re.search(r"\r\x1b\[Kinterrupted after [\d.]+ of 400 s", seen)  # on a line of its own
 
 
-@pytest.mark.parametrize("more", [["-q"], ["--json"]])
-def test_who_asks_for_quiet_or_for_json_sees_no_line(more: list[str], tmp_path: Path) -> None:
-    _, _, seen = on_terminal(["run", *LONG[:-1], "8", *more], tmp_path)
-    assert seen == ""
-
-
-def test_who_reads_a_file_sees_no_line(tmp_path: Path) -> None:
-    process = subprocess.run(
-        [sys.executable, "-m", "graspfx", "run", *LONG[:-1], "8"], cwd=tmp_path, capture_output=True, text=True
-    )  # fmt: skip
-    assert process.returncode == 0 and process.stderr == ""
+def test_who_asks_for_quiet_or_for_json_or_reads_a_file_sees_no_line(tmp_path: Path) -> None:
+    words = ["run", *LONG[:-1], "8", "--overwrite", "--out", "here"]
+    for more in ("-q", "--json"):
+        code, _, seen = on_terminal([*words, more], tmp_path)
+        assert (code, seen) == (0, "")
+    done = subprocess.run([sys.executable, "-m", "graspfx", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -51,7 +51,7 @@ def targets() -> dict[str, Target]:
     split, law = grasp.split(), gx.Coupling(gx.Impedance(30.0), gx.Impedance(70.0, 1.0))
     K, e, scene = 100.0 * np.eye(9), np.full(9, 1e-3), gx.load("reference-1dof")
     mesh, box = make_mesh(CORNERS, FACES), shape.Box((0.1, 0.1, 0.1))
-    linear = {
+    linear: dict[str, Any] = {
         "period": 0.005, "mass": 0.1, "friction": 0.2, "G": np.array([[1.0, 1.0]]), "inertia": 0.1, "viscosity": 0.8,
         "stiffness": 50.0, "damping": 0.1, "hand_stiffness": 33.0, "hand_damping": 0.1, "delay": 0, "object_delay": 0,
         "integrator": "exact", "preload": np.zeros((3, 3)), "G_displacement": np.array([[1.0, 1.0]]),
@@ -100,7 +100,7 @@ def targets() -> dict[str, Target]:
                                           {"gain": 100.0, **DEVICE, **OBJECT, "mass": [0.1, 0.2]}),
         "stability.spectral_radius": (lambda of: s.spectral_radius(of), {"of": scene}),
         "stability.modes": (lambda of: s.modes(of), {"of": scene}),
-        "stability.loop_matrix": (lambda of: s.loop_matrix(of), {"of": scene.linearise()}),
+        "stability.loop_matrix": (lambda of: s.loop_matrix(of), {"of": s.Linearisation(**linear)}),
         "stability.Linearisation": (lambda **k: s.spectral_radius(s.Linearisation(**k)), linear),
         "stability.preloaded": (lambda **k: s.preloaded(**k).preload, {
             "contacts": POINTS, "displacement": 0.01 * POINTS, "force": POINTS, "centre": np.zeros(3),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.objects.body import fill_body
 from tests.support.exact import distance, exact_force, exact_share
 from tests.support.families import efforts, family
+from tests.support.grasps import ON_A_LINE, grasped
 from tests.support.scatter import contact_set, decades, rotation
 
 SHARE = family("split: P e", "50 digits, of the largest entry of e")
@@ -134,13 +135,10 @@ def test_force_of_the_tick(cases: int) -> None:
         e = decades(rng, 1e-9, 1e-2) * rng.normal(size=(n, d))
         law = gx.Coupling(external=gx.Impedance(ke), internal=gx.Impedance(ki))
 
-        def fill(state: np.ndarray, d: int = d) -> None:
-            fill_body(state, dimensions=d, mass=0.1, inertia=None if d == 1 else 1e-4)
-
         radius = np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n) or 1.0
         blend = (0.1 * SHARP * radius, SHARP * radius)  # above what is rounded, below all that contacts are made of
-        held = GraspedObject(n, d, 0.001, law, Rules(attached=True, blend=blend), fill)
-        held.attach(points)
+        turning: dict[str, Any] = ON_A_LINE if d == 1 else {"inertia": 1e-4}
+        held = grasped(n, d, law, Rules(attached=True, blend=blend), contacts=points, **turning)
         held.finger_position[:] = points + e
         assert held.sample() == 0
         felt = (points + e) - points  # the displacement that doubles can hold

@@ -36,7 +36,7 @@ def grip(rng: np.random.Generator, n: int, d: int, ratio: float):
     return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), K, loosen, e.ravel()
 
 
-@efforts(short=25, full=300)
+@efforts(short=50, full=300)
 def test_active_sets_against_fifty_digits(cases: int) -> None:
     # f = N lambda; where lambda > 0 the slip along the normal is zero, elsewhere it points outwards: one solution
     rng = np.random.default_rng(11)

@@ -34,7 +34,7 @@ OPTIONS = (
     "--disable-backgrounding-occluded-windows", "--hide-scrollbars", "--force-color-profile=srgb",
     "--metrics-recording-only", "--disable-features=Translate",
 )  # fmt: skip
-START, REPLY = 30.0, 30.0  # [s]
+START, REPLY = 60.0, 60.0  # [s]
 
 Pixels = NDArray[np.uint8]
 Point = tuple[float, float]
@@ -130,7 +130,7 @@ class Browser:
         context = self.send("Target.createBrowserContext", {})["browserContextId"]  # its own cookies and storage
         target = self.send("Target.createTarget", {"url": "about:blank", "browserContextId": context})["targetId"]
         session = self.send("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
-        page = self._pages[session] = Page(self, session, target)
+        page = self._pages[session] = Page(self, session, context)
         for domain in ("Page", "Runtime", "Log", "Network"):
             page.send(f"{domain}.enable")
         page.resize(width, height, scale=scale, phone=phone)
@@ -141,6 +141,11 @@ class Browser:
             page.send("Page.addScriptToEvaluateOnNewDocument", {"source": before})
         page.visit(url)
         return page
+
+    @property
+    def pages(self) -> Sequence[Page]:
+        """The pages that are open."""
+        return [*self._pages.values()]
 
     def send(self, method: str, parameters: Mapping[str, Any], session: str = "") -> dict[str, Any]:
         """Send a command, and wait for its answer.
@@ -190,8 +195,8 @@ class Page:
         requests: addresses of all that it asked for, its own first; `data:` and `blob:` are left out.
     """
 
-    def __init__(self, browser: Browser, session: str, target: str) -> None:
-        self._browser, self._session, self._target = browser, session, target
+    def __init__(self, browser: Browser, session: str, context: str) -> None:
+        self._browser, self._session, self._context = browser, session, context
         self._loaded = threading.Event()
         self.console_errors: list[str] = []
         self.requests: list[str] = []
@@ -226,7 +231,7 @@ class Page:
             raise PageError(fault.get("exception", {}).get("description") or fault.get("text"))
         return answer["result"].get("value")
 
-    def wait_for(self, script: str, seconds: float = 10.0) -> Any:
+    def wait_for(self, script: str, seconds: float = REPLY) -> Any:
         """Wait until an expression is true, and give its value.
 
         Raises:
@@ -302,7 +307,7 @@ class Page:
     def close(self) -> None:
         """Close the tab."""
         with suppress(PageError):
-            self._browser.send("Target.closeTarget", {"targetId": self._target})
+            self._browser.send("Target.disposeBrowserContext", {"browserContextId": self._context})
         self._browser._pages.pop(self._session, None)
 
     def _take(self, event: str, data: Mapping[str, Any]) -> None:

@@ -16,6 +16,13 @@ RIGID = Rules(attached=True)
 INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}
 SHARP = (1e-9, 2e-9)  # a blend that is over before any contact is so near a line
 MU = 0.6
+ON_A_LINE: dict[str, Any] = {"inertia": None, "rotational_viscosity": 0.0}
+
+
+def polygon(n: int, R: float) -> np.ndarray:
+    """Corners of a regular polygon (n, 2), the first on the x axis."""
+    angle = 2 * np.pi * np.arange(n) / n
+    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def law(kep: Any, kip: Any, ked: Any = 0.0, kid: Any = 0.0, form: Any = "literal") -> gx.Coupling:
@@ -24,12 +31,14 @@ def law(kep: Any, kip: Any, ked: Any = 0.0, kid: Any = 0.0, form: Any = "literal
 
 def grasped(
     n: int, d: int, gains: gx.Coupling, rules: Rules, *, period: float = 0.005, contacts: Any = None,
-    shape: Any = None, **settings: Any,
+    shape: Any = None, limit: Any = None, radius: Any = 0.0, **settings: Any,
 ) -> GraspedObject:  # fmt: skip
+    """n fingers on an object of 0.1 kg, attached at contacts where they are given."""
+
     def fill(state: np.ndarray) -> None:
         fill_body(state, **{"dimensions": d, "mass": 0.1, "inertia": 4e-5, "rotational_viscosity": 1e-4, **settings})
 
-    g = GraspedObject(n, d, period, gains, rules, fill, shape=shape)
+    g = GraspedObject(n, d, period, gains, rules, fill, shape=shape, limit=limit, radius=radius)
     if contacts is not None:
         g.attach(contacts)
     return g

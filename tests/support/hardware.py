@@ -1,4 +1,4 @@
-"""Hardware that is none: devices that a test reads back, of which one does evil; and a clock without a wall."""
+"""Hardware that is none: devices that a test reads back, of which one does evil; a clock without a wall, and a line."""
 
 from __future__ import annotations
 
@@ -41,6 +41,64 @@ class VirtualClock:
 
     def sleep(self, duration: float) -> None:
         VirtualClock.time += duration
+
+
+class LookedAtClock(VirtualClock):
+    """A virtual clock on which a look takes a microsecond, so that no two are at the same time."""
+
+    def now(self) -> float:
+        VirtualClock.time += 1e-6
+        return VirtualClock.time
+
+
+class Line:
+    """The port of an emulator on a clock of its own: a serial line without a wait.
+
+    Args:
+        wire: the emulator, made with a `VirtualClock`.
+    """
+
+    STEP = 0.0005  # in which the emulator works by itself [s]
+
+    def __init__(self, wire: Any) -> None:
+        self.wire, self.path, self.is_open = wire, "the line", False
+        self._bytes = b""
+
+    def now(self) -> float:
+        return float(self.wire.clock.now())
+
+    def sleep(self, duration: float) -> None:
+        """Let time pass, in which the emulator works."""
+        end = self.now() + duration
+        while (left := end - self.now()) > 0.0:
+            self.wire.clock.sleep(min(left, self.STEP) + 1e-12)
+            self._exchange(b"")
+
+    def open(self) -> None:
+        if self.wire.failure == "unplugged":
+            raise DeviceError(f"{self.path} does not open")
+        self.is_open, self._bytes = True, b""
+
+    def send(self, frame: bytes) -> None:
+        if not self.is_open or self.wire.failure == "unplugged":
+            raise DeviceError(f"the board at {self.path} is gone")
+        self._exchange(frame)
+
+    def receive(self, deadline: float) -> bytes:
+        while not self._bytes and self.now() < deadline:
+            self.sleep(min(self.STEP, deadline - self.now()))
+        self.send(b"")
+        data, self._bytes = self._bytes, b""
+        return data
+
+    def flush(self) -> None:
+        self.receive(0.0)
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def _exchange(self, data: bytes) -> None:
+        self._bytes += self.wire.exchange(data)
 
 
 class Fake:

@@ -84,21 +84,34 @@ def external_loop(
     return np.array([*state, *body, x, *queue[:late]])
 
 
-def mpmath_wall_limit(m: float, b: float, T: float, delay: int) -> float:
-    """K of the first crossing of a free device on a wall, 40 digits: |z| = 1 by bisection of the largest root."""
+def exact_limit(mass: float, friction: float, period: float, latency: float, damping: float) -> float:
+    """K of the first crossing of a free device on a wall, 40 digits: the largest root by bisection, split by hand."""
     with mpmath.workdps(40):
-        m, b, T = map(mpmath.mpf, (m, b, T))
+        m, b, T, late, D = (mpmath.mpf(float(each)) for each in (mass, friction, period, latency, damping))
+        n = int(mpmath.floor(late / T))
+        rest = (n + 1) * T - late  # the new force acts so long
         p = b / m
-        E = mpmath.exp(-p * T)
-        b1, b0 = (T - (1 - E) / p) / b, ((1 - E) / p - T * E) / b
+
+        def shift(t: mpmath.mpf) -> mpmath.mpf:
+            return (t - (1 - mpmath.exp(-p * t)) / p) / b
+
+        def speed(t: mpmath.mpf) -> mpmath.mpf:
+            return (1 - mpmath.exp(-p * t)) / b
+
+        new, old = (shift(rest), speed(rest)), (shift(T) - shift(rest), speed(T) - speed(rest))
+        E, R = mpmath.exp(-p * T), (1 - mpmath.exp(-p * T)) / p
+        numerator = [new[0], R * new[1] - E * new[0] + old[0], R * old[1] - E * old[0]]  # of z^1, z^0, z^-1
 
         def unstable(K: mpmath.mpf) -> bool:
-            poly = [1, -(1 + E), E] + [0] * delay
-            poly[-2] += K * b1
-            poly[-1] += K * b0
-            return max(abs(z) for z in mpmath.polyroots(poly[::-1], maxsteps=200, extraprec=200, asc=True)) > 1
+            poly = [mpmath.mpf(1), -(1 + E), E] + [mpmath.mpf(0)] * (n + 2)  # z^(n+2) times the denominator
+            for i, c in enumerate(numerator):
+                poly[i + n + 1] += (K + D / T) * c
+                poly[i + n + 2] -= D / T * c
+            while not poly[-1]:  # roots at zero that coincide are found slowly
+                poly.pop()
+            return max(abs(z) for z in mpmath.polyroots(poly[::-1], maxsteps=300, extraprec=300, asc=True)) > 1
 
-        low = high = b / (10 * T)  # far below 2 b/T, and from there up
+        low = high = b / (20 * (T + late))
         while not unstable(high):
             low, high = high, 2 * high
         for _ in range(45):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -106,22 +105,15 @@ def touch_cube(browser: Browser, file: Path) -> None:
 
 def view_recording(browser: Browser, file: Path) -> None:
     """Show a recording on the page of viser."""
-    done = threading.Event()
-    with RecordingView(gx.run("sphere-three-fingers"), port=0) as view:
-        thread = threading.Thread(target=view.serve, args=(done.is_set,))
-        thread.start()
-        try:
-            page = browser.open(view.server.url, WIDTH, HEIGHT)
-            page.evaluate(PLAIN)
-            page.wait_for("document.body.innerText.includes('stands still')", 60.0)
-            view.go(1.2)
-            page.wait_for("document.body.innerText.includes('1.2 s')", 60.0)
-            time.sleep(1.5)
-            page.screenshot(file)
-            page.close()
-        finally:
-            done.set()
-            thread.join(10.0)
+    with RecordingView(gx.run("sphere-three-fingers"), port=0) as view, serving(view):
+        page = browser.open(view.server.url, WIDTH, HEIGHT)
+        page.evaluate(PLAIN)
+        page.wait_for("document.body.innerText.includes('stands still')")
+        view.go(1.2)
+        page.wait_for("document.body.innerText.includes('1.2 s')")
+        time.sleep(1.5)
+        page.screenshot(file)
+        page.close()
 
 
 PAGES: dict[str, Callable[[Browser, Path], None]] = {

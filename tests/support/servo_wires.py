@@ -20,6 +20,7 @@ T = TypeVar("T")
 
 HOME = [0.0, 0.036]  # of the handle [m]
 PATIENT = 0.02  # period at which a board answers in time also on a busy machine [s]
+BUSY = {"safety.watchdog": 30.0, "safety.hold": 300}  # a machine may be away where time is not tried
 TRIES = 5
 PRIORITY = 70  # of a board's thread
 SMALL = 2e-3  # a torque that is there [N m]

@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "tests" / "slow.txt"
-BUDGET = 0.4  # of a function's cases together [s]
+BUDGET = 0.05  # of a function's cases together [s]
 USED = "processor_seconds"  # of a report
 
 seconds: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))  # by function and case
@@ -77,5 +77,5 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput"):
         return
     rows = [(sum(cases.values()) / len(cases), name) for name, cases in seconds.items() if sum(cases.values()) > BUDGET]
-    text = "".join(f"{mean:.2f} {name}\n" for mean, name in sorted(rows, key=lambda row: row[1]))
+    text = "".join(f"{mean:.3f} {name}\n" for mean, name in sorted(rows, key=lambda row: row[1]))
     LIST.write_text(text, encoding="utf-8")

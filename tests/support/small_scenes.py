@@ -56,3 +56,21 @@ def attached(d: int, integrator: str = "exact", squeeze: float = 0.0, **device: 
             for p, r in zip(start, rest, strict=True)
         ],
     )
+
+
+def closing(**changes: Any) -> gx.Scene:
+    """Three fingers that close on a disc, touch it one after another at up to 0.1 m/s, and hold it."""
+    angles = 2 * np.pi * np.arange(3) / 3 + 0.1
+    out = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    hand = {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.01, "squeeze_ramp": 0.1}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
+    disc = {"kind": "sphere", "radius": 0.03}
+    scene = gx.Scene(
+        dimensions=2,
+        period=0.002,
+        duration=0.12,
+        object={"mass": 0.1, "viscosity": 0.5, "rotational_viscosity": 2e-4, "shape": disc},
+        coupling={"external": {"stiffness": 200.0}, "internal": {"stiffness": 400.0}, "friction": 0.6},
+        finger=[{"start": ((0.033 + 0.0007 * i) * out[i]).tolist(), "device": device, "hand": hand} for i in range(3)],
+    )
+    return scene.replace({key.replace("__", "."): value for key, value in changes.items()})

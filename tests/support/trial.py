@@ -6,7 +6,6 @@ Run as a script it tries files one after the other, a line of JSON each; `outcom
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -52,9 +51,8 @@ def outcomes(kind: str, files: Sequence[Path]) -> list[Outcome]:
     while len(found) < len(files):
         rest = [str(file) for file in files[len(found) :]]
         command = [sys.executable, "-X", "faulthandler", str(Path(__file__).resolve()), kind]
-        environment = {**os.environ, "GRASPFX_CACHE": str(files[0].parent / "cache")}
         with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         ) as child:
             try:
                 out, err = child.communicate("\n".join(rest), timeout=3.0 * SECONDS + 2.0 * len(rest))

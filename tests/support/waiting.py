@@ -6,6 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from graspfx.screen.claim_server import LOOK as LOOK_AT_CLIENTS
+from graspfx.screen.claim_server import ClaimServer
+from tests.support.hardware import VirtualClock
+
 LOOK = 0.002  # between two looks [s]
 
 
@@ -29,3 +33,11 @@ def wait_until(condition: Callable[[], Any], patience: float = 60.0) -> Any:
     value = comes(condition, patience)
     assert value, f"not within {patience:g} s"
     return value
+
+
+def let_pass(server: ClaimServer, seconds: float) -> None:
+    """Let time pass for a server of claims on the virtual clock: one look at its clients after another."""
+    for _ in range(round(seconds / LOOK_AT_CLIENTS)):
+        before = [each.silence for each in list(server._clients.values())]
+        VirtualClock.time += LOOK_AT_CLIENTS
+        wait_until(lambda before=before: before != [each.silence for each in list(server._clients.values())])  # type: ignore[misc]

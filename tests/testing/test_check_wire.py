@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import struct
-import time
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+from graspfx.devices import haply_2diy
 from graspfx.devices.force_dimension.delta import Delta
 from graspfx.devices.haply_2diy.diy_device import Haply2Diy
 from graspfx.errors import DeviceError, InputError
@@ -21,8 +22,8 @@ from graspfx.testing.wire import FAILURES, DiyWire, ForceDimensionWire, RigWire,
 from graspfx.testing.wire.c_compiler import compiler
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire_promises import check_second
-
-pytestmark = pytest.mark.alone
+from tests.support.hardware import Line, LookedAtClock, VirtualClock
+from tests.support.waiting import wait_until
 
 SEEN_ON_WIRES = (
     "a moving finger is seen",
@@ -38,31 +39,41 @@ SEEN_ON_WIRES = (
 )
 
 
+@pytest.mark.alone
 def test_force_dimension_conforms() -> None:
     with ForceDimensionWire(slowness=20.0) as wire:  # watchdogs of 0.6 s: this machine may be busy
-        passed(wire, driver("force-dimension"), 0.001)
+        passed(wire, driver("force-dimension").connect, 0.001)
 
 
 def test_force_dimension_conforms_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fake_library, "compiler", lambda: None)
-    with ForceDimensionWire(slowness=20.0) as wire:  # watchdogs of 0.6 s: this machine may be busy
-        passed(wire, driver("force-dimension"), 0.001)
+    clock = LookedAtClock()
+
+    def connect(**settings):
+        device = driver("force-dimension").connect(**settings)
+        device.now = clock.now
+        return device
+
+    with ForceDimensionWire(clock=clock) as wire:
+        passed(wire, connect, 0.001)
 
 
+@pytest.mark.alone
 def test_the_haply_2diy_conforms() -> None:
     with DiyWire() as wire:
-        report = passed(wire, driver("haply-2diy"), 0.002, timeout=0.02)
+        report = passed(wire, driver("haply-2diy").connect, 0.002, timeout=0.02)
     assert "a bit that changes on the way never moves a finger" in [each.promise for each in report.not_visible]
 
 
+@pytest.mark.alone
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_the_rig_conforms() -> None:
-    with RigWire(slowness=100.0) as wire:
-        passed(wire, driver("rig"), 0.001, timeout=0.0025)
+    with RigWire(slowness=25.0) as wire:
+        passed(wire, driver("rig").connect, 0.001, timeout=0.0025)
 
 
-def passed(wire, module, period, **settings):
-    report = check_device(partial(module.connect, **wire.settings, **settings), wire=wire, period=period)
+def passed(wire, connect, period, **settings):
+    report = check_device(partial(connect, **wire.settings, **settings), wire=wire, period=period)
     assert set(SEEN_ON_WIRES) <= set(report.checks)
     kinds = [kind for kind in FAILURES if any(f"({kind})" in each for each in report.checks)]
     assert set(kinds) == wire.kinds and not {each.promise for each in report.not_visible} & set(report.checks)
@@ -75,7 +86,7 @@ def passed(wire, module, period, **settings):
 
 class NeverReads(Delta):
     def read(self):
-        return np.array([[0.01, -0.02, 0.03]]), np.zeros((1, 3)), time.perf_counter() - self._began
+        return np.array([[0.01, -0.02, 0.03]]), np.zeros((1, 3)), self.now() - self._began
 
 
 class Millimetres(Delta):
@@ -198,7 +209,7 @@ class NeverNoticed(Delta):
         sum(self._dhd._functions[name](*args) for name, args in (("dhdGetPosition", (*self._places, self._id)),))
         if np.isfinite(self._xyz).all():
             self._follow()
-        return self._position, self._velocity, time.perf_counter() - self._began
+        return self._position, self._velocity, self.now() - self._began
 
     def write(self, forces):
         if not np.isfinite(forces).all():
@@ -231,8 +242,11 @@ class NeverNoticed(Delta):
     ],
 )
 def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promise: str, finding: str) -> None:
-    with ForceDimensionWire(slowness=20.0) as wire:
-        device = kind(serial=101, library=wire.library, force_limit=3.0, resolution=1e-5, velocity_window=16)
+    clock = LookedAtClock()
+    with ForceDimensionWire(clock=clock) as wire:
+        device = kind(
+            serial=101, library=wire.library, force_limit=3.0, resolution=1e-5, velocity_window=16, now=clock.now
+        )
         with pytest.raises(ConformanceError, match=finding) as error:
             check_device(device, wire=wire, period=0.001)
         assert any(part in error.value.promise for part in promise.replace("\\", "").split("|"))
@@ -245,9 +259,11 @@ class UnknownMechanism(DiyWire):
     position = force = None  # type: ignore[assignment]
 
 
-def test_what_an_emulator_without_a_mechanism_cannot_show_is_listed() -> None:
-    with UnknownMechanism() as wire:
-        report = check_device(driver("haply-2diy").connect(**wire.settings, timeout=0.02), wire=wire, period=0.002)
+def test_what_an_emulator_without_a_mechanism_cannot_show_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "fork")  # no program can be killed that meets an emulator in this thread
+    with UnknownMechanism(clock=LookedAtClock()) as wire:
+        monkeypatch.setattr(haply_2diy, "SerialPort", lambda path: Line(wire))
+        report = check_device(driver("haply-2diy").connect(**wire.settings), wire=wire, period=0.002)
     unseen = [each.promise for each in report.not_visible]
     assert SEEN_ON_WIRES[1] in unseen and SEEN_ON_WIRES[3] in unseen
     assert "a force is on the wire, and half of it for half the force" in report.checks
@@ -269,10 +285,10 @@ class Unlocked(Haply2Diy):
         fcntl.flock(self.port._descriptor, fcntl.LOCK_UN)
 
 
-def diy(kind, wire, **settings) -> Any:
-    plain = driver("haply-2diy").connect(**wire.settings, timeout=0.02)
+def diy(kind, wire, port) -> Any:
+    plain = driver("haply-2diy").connect(**wire.settings)
     return kind(
-        plain.port,
+        port,
         plain.linkage,
         device=5,
         home=plain.home,
@@ -280,13 +296,12 @@ def diy(kind, wire, **settings) -> Any:
         torque_limit=0.1,
         velocity_window=16,
         timeout=0.02,
-        **settings,
     )
 
 
 def test_a_board_that_waits_for_the_rest_of_a_frame_is_no_zero_force() -> None:
-    with DiyWire() as wire, pytest.raises(ConformanceError, match="after `stop`"):
-        check_device(diy(CutFrames, wire), wire=wire, period=0.002)
+    with DiyWire(clock=LookedAtClock()) as wire, pytest.raises(ConformanceError, match="after `stop`"):
+        check_device(diy(CutFrames, wire, Line(wire)), wire=wire, period=0.002)
 
 
 def test_two_programs_that_both_have_the_hardware() -> None:
@@ -294,8 +309,9 @@ def test_two_programs_that_both_have_the_hardware() -> None:
 
     with DiyWire() as wire, pytest.MonkeyPatch.context() as patch:
         patch.setattr(termios, "TIOCEXCL", termios.TIOCNXCL)
+        one, two = (diy(Unlocked, wire, SerialPort(wire.port)) for _ in range(2))
         with pytest.raises(ConformanceError, match="each sends its own forces"):
-            check_second(diy(Unlocked, wire), diy(Unlocked, wire), Promises("device"), 0.002)
+            check_second(one, two, Promises("device"), 0.002)
 
 
 def test_failures_are_those_of_the_hardware() -> None:
@@ -348,16 +364,23 @@ def test_a_wire_of_ones_own() -> None:
         port = SerialPort(wire.port)
         port.open()
         port.send(b"hello")
-        assert port.receive(time.perf_counter() + 2.0) == b"hello"
-        wire.fail("late", 0.05)
-        began = time.perf_counter()
-        port.send(b"x")
-        assert port.receive(began + 2.0) == b"x" and time.perf_counter() - began >= 0.05
-        wire.fail("blocked")
-        port.send(b"y")
-        assert port.receive(time.perf_counter() + 0.02) == b""
-        wire.heal()
-        assert port.receive(time.perf_counter() + 2.0) == b"y"
+        assert port.receive(port.now() + 60.0) == b"hello"
+        assert wait_until(lambda: wire.ticks > 10)
         port.close()
-        assert wire.ticks > 10
     wire.close()
+
+
+def test_a_wire_of_ones_own_on_a_clock_of_its_own() -> None:
+    with Echo(clock=VirtualClock()) as wire:
+        line = Line(wire)
+        line.open()
+        wire.fail("late", 0.05)
+        began = line.now()
+        line.send(b"x")
+        assert line.receive(began + 2.0) == b"x" and line.now() - began == pytest.approx(0.05, abs=0.001)
+        wire.fail("blocked")
+        line.send(b"y")
+        assert line.receive(line.now() + 0.02) == b""
+        wire.heal()
+        assert line.receive(line.now()) == b"y"
+        assert wire.ticks > 10

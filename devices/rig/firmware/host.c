@@ -3,7 +3,8 @@
  *   host PAGE          PAGE is a file of `struct page`, shared with the program that watches and disturbs the board
  *   host --motion T1 T2 T3 T4 SECONDS   prints the arms' directions after a free motion under these torques [N m]
  *
- * The program ends when its standard input does.
+ * The program ends when its standard input does. As a shared library it is a board for one thread, on a clock of the
+ * caller's: `host_begin`, then `host_turn` as often as anything is to happen.
  */
 #define _GNU_SOURCE /* ptsname, TIOCNXCL */
 #include "rig.h"
@@ -43,11 +44,14 @@ struct page {
 static struct page *page;
 static rig controller;
 static int line = -1, own = -1;
-static double last;
+static double last, given = -1.0; /* `given`: the caller's time, below zero for the machine's [s] */
+static long answers;
 
 static double seconds(void)
 {
     struct timespec t;
+    if (given >= 0.0)
+        return given;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
@@ -135,7 +139,6 @@ static void flip(uint8_t *bytes, size_t length)
 
 static void emit(const uint8_t *frame, size_t length)
 {
-    static long answers;
     uint8_t bytes[2 * RIG_FRAME];
     size_t count = length;
     memcpy(bytes, frame, length);
@@ -224,9 +227,49 @@ static int motion(char **arguments)
     return 0;
 }
 
-int main(int argc, char **argv)
+static void begin(void)
 {
     rig_board board = {counts, torque, enable, emit, health};
+    memcpy(page->angle, page->rest, sizeof page->rest);
+    last = seconds();
+    rig_init(&controller, &board);
+}
+
+/* Take bytes, answer, and do what is due. */
+static void work(uint8_t *bytes, ssize_t count)
+{
+    uint32_t now = (uint32_t)(int64_t)(seconds() * 1e6 / page->slowness);
+    if (count > 0 && page->kind == FLIP)
+        flip(bytes, (size_t)count);
+    for (ssize_t i = 0; i < count; i++)
+        rig_byte(&controller, bytes[i], now);
+    late_answers(seconds());
+    rig_tick(&controller, now);
+    move(seconds()); /* hands hold the arms of a board at rest, too */
+    page->state = controller.state;
+    page->fault = controller.fault;
+    page->good = (int32_t)controller.good;
+    page->bad = (int32_t)controller.bad;
+}
+
+void host_begin(struct page *shared, int out, double time)
+{
+    page = shared;
+    line = out;
+    given = time;
+    answers = queued = 0;
+    srand(1);
+    begin();
+}
+
+void host_turn(double time, uint8_t *bytes, size_t count)
+{
+    given = time;
+    work(bytes, (ssize_t)count);
+}
+
+int main(int argc, char **argv)
+{
     uint8_t bytes[256];
     int file;
     if (argc == 3 + RIG_AXES && !strcmp(argv[1], "--motion"))
@@ -237,38 +280,26 @@ int main(int argc, char **argv)
         perror("host PAGE");
         return 1;
     }
-    memcpy(page->angle, page->rest, sizeof page->rest);
-    last = seconds();
-    rig_init(&controller, &board);
+    begin();
     if (plug())
         return 1;
     for (;;) {
         struct pollfd ends[2] = {{STDIN_FILENO, POLLIN, 0}, {line, POLLIN, 0}}; /* poll leaves a line of -1 out */
-        uint32_t now;
+        ssize_t count = 0;
         if (poll(ends, 2, 1) == 0 && own >= 0)
             ioctl(own, TIOCNXCL); /* a dead user's claim goes with it, as a board's does */
         if (ends[0].revents && read(STDIN_FILENO, bytes, 1) <= 0)
             return 0;
-        now = (uint32_t)(int64_t)(seconds() * 1e6 / page->slowness);
         if (page->kind == UNPLUGGED && line >= 0)
             unplug();
         else if (page->kind != UNPLUGGED && line < 0 && plug())
             return 1;
         if (line >= 0 && ends[1].revents & POLLIN && page->kind != BLOCKED) {
-            ssize_t count = read(line, bytes, sizeof bytes);
-            if (count > 0 && page->kind == FLIP)
-                flip(bytes, (size_t)count);
-            for (ssize_t i = 0; i < count; i++)
-                rig_byte(&controller, bytes[i], now);
+            count = read(line, bytes, sizeof bytes);
         } else if (ends[1].revents) {
             struct timespec pause = {0, 100000};
             nanosleep(&pause, NULL);
         }
-        late_answers(seconds());
-        rig_tick(&controller, now);
-        page->state = controller.state;
-        page->fault = controller.fault;
-        page->good = (int32_t)controller.good;
-        page->bad = (int32_t)controller.bad;
+        work(bytes, count);
     }
 }

@@ -16,6 +16,7 @@ from typing import Any
 from graspfx.build.process import boot
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.build.process.relay import Relay
+from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.loop.realtime.priority import GUARD
 from graspfx.loop.realtime.ring import Phase, Ring, Word
 from graspfx.system import process_end
@@ -40,6 +41,7 @@ class Guard(Thread):
         ring: shared with the process.
         devices: that are quenched when the process dies with forces on.
         period: T [s].
+        clock: of its patience with a servo that does nothing.
 
     Attributes:
         messages: of the process, each a tuple that begins with its kind; the last one is DEATH.
@@ -49,9 +51,9 @@ class Guard(Thread):
         report: how the quenching went, a sentence each; empty without.
     """
 
-    def __init__(self, ring: Ring, devices: Sequence[Quencher], period: float) -> None:
+    def __init__(self, ring: Ring, devices: Sequence[Quencher], period: float, clock: Clock | None = None) -> None:
         super().__init__(name="graspfx-guard", daemon=True)
-        self._ring, self._devices = ring, devices
+        self._ring, self._devices, self._clock = ring, devices, clock or WallClock()
         self._still = max(MOST_STILL, 20.0 * period)
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self.lock = Lock()
@@ -176,7 +178,7 @@ class Guard(Thread):
 
     def _hurry(self) -> None:
         """End a servo that does not rest, or does nothing: first by a signal that a driver's call gives way to."""
-        words, now = self._ring.words, time.monotonic()
+        words, now = self._ring.words, self._clock.now()
         head, phase = int(words[Word.HEAD]), int(words[Word.PHASE])
         is_running, is_told = phase == Phase.RUNNING, bool(words[Word.STOP])
         if phase >= Phase.RESTED or not (is_running or is_told):

@@ -1,4 +1,4 @@
-"""Disk cache of lowered kernels: one entry for all of our kernels that were asked for, as long as no source changes."""
+"""Disk cache of lowered kernels: one entry for all of ours that were asked for, each with its sources' digest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import CodeType, FunctionType
 from typing import Any
 
 from graspfx.compile import cache as disk
-from graspfx.compile.own_sources import is_own, source_stamps
+from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own, source_folders
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Store:
 
     def find(self, function: FunctionType) -> Lowering | None:
         """Look up a kernel of ours."""
-        entry = self.entries.get(_name(function))
-        if entry is None:
+        digest, *entry = self.entries.get(_name(function), ("",))
+        if digest != _sources_of(function):
             return None
         text, code, callees, files = entry
         return Lowering(text, marshal.loads(code), dict(callees), tuple(files))
@@ -43,8 +43,8 @@ class Store:
     def add(self, function: FunctionType, lowering: Lowering) -> None:
         """Add a kernel, if it is ours: the key says nothing of others' sources."""
         if all(is_own(file) for file in lowering.files):
-            entry = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
-            self.entries[_name(function)] = entry
+            parts = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
+            self.entries[_name(function)] = _sources_of(function), *parts
             self.changed = True
 
     def save(self) -> None:
@@ -56,11 +56,15 @@ class Store:
 
 @cache
 def store() -> Store:
-    """Open the cache of this version of the sources, under this Python."""
-    digest = hashlib.sha256(repr((sys.version, marshal.version, source_stamps())).encode())
+    """Open the cache of this installation, under this Python."""
+    digest = hashlib.sha256(repr((sys.version, marshal.version, source_folders())).encode())
     key = f"lowered-{digest.hexdigest()}"
     content = disk.load(key)
     return Store(key, marshal.loads(content) if content is not None else {})
+
+
+def _sources_of(function: FunctionType) -> str:
+    return closure_digest(function.__module__, *compiler_modules())
 
 
 def _name(function: FunctionType) -> str:

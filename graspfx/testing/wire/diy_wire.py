@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import struct
-import time
 from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.testing.wire.serial_wire import SerialWire
 from graspfx.testing.wire.wire import tip_force
 
@@ -36,9 +36,10 @@ class DiyWire(SerialWire):
         inertia: of each link at a motor with all that it moves [kg m^2]; None for links that stand where they are put.
         friction: viscous, at each motor [N m s/rad]; with an inertia encoders tell whole counts.
         seed: of the damage that failures do.
+        clock: as of `SerialWire`.
 
     Attributes:
-        frames: torques that were written, each with its time [s] of the monotonic clock.
+        frames: torques that were written, each with its time [s] of its clock.
     """
 
     limit = CLAMP
@@ -52,15 +53,17 @@ class DiyWire(SerialWire):
         inertia: float | None = None,
         friction: float = 0.0,
         seed: int = 0,
+        clock: Clock | None = None,
     ) -> None:
         self.links, self.distance, self.inertia, self.friction = links, distance, inertia, friction
-        self._speed, self._clock, self._step = np.zeros(2), time.monotonic(), 0.0  # [rad/s], [s], and a count [deg]
+        self._speed, self._step = np.zeros(2), 0.0  # [rad/s], and a count [deg]
+        self._moved = (clock or WallClock()).now()  # until when torques have turned the links [s]
         self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
         self._angles, self._offset = np.array(HOME), np.zeros(2)
         self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, which stand at ports 2 and 1
         self._identity: int | None = None
         self._buffer, self._began = b"", 0.0
-        super().__init__(seed)
+        super().__init__(seed, clock)
 
     @property
     def torque(self) -> FloatArray:
@@ -100,17 +103,17 @@ class DiyWire(SerialWire):
 
     def receive(self, data: bytes) -> Iterator[bytes]:
         if not self._buffer:
-            self._began = time.monotonic()
+            self._began = self.clock.now()
         self._buffer += data
         while (size := self._size()) and len(self._buffer) >= size:
             frame, self._buffer = self._buffer[:size], self._buffer[size:]
-            self._began = time.monotonic()
+            self._began = self.clock.now()
             yield from self._act(frame)
 
     def _move_on(self) -> None:
         """Turn the links as torques have had them since the last time: I a'' + c a' = torque, exactly."""
-        now = time.monotonic()
-        passed, self._clock = now - self._clock, now
+        now = self.clock.now()
+        passed, self._moved = now - self._moved, now
         if self.inertia is None or passed <= 0.0:
             return
         p = self.friction / self.inertia
@@ -122,7 +125,7 @@ class DiyWire(SerialWire):
 
     def tick(self) -> None:
         self._move_on()
-        if self._buffer and time.monotonic() - self._began > PATIENCE:
+        if self._buffer and self.clock.now() - self._began > PATIENCE:
             self._buffer = b""  # what came of the frame is given up
 
     def _encoders(self) -> FloatArray:
@@ -158,6 +161,6 @@ class DiyWire(SerialWire):
             second, first = struct.unpack_from("<2f", frame, 2)
             wished = np.nan_to_num(np.array([first, second], dtype=float), posinf=CLAMP, neginf=-CLAMP)
             self._torque = np.clip(wished, -CLAMP, CLAMP)
-            self.frames.append((time.monotonic(), (float(self._torque[0]), float(self._torque[1]))))
+            self.frames.append((self.clock.now(), (float(self._torque[0]), float(self._torque[1]))))
             first, second = self._encoders()
             yield struct.pack("<B2f", frame[1], second, first)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.loop.realtime.pacing import Clock
 from graspfx.testing.wire.plug import Plug
 from graspfx.testing.wire.wire import Failure, Wire
 
@@ -34,13 +35,16 @@ class EventWire(Wire):
     Args:
         kind: of the device.
         seed: of the damage that failures do.
+        clock: of the conformance kit; the machine's if it is left out.
     """
 
     kinds: frozenset[Failure] = frozenset({"drop", "garbage", "unplugged"})
     limit = 0.0
 
-    def __init__(self, kind: Literal["mouse", "gamepad"] = "mouse", *, seed: int = 0) -> None:
-        super().__init__()
+    def __init__(
+        self, kind: Literal["mouse", "gamepad"] = "mouse", *, seed: int = 0, clock: Clock | None = None
+    ) -> None:
+        super().__init__(clock)
         if kind not in ("mouse", "gamepad"):
             raise InputError("kind", kind, "'mouse' or 'gamepad'")
         self.kind = kind

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.testing.wire.fake_library import DEVICES, NUMBERS, SIZE, FakeDevice, library
 from graspfx.testing.wire.wire import Failure, Wire
 
@@ -35,6 +36,7 @@ class ForceDimensionWire(Wire):
     Args:
         slowness: seconds in which a second of the devices' watchdogs goes by; above 1 they wait for tests on a busy
             machine.
+        clock: of the watchdogs, from the look on that first sees a force; the machine's if it is left out.
 
     Attributes:
         devices: the state of each, as the library has it.
@@ -43,9 +45,10 @@ class ForceDimensionWire(Wire):
     kinds: frozenset[Failure] = frozenset({"late", "drop", "garbage", "unplugged", "blocked"})
     limit = 12.0  # [N]
 
-    def __init__(self, *, slowness: float = 1.0) -> None:
-        super().__init__()
+    def __init__(self, *, slowness: float = 1.0, clock: Clock | None = None) -> None:
+        super().__init__(clock)
         self.slowness = slowness
+        self._seen = 0.0, 0.0  # when the force was set that was seen last: by the library's time and by the clock [s]
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
         state = self._folder / "state"
         state.write_bytes(bytes(DEVICES * SIZE))
@@ -70,10 +73,18 @@ class ForceDimensionWire(Wire):
         The brakes of dhdStop do not make it zero: only dhdSetForce does.
         """
         device = self.devices[0]
-        age = time.clock_gettime(time.CLOCK_MONOTONIC) - device.written[0] - 1e-9 * device.written[1]
+        age = self._age(device.written[0] + 1e-9 * device.written[1])
         if device.watchdog and age > UNIT * device.watchdog * self.slowness:
             return np.zeros(3)
         return np.array([device.force0, device.force1, device.force2])
+
+    def _age(self, written: float) -> float:
+        """Compute how long ago a force was set [s]; the library writes down the machine's time."""
+        if isinstance(self.clock, WallClock):
+            return time.clock_gettime(time.CLOCK_MONOTONIC) - written
+        if written != self._seen[0]:
+            self._seen = written, self.clock.now()
+        return self.clock.now() - self._seen[1]
 
     @property
     def position(self) -> FloatArray:

@@ -6,7 +6,6 @@ import json
 import select
 import socket
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.realtime.pacing import Clock
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire.server_line import ServerLine, server_protocol
 from graspfx.testing.wire.wire import Failure, Wire
@@ -37,6 +37,7 @@ class InverseWire(Wire):
         config: of each device, as its first message says it.
         stall: of one answer in a thousand [s].
         seed: of the damage that failures do.
+        clock: of the service; the machine's if it is left out. On another it has no thread: who gave it calls `answer`.
 
     Attributes:
         messages: texts that have come, all connections together; the last thousands.
@@ -55,8 +56,10 @@ class InverseWire(Wire):
         config: Mapping[str, Any] | None = None,
         stall: float = 0.0,
         seed: int = 0,
+        clock: Clock | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(clock)
+        self._is_served = clock is None
         self.devices, self.config, self.stall = tuple(devices), dict(config or {}), stall
         self.messages: list[str] = []
         self._places: dict[str, FloatArray] = {
@@ -130,7 +133,8 @@ class InverseWire(Wire):
         server = socket.create_server(("127.0.0.1", self._port))
         self._port = int(server.getsockname()[1])
         self._server = server
-        self._start(self._welcome, server)
+        if self._is_served:
+            self._start(self._welcome, server)
 
     def _start(self, work: Any, *arguments: Any) -> None:
         thread = threading.Thread(target=work, args=arguments, name=type(self).__name__, daemon=True)
@@ -166,11 +170,11 @@ class InverseWire(Wire):
         try:
             peer = ServerLine(line)
             first = peer.greet()
-            peer.send(self._state(first=True))
+            peer.send(self.state(first=True))
             for message in first:
-                due += self._answer(message)
+                due += self.answer(message)
             while self._server is not None:
-                wait = min([IDLE, *(max(0.0, when - time.monotonic()) for when, _ in due[:1])])
+                wait = min([IDLE, *(max(0.0, when - self.clock.now()) for when, _ in due[:1])])
                 ready = select.select([line], [], [], wait)[0]
                 with self._turn:
                     blocked = self._damage.kind == "blocked"
@@ -178,18 +182,18 @@ class InverseWire(Wire):
                     if messages is None:
                         return
                     for message in messages:
-                        due += self._answer(message)
-                    while not blocked and due and due[0][0] <= time.monotonic():
+                        due += self.answer(message)
+                    while not blocked and due and due[0][0] <= self.clock.now():
                         peer.send(due.pop(0)[1])
                 if blocked:
-                    time.sleep(IDLE)
+                    self.clock.sleep(IDLE)
         except OSError:
             return
         finally:
             self._lines.discard(line)
             line.close()
 
-    def _answer(self, text: bytes) -> Iterator[tuple[float, bytes]]:
+    def answer(self, text: bytes) -> Iterator[tuple[float, bytes]]:
         """Act on a message, and give what comes of its one answer, with times [s]."""
         self.messages.append(text.decode(errors="replace"))
         del self.messages[:-10_000]
@@ -198,10 +202,10 @@ class InverseWire(Wire):
             self._answers += 1
             stalled = self.stall if self.stall and self._answers % 1000 == 0 else 0.0
             name = "FFFF" if self._damage.kind == "wrong-id" else None
-            answer = self._state(name=name)
+            answer = self.state(name=name)
             parts = [(0.0, answer)] if name else list(self._damage.apply(answer))
         for delay, part in parts:
-            yield time.monotonic() + delay + stalled, part
+            yield self.clock.now() + delay + stalled, part
 
     def _act(self, text: bytes) -> None:
         try:
@@ -213,7 +217,7 @@ class InverseWire(Wire):
         except (ValueError, KeyError, TypeError, AttributeError):
             return  # a message that sets no force is answered like any other
 
-    def _state(self, *, first: bool = False, name: str | None = None) -> bytes:
+    def state(self, *, first: bool = False, name: str | None = None) -> bytes:
         """Write where the devices are; the first message of a connection says how they are set, too."""
         devices = []
         for own, place in list(self._places.items()):

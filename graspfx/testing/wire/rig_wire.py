@@ -5,8 +5,8 @@ from __future__ import annotations
 import atexit
 import ctypes
 import mmap
+import os
 import subprocess
-import time
 from functools import cache
 from pathlib import Path
 from shutil import rmtree
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.errors import DeviceError
+from graspfx.loop.realtime.pacing import Clock
 from graspfx.testing.wire.c_compiler import STRICT, build
 from graspfx.testing.wire.plug import Plug
 from graspfx.testing.wire.wire import FAILURES, Wire, tip_force
@@ -31,6 +32,8 @@ LINK = 0.128  # [m]
 BASES = (-0.04, -0.18), (0.04, -0.18)  # [m]
 HOME = 2.2752353, 0.7000749, 0.8663574, 2.4415177  # directions of the links with fingers at (-0.025, 0), (0.025, 0)
 STEP = 0.05  # of `move` [rad]
+NEAR = 1e-5  # of links that have come to where hands hold them [rad], and in 10 ms [rad/s]
+MOST = 1 << 16  # bytes of the controller's at a time
 PATIENCE = 5.0  # for the program to start, or to plug the cable in [s]
 
 
@@ -60,15 +63,19 @@ class Page(ctypes.Structure):
 
 
 @cache
-def _program() -> Path:
+def _built(name: str, *options: str) -> Path:
     """Build the emulator, once for a process, in a folder that goes when the process ends."""
     folder = Path(mkdtemp(prefix="graspfx-rig-"))
     atexit.register(rmtree, folder, ignore_errors=True)
-    return build([*STRICT, "host.c", "rig.c", "-lm"], folder / "host", plugins.shelf("devices") / "rig" / "firmware")
+    firmware = plugins.shelf("devices") / "rig" / "firmware"
+    return build([*STRICT, *options, "host.c", "rig.c", "-lm"], folder / name, firmware)
 
 
 class RigWire(Wire):
     """The rig without its metal: rig.c built by this machine's compiler, in a program of its own.
+
+    On a clock that is given it is a library of this process instead, without a port, one at a time: it works in
+    `exchange` alone, and in no other time than that clock's.
 
     Hands hold both fingers at home, with a stiffness at each joint. What is damaged by "flip" are frames in both
     directions, since both have a checksum.
@@ -78,6 +85,7 @@ class RigWire(Wire):
         damping: of the hands at each joint [N m s/rad].
         slowness: seconds in which a second of the controller's clock goes by; above 1 its watchdog waits for tests on
             a busy machine.
+        clock: of the controller; the machine's if it is left out.
 
     Raises:
         MissingPackageError: this machine has no C compiler.
@@ -85,24 +93,46 @@ class RigWire(Wire):
 
     limit = LIMIT
 
-    def __init__(self, *, stiffness: float = 40.0, damping: float = 0.3, slowness: float = 1.0) -> None:
-        super().__init__()
+    def __init__(
+        self, *, stiffness: float = 40.0, damping: float = 0.3, slowness: float = 1.0, clock: Clock | None = None
+    ) -> None:
+        super().__init__(clock)
         self._plug = Plug()
+        self._library: Any = None
+        self._unread, self._ends = b"", tuple[int, ...]()
         self._program: subprocess.Popen[bytes] | None = None
         self.slowness = slowness
         try:
-            program = _program()
             path = self._plug.folder / "page"
             path.write_bytes(bytes(ctypes.sizeof(Page)))
             with path.open("r+b") as file:
                 self.page = Page.from_buffer(mmap.mmap(file.fileno(), 0))
             self.page.rest[:] = HOME
             self.page.stiffness, self.page.damping, self.page.slowness = stiffness, damping, slowness
-            self._program = subprocess.Popen([program, path], stdin=subprocess.PIPE)
+            if clock is not None:
+                self._library = ctypes.CDLL(str(_built("host.so", "-shared", "-fPIC")))
+                self._ends = os.pipe()
+                for end in self._ends:
+                    os.set_blocking(end, False)
+                self._library.host_begin(ctypes.byref(self.page), self._ends[1], ctypes.c_double(clock.now()))
+                return
+            self._program = subprocess.Popen([_built("host"), path], stdin=subprocess.PIPE)
             self._await_plug(0)
         except BaseException:
             self.close()
             raise
+
+    def exchange(self, data: bytes = b"") -> bytes:
+        """Give the controller bytes, on a clock that was given, and take what has come out of it by now."""
+        self._unread += data
+        taken = b"" if self.failure == "blocked" else self._unread
+        self._unread = self._unread[len(taken) :]
+        memory = ctypes.create_string_buffer(taken, len(taken) + 1)
+        self._library.host_turn(ctypes.c_double(self.clock.now()), memory, ctypes.c_size_t(len(taken)))
+        try:
+            return os.read(self._ends[0], MOST)
+        except BlockingIOError:
+            return b""
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -128,7 +158,7 @@ class RigWire(Wire):
         return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
 
     def move(self) -> None:
-        """Turn the first link of each arm by 0.05 rad and wait until the hands have brought the arms there."""
+        """Turn the first link of each arm by 0.05 rad; the hands of a board at rest have brought the arms there."""
         self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
 
     def home(self) -> None:
@@ -136,17 +166,23 @@ class RigWire(Wire):
 
     def _bring(self, angles: FloatArray) -> None:
         self.page.rest[:] = angles.tolist()
-        deadline = time.monotonic() + 0.3
-        while time.monotonic() < deadline and self.page.state == 0:
-            time.sleep(0.01)
+        deadline = self.clock.now() + 0.3
+        while self.clock.now() < deadline and self.page.state == 0 and not self._is_at(angles):
+            self.clock.sleep(0.01)
+
+    def _is_at(self, angles: FloatArray) -> bool:
+        off, speed = np.array(self.page.angle) - angles, np.array(self.page.speed)
+        return bool(np.abs(off).max() < NEAR and np.abs(speed).max() < NEAR / 0.01)
 
     def _change(self) -> None:
         plugs = self.page.plugs
         self.page.number = self.number
         self.page.kind = 0 if self.failure is None else 1 + FAILURES.index(self.failure)
+        if self._library is not None:
+            return
         if self.failure == "unplugged":
             self._plug.pull()
-            time.sleep(0.01)  # until it is out
+            self.clock.sleep(0.01)  # until it is out
         elif not self._plugged:
             self._await_plug(plugs)
 
@@ -155,11 +191,11 @@ class RigWire(Wire):
         return (self._plug.folder / "port").is_symlink()
 
     def _await_plug(self, plugs: int) -> None:
-        deadline = time.monotonic() + PATIENCE
+        deadline = self.clock.now() + PATIENCE
         while self.page.plugs == plugs:
-            if time.monotonic() > deadline:
+            if self.clock.now() > deadline:
                 raise DeviceError("the emulator of the rig does not start")
-            time.sleep(0.001)
+            self.clock.sleep(0.001)
         self._plug.lead(self.page.port.decode())
 
     def close(self) -> None:
@@ -168,4 +204,7 @@ class RigWire(Wire):
             self._program.stdin.close()
             self._program.wait()
             self._program = None
+        for end in self._ends:
+            os.close(end)
+        self._ends = ()
         self._plug.remove()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import select
 import threading
-import time
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
+from graspfx.loop.realtime.pacing import Clock
 from graspfx.system import pseudo_terminal
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire.plug import Plug
@@ -23,21 +23,27 @@ MOST = 4096  # bytes at a time
 class SerialWire(Wire):
     """A board on a serial line: a class made from it says what it answers, in `receive`.
 
-    It runs in a thread of its own, and starts when it is made. `settings` are the port alone.
+    It runs in a thread of its own, and starts when it is made. `settings` are the port alone. On a clock that is given
+    it has neither thread nor port: it works in `exchange` alone, and in no other time than that clock's.
 
     Args:
         seed: of the damage that failures do.
+        clock: of the board; the machine's if it is left out.
     """
 
-    def __init__(self, seed: int = 0) -> None:
-        super().__init__()
+    def __init__(self, seed: int = 0, clock: Clock | None = None) -> None:
+        super().__init__(clock)
         self._damage, self._plug = Damage(seed), Plug()
         self._lock = threading.Lock()  # of the terminal's descriptors
         self._late: list[tuple[float, bytes]] = []
-        self._insert()
+        self._unread = b""
+        self._master = self._slave = -1
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=type(self).__name__, daemon=True)
-        self._thread.start()
+        self._has_port = clock is None
+        if self._has_port:
+            self._insert()
+            self._thread.start()
 
     @abstractmethod
     def receive(self, data: bytes) -> Iterable[bytes]:
@@ -45,6 +51,11 @@ class SerialWire(Wire):
 
     def tick(self) -> None:
         """Do what a board does by itself, such as a watchdog: called at least every millisecond."""
+
+    def exchange(self, data: bytes = b"") -> bytes:
+        """Give the board bytes, on a clock that was given, and take what has come out of it by now."""
+        self._unread += data
+        return b"".join(self._turn())
 
     @property
     def port(self) -> str:
@@ -59,14 +70,15 @@ class SerialWire(Wire):
         with self._lock:
             if self.failure == "unplugged":
                 self._pull()
-            elif self._master < 0:
+            elif self._master < 0 and self._has_port:
                 self._insert()
             self._damage.number, self._damage.kind = self.number, self.failure
 
     def close(self) -> None:
         if not self._closed.is_set():
             self._closed.set()
-            self._thread.join()
+            if self._has_port:
+                self._thread.join()
             with self._lock:
                 self._pull()
             self._plug.remove()
@@ -84,27 +96,31 @@ class SerialWire(Wire):
         self._late.clear()
 
     def _serve(self) -> None:
-        data = b""
         while not self._closed.is_set():
-            data += self._heard()
+            self._unread += self._heard()
             with self._lock:
-                if data and self._damage.kind != "blocked":
-                    for answer in self.receive(data):
-                        now = time.monotonic()
-                        self._late += [(now + delay, part) for delay, part in self._damage.apply(answer) if part]
-                    data = b""
-                now = time.monotonic()
-                while self._late and self._late[0][0] <= now:
-                    self._put(self._late.pop(0)[1])
-                self.tick()
+                for part in self._turn():
+                    self._put(part)
+
+    def _turn(self) -> Iterator[bytes]:
+        """Let the board read, answer and work for itself; give what comes out of it."""
+        if self._unread and self._damage.kind != "blocked":
+            for answer in self.receive(self._unread):
+                now = self.clock.now()
+                self._late += [(now + delay, part) for delay, part in self._damage.apply(answer) if part]
+            self._unread = b""
+        now = self.clock.now()
+        while self._late and self._late[0][0] <= now:
+            yield self._late.pop(0)[1]
+        self.tick()
 
     def _heard(self) -> bytes:
         """Wait for bytes, for `IDLE` at most."""
-        wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - time.monotonic()))
+        wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
         with self._lock:
             master = self._master
         if master < 0 or self._damage.kind == "blocked":
-            time.sleep(IDLE)
+            self.clock.sleep(IDLE)
             return b""
         with suppress(OSError, ValueError):  # pulled meanwhile
             if select.select([master], [], [], wait)[0]:

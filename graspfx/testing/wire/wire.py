@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.resource import Resource
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +33,9 @@ class Wire(Resource):
 
     It is a context manager: inside `with`, `settings` are those of the driver's `connect` that lead to it.
 
+    Args:
+        clock: of the hardware, and of the conformance kit on it; the machine's if it is left out.
+
     Attributes:
         kinds: the failures that this hardware can have.
         limit: the largest torque of each motor [N m], or of a library the largest force [N].
@@ -44,7 +48,8 @@ class Wire(Resource):
     checksum = True
     slowness = 1.0
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock | None = None) -> None:
+        self.clock: Clock = clock or WallClock()
         self.failure: Failure | None = None
         self.number = 0.0
 

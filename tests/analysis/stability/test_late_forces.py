@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import mpmath
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
@@ -16,43 +15,10 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.decoupled import parts_of
 from graspfx.analysis.stability.fullloop import loop_matrix, open_loop, radius_of
 from graspfx.errors import InputError
+from tests.support.sampled_loops import exact_limit
 
 M, B, T = 0.15, 0.2, 1e-3
 FINE = 20  # parts of a sample in the fine simulation
-
-
-def exact_limit(mass: float, friction: float, period: float, latency: float, damping: float) -> float:
-    """K of the first crossing of a free device on a wall, 40 digits: the largest root by bisection, split by hand."""
-    with mpmath.workdps(40):
-        m, b, T, late, D = (mpmath.mpf(float(each)) for each in (mass, friction, period, latency, damping))
-        n = int(mpmath.floor(late / T))
-        rest = (n + 1) * T - late  # the new force acts so long
-        p = b / m
-
-        def shift(t: mpmath.mpf) -> mpmath.mpf:
-            return (t - (1 - mpmath.exp(-p * t)) / p) / b
-
-        def speed(t: mpmath.mpf) -> mpmath.mpf:
-            return (1 - mpmath.exp(-p * t)) / b
-
-        new, old = (shift(rest), speed(rest)), (shift(T) - shift(rest), speed(T) - speed(rest))
-        E, R = mpmath.exp(-p * T), (1 - mpmath.exp(-p * T)) / p
-        numerator = [new[0], R * new[1] - E * new[0] + old[0], R * old[1] - E * old[0]]  # of z^1, z^0, z^-1
-
-        def unstable(K: mpmath.mpf) -> bool:
-            poly = [mpmath.mpf(1), -(1 + E), E] + [mpmath.mpf(0)] * (n + 2)  # z^(n+2) times the denominator
-            for i, c in enumerate(numerator):
-                poly[i + n + 1] += (K + D / T) * c
-                poly[i + n + 2] -= D / T * c
-            return max(abs(z) for z in mpmath.polyroots(poly[::-1], maxsteps=300, extraprec=300, asc=True)) > 1
-
-        low = high = b / (20 * (T + late))
-        while not unstable(high):
-            low, high = high, 2 * high
-        for _ in range(45):
-            middle = (low + high) / 2
-            low, high = (low, middle) if unstable(middle) else (middle, high)
-        return float(low)
 
 
 @pytest.mark.parametrize(
@@ -214,23 +180,23 @@ def test_limits_of_a_wall_hold_in_a_fine_simulation(latency: float, split: float
         assert (radius_of(linear) > 1.0) is grows
 
 
-def finer_wall(linear: Linearisation, count: int) -> np.ndarray:
-    """One device on a wall in twenty steps a sample."""
+def finer_wall(linear: Linearisation, count: int, start: float = 1e-3, push: float = 0.0) -> np.ndarray:
+    """One device on a wall, from a place [m] and under the operator's force [N], in twenty steps a sample."""
     step = T / FINE
     p = B / M
     E, R = math.exp(-p * step), (1.0 - math.exp(-p * step)) / p
-    shift, push = (step - R) / B, R / M
+    shift, kick = (step - R) / B, R / M
     late, old = (round(float(each[0]) / step) for each in (linear.lateness, linear.age))
     K = float(linear.stiffness[0, 0])
-    x, v, positions, queue = 1e-3, 0.0, [1e-3] * (old + 1), [0.0] * (late + 1)
+    x, v, positions, queue = start, 0.0, [start] * (old + 1), [0.0] * (late + 1)
     rows, f = [], 0.0
     for k in range(count * FINE):
         if k % FINE == 0:
             f = K * positions[-1 - old]
             rows.append(x)
         queue.append(f)
-        u = queue[-1 - late]
-        x, v = x + R * v - shift * u, E * v - push * u
+        u = queue[-1 - late] - push
+        x, v = x + R * v - shift * u, E * v - kick * u
         positions.append(x)
     return np.array(rows)
 
@@ -272,28 +238,10 @@ def test_a_held_hand_force_moves_readings_too() -> None:
     linear = wall(50.0, lateness=0.4 * T, age=1.7 * T)
     opened = open_loop(linear)
     A, state = opened.A + opened.B @ opened.C, np.zeros(len(opened.A))
-    x = wall_with_force(linear, 60)
+    x = finer_wall(linear, 60, 0.0, 1.0)
     for k in range(60):
         assert state[0] == pytest.approx(x[k], abs=1e-12)
         state = A @ state + opened.hand[:, 0] * 1.0
-
-
-def wall_with_force(linear: Linearisation, count: int) -> np.ndarray:
-    """One device on a wall under 1 N of the operator's, in twenty steps a sample."""
-    step, p = T / FINE, B / M
-    E, R = math.exp(-p * step), (1.0 - math.exp(-p * step)) / p
-    late, old = (round(float(each[0]) / step) for each in (linear.lateness, linear.age))
-    x = v = f = 0.0
-    positions, queue, rows = [0.0] * (old + 1), [0.0] * (late + 1), []
-    for k in range(count * FINE):
-        if k % FINE == 0:
-            f = 50.0 * positions[-1 - old]
-            rows.append(x)
-        queue.append(f)
-        u = queue[-1 - late] - 1.0
-        x, v = x + R * v - (step - R) / B * u, E * v - R / M * u
-        positions.append(x)
-    return np.array(rows)
 
 
 @pytest.mark.parametrize(

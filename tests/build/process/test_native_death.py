@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from graspfx.testing.wire import ForceDimensionWire
 from graspfx.testing.wire.c_compiler import compiler
 from tests.support.optional import require
 from tests.support.servo_wires import servo_of, settled
-from tests.support.waiting import wait_until
 
 require("llvmlite")
 pytestmark = pytest.mark.skipif(
@@ -63,11 +61,9 @@ def test_a_servo_without_python_that_is_killed_leaves_no_force(tmp_path: Path) -
         )  # fmt: skip
         stroke = Stroke(wire)
         rec = settled(partial(gx.run, scene, real_time=True, stop=stroke, out=tmp_path / "rec"))
-        struck = time.monotonic()
         assert rec.header.scheduling["loop"] == "native"
         assert stroke.force > 0.05
-        wait_until(lambda: not wire.torque.any(), 1.0)
-        assert time.monotonic() - struck < 1.0
+        assert not wire.torque.any()
         assert wire.devices[0].owner == 0
         assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
         assert [fault.tick for fault in rec.faults] == [len(rec)]

@@ -7,16 +7,12 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, UnknownNameError
+from tests.support.grasps import polygon
 from tests.support.optional import require
 
 
 def unit(x):
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
-
-
-def polygon(n, R):
-    angle = 2 * np.pi * np.arange(n) / n
-    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def pushes(grasp, mu, gamma, rng, count, independent=False):

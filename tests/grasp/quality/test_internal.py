@@ -9,13 +9,9 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
+from tests.support.grasps import polygon
 
 MODELS = ["frictionless", "hard", "soft", "full"]
-
-
-def polygon(n, R):
-    angle = 2 * np.pi * np.arange(n) / n
-    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def split_of(grasp):

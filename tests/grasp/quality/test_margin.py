@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 
 import graspfx as gx
 from graspfx.errors import InputError, UnknownNameError
+from tests.support.grasps import polygon
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 TETRAHEDRON = CORNERS[CORNERS.prod(axis=1) > 0]
@@ -17,11 +18,6 @@ TURNLESS = [True, True, True, False, False, False]
 
 def unit(x):
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
-
-
-def polygon(n, R):
-    angle = 2 * np.pi * np.arange(n) / n
-    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def assert_encloses(found, exact, relative=1e-9):

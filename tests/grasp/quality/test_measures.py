@@ -7,6 +7,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
+from tests.support.grasps import polygon
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 SOLIDS = {
@@ -14,11 +15,6 @@ SOLIDS = {
     "octahedron": np.vstack([np.eye(3), -np.eye(3)]),
     "cube": CORNERS,
 }
-
-
-def polygon(n, R):
-    angle = 2 * np.pi * np.arange(n) / n
-    return R * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 @pytest.mark.parametrize("n", [3, 4, 7])

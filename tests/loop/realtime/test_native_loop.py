@@ -131,35 +131,36 @@ def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: 
 
 
 def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """While another thread keeps the interpreter for 0.3 s the loop goes on at 2 kHz, and all rows are there."""
+    """While another thread keeps the interpreter for 50 ticks the loop goes on, and all rows are there."""
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
     ticks, before = 1000, sys.getswitchinterval()
     began, busy = threading.Event(), threading.Event()
 
     def hog() -> None:
         began.wait()
-        sys.setswitchinterval(10.0)
+        sys.setswitchinterval(100.0)
         busy.set()  # whoever waits for it is back when this thread has let go of the interpreter
-        end = time.perf_counter() + 0.3
-        while time.perf_counter() < end:
+        first, end = count(), time.perf_counter() + 60.0
+        while count() < first + 50 and time.perf_counter() < end:
             pass
+        looks.append((count() - first, time.perf_counter()))
         sys.setswitchinterval(before)
 
     thread = threading.Thread(target=hog)
     thread.start()
     file = driver(tmp_path)
-    small = scene(file, ticks, native=True, rest=SETTLING).replace({"safety.watchdog": 0.3})  # late is no matter here
-    looks: list[tuple[float, int]] = []
+    small = scene(file, ticks, native=True, rest=SETTLING).replace({"safety.watchdog": 60.0})  # late is no matter here
+    looks: list[tuple[int, float]] = []
+    returns: list[float] = []
 
-    def look() -> None:
-        looks.append((time.perf_counter(), int(newest(file).context[0])))
+    def count() -> int:
+        return int(newest(file).context[0])
 
     def stop() -> bool:
         if not began.is_set():
-            look()
             began.set()
             busy.wait()
-            look()
+            returns.append(time.perf_counter())
         return False
 
     try:
@@ -175,9 +176,9 @@ def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert device.reads == SETTLING
     assert device.python_writes == SETTLING - 1
     assert int(device.context[0]) >= SETTLING + ticks - 1
-    (start, first), (end, last) = looks
-    assert end - start > 0.2  # nobody in Python came to look
-    assert last - first > 50
+    [(done, end)] = looks
+    assert done >= 50
+    assert returns[0] > end  # nobody else in Python came meanwhile
 
 
 def newest(file: Path) -> Any:
@@ -219,7 +220,9 @@ def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run of 150 ticks of 2 ms takes 0.3 s, however late each of them is, and says of each how late it was."""
     monkeypatch.setattr(pace, "is_possible", lambda: False)
-    rec = gx.run(scene(driver(tmp_path), 150, native=True, rest=SETTLING), real_time=True)
+    rec = gx.run(
+        scene(driver(tmp_path), 150, native=True, rest=SETTLING).replace({"safety.watchdog": 60.0}), real_time=True
+    )
     assert rec.header.scheduling["loop"] == "inline"
     wall, late, skipped, io = (np.asarray(getattr(rec, name)) for name in ("wall", "late", "skipped", "io"))
     grid = PERIOD * (np.arange(150) + np.cumsum(skipped.ravel()))
@@ -273,7 +276,7 @@ def test_a_function_that_does_not_return_ends_the_run(tmp_path: Path, monkeypatc
 
     @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
     def hang(context: int, block: int) -> int:
-        release.wait(5.0)
+        release.wait(60.0)
         return 0
 
     def calls(device: Scripted) -> Calls:

@@ -63,11 +63,10 @@ def test_a_named_loss_is_in_the_summary_with_its_limit(
 
 
 def test_a_run_prints_it_the_second_time_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    new_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The second run takes its scene from the cache, the plotted one has none to certify."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
     for out in ("a", "b"):
         assert (
             main(["run", "paper-spring", "--set", "coupling.external.stiffness=60", "--no-figure", "--out", out]) == 0

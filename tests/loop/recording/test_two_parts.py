@@ -65,7 +65,6 @@ def check(rec: Recording, least: float = 1.0) -> None:
     assert np.abs(rec.internal_displacement + rec.external_displacement - e).max() < 1e-15
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize("name", SHELF)
 def test_the_two_forces_of_every_scene(name: str) -> None:
     """The thin plate's contacts are in the band of the blend in every sample: there P is blended by the test's own."""
@@ -77,7 +76,6 @@ def test_the_two_forces_of_every_scene(name: str) -> None:
     )
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize("seed", range(12))
 def test_the_two_forces_of_random_grasps(seed: int) -> None:
     """Attached and not, in the band and not, by every integrator, with locked freedoms, mixed ones among them."""
@@ -90,7 +88,6 @@ def test_the_two_forces_of_random_grasps(seed: int) -> None:
     check(gx.run(gx.Scene(**table, engine="interpreted")))
 
 
-@pytest.mark.quick
 def test_a_rail_under_the_implicit_integrator_records_the_centre_that_its_split_is_about() -> None:
     """An object that slides along x and turns: the split is about where it will be, which is not where it is."""
     table = next(each for each in map(random_table, map(np.random.default_rng, range(99))) if len(each["finger"]) == 3)
@@ -116,7 +113,6 @@ def test_a_rail_under_the_implicit_integrator_records_the_centre_that_its_split_
     assert np.abs(other.external_force - whole).max() > 1e-6 * np.abs(rec.finger_force).max()
 
 
-@pytest.mark.quick
 def test_soft_fingers_with_the_reaction_at_the_contact_twist_about_their_normals() -> None:
     rec = gx.run("soft-pinch", {"coupling.reaction": "contact", "duration": 0.4})
     assert not rec.layout.torsion_axes
@@ -166,7 +162,6 @@ def test_internal_forces_turn_the_object_by_what_their_fingertips_are_off() -> N
     assert at_contact.summary()["internal_moment"] is None
 
 
-@pytest.mark.quick
 def test_a_file_has_the_two_forces_for_other_programs_to_the_same_bits(tmp_path: Path) -> None:
     rec = gx.run("soft-pinch", {"duration": 2.6, "engine": "interpreted"}, out=tmp_path)
     names = ("internal_force", "external_force", "internal_moment", "external_moment")

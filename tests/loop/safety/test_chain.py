@@ -27,8 +27,6 @@ from tests.support.engines import recorded, same
 from tests.support.grasps import law
 from tests.support.optional import require
 
-pytestmark = pytest.mark.quick
-
 T = 0.002
 GAINS = [f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")]
 

@@ -32,6 +32,7 @@ from tests.support.optional import require
 from tests.support.small_scenes import LINE, line
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("name", [name for name, origin in plugins.names("scenes").items() if "GraspFX" in origin])
 def test_each_scene_of_the_shelf_is_the_same_run_in_every_engine(name: str) -> None:
     scene = gx.load(name)
@@ -69,8 +70,9 @@ def test_each_kind_of_coupling_is_the_same_run_in_every_engine(changes: dict[str
     assert once.finger_force.any()
 
 
+@pytest.mark.optimised
 def test_quick_code_and_good_code_compute_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Users' programs and those of tests marked `quick` compute the same bits."""
+    """Users' programs and those of most tests compute the same bits."""
     full = recorded(line(), "compiled"), recorded(line(), "compiled", TICKS)
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))  # else the better program is taken from there
     monkeypatch.setitem(engines.ENGINES, "compiled", partial(Compiled, quick=True))
@@ -100,7 +102,6 @@ def held(files: dict[str, str], called: bool) -> dict[str, Any]:
 MIXES = [{"device"}, {"plant"}, {"hand"}, {"body"}, {"device", "hand"}, {"device", "plant", "body"}]
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize("which", MIXES, ids=lambda which: "+".join(sorted(which)))
 def test_parts_that_are_no_kernels_run_as_those_that_are(tmp_path: Path, which: set[str]) -> None:
     files = foreign_parts.write(tmp_path)

@@ -52,7 +52,6 @@ def scene_with(folder: Path, fault: str) -> tuple[gx.Scene, str]:
     return gx.Scene(**LINE).replace(changes), str(file)
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize("engine", ["auto", "interpreted"])
 @pytest.mark.parametrize(
     ("fault", "line", "says"),
@@ -75,7 +74,6 @@ def test_a_fault_names_file_and_line(tmp_path: Path, engine: str, fault: str, li
     assert str(caught.value).startswith(f"{file}:{line}: ")
 
 
-@pytest.mark.quick
 def test_a_fault_that_only_the_specialised_program_shows(tmp_path: Path) -> None:
     """The delay is structure: which entry it is is known when the program is specialised."""
     scene, file = scene_with(tmp_path, "device.effort[device.delay - 90_000] = 1.0")
@@ -84,7 +82,6 @@ def test_a_fault_that_only_the_specialised_program_shows(tmp_path: Path) -> None
     assert str(caught.value).startswith(f"{file}:{LINE_OF_FAULT}: ")
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize("engine", ["auto", "generic", "compiled", "interpreted"])
 @pytest.mark.parametrize("calls", [1, TICKS])
 def test_a_kernel_without_a_fault_runs_as_ours(tmp_path: Path, engine: str, calls: int) -> None:

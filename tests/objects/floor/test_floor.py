@@ -23,6 +23,7 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstac
 from graspfx.spatial import Matrix, Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
+from tests.support.meshes import plate
 
 Array = NDArray[np.float64]
 G, M, K, MU = 9.81, 0.1, 1e5, 0.5
@@ -287,9 +288,7 @@ def test_locked_freedoms_stay_locked_on_a_floor() -> None:
 
 def test_a_mesh_rests_on_the_corners_of_its_hull() -> None:
     """The triangles of a box move as the box does."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.025
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh = make_mesh(corners, [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    mesh = make_mesh(*plate(0.05, 0.05, 0.05))
     lean = (0.1, 0.2, 0.0, math.sqrt(0.95))
     whole, body = made(CUBE, position=(0, 0, 0.05), orientation=lean)
     state = whole.copy()

@@ -21,6 +21,7 @@ from graspfx.objects.mujoco.mujoco_world import MujocoWorld
 from graspfx.objects.mujoco.tetrahedra import is_hollow, pieces
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.surfaces.closed_form.shape import Box, Capsule, HalfSpace, Sphere
+from tests.support.meshes import plate
 
 Array = NDArray[np.float64]
 G, M, MU = 9.81, 0.1, 0.5
@@ -159,9 +160,7 @@ def test_a_hollow_mesh_is_told_from_a_convex_one_and_cut_into_tetrahedra_within_
     corners = vertices[faces]
     volume = float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
     assert volume > 0.0 and is_hollow(vertices, faces)
-    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    assert not is_hollow(cube, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]))
+    assert not is_hollow(*plate(0.05, 0.05, 0.05))
     cut = list(pieces(vertices, faces))
     assert len(cut) == len(faces)
     for points in cut:

@@ -293,11 +293,11 @@ THIN: list[tuple[str, int, int, tuple[float, ...], tuple[float, float], int]] = 
 def test_a_finger_pressed_6_mm_through_a_thin_part_stays_on_its_side(
     kind: int, d: int, size: tuple[float, ...], reach: tuple[float, float], across: int
 ) -> None:
-    """1 mm thick, 20 fingers from both sides, 6 mm deep, sliding at up to 1 m/s: 0 of 5880 samples on a wrong side."""
+    """1 mm thick, 20 fingers from both sides, 6 mm deep, sliding at up to 1 m/s: 0 of 2940 samples on a wrong side."""
     rng = np.random.default_rng(4)
     wrong = ticks = 0
     lateral = [i for i in range(d) if i != across]
-    for path in range(20):
+    for path in range(10):
         up = 1.0 if path % 2 == 0 or kind == HALF_SPACE else -1.0
         p = np.zeros(3)
         p[across] = up * 0.003
@@ -314,7 +314,7 @@ def test_a_finger_pressed_6_mm_through_a_thin_part_stays_on_its_side(
                 rim = p[across] * up > abs(c[across])  # off the rounded surface near its rim
                 wrong += n[across] * up > -0.4 or (gap > 0) != rim
                 np.testing.assert_allclose(p - c, -gap * n, atol=1e-16)
-    assert (wrong, ticks) == (0, 20 * 294)
+    assert (wrong, ticks) == (0, 10 * 294)
 
 
 def test_a_cylinder_hands_over_between_mantle_and_caps_only_beyond_their_edges() -> None:
@@ -398,6 +398,8 @@ def test_a_sheet_is_touched_from_both_sides_and_never_passed() -> None:
 # Continuity --------------------------------------------------------------------------------------------------------
 
 SOLID: list[tuple[str, int, int, tuple[float, ...]]] = [
+    ("box", BOX, 3, (0.025, 0.02, 0.01)),
+    ("rectangle", BOX, 2, (0.025, 0.02)),
     ("capsule", CAPSULE, 3, (0.02, 0.03)),
     ("stadium", CAPSULE, 2, (0.02, 0.03)),
     ("cylinder", CYLINDER, 3, (0.03, 0.02)),

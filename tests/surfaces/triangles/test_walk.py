@@ -100,16 +100,6 @@ def test_a_new_finger_is_at_the_nearest_point(name: str, kernel: Callable[..., A
     assert ties <= 2
 
 
-def test_far_from_the_origin_rounding_is_that_of_the_position(kernel: Callable[..., Any]) -> None:
-    """A plate 300 m away: distances to 1e-15 x 300 m."""
-    v, f = plate()
-    v = v + np.array([300.0, -20.0, 10.0])
-    M = flatten(v, f, closed=True)
-    for p in v.mean(axis=0) + np.random.default_rng(4).uniform(-0.1, 0.1, size=(50, 3)):
-        _, distance = brute_force(v, f, p)
-        assert abs(float(abs(Finger(M, kernel=kernel).to(p)[2]) - distance)) <= 3e-13
-
-
 def test_a_box_as_a_mesh_is_the_box() -> None:
     """A convex mesh needs no path of its own: outside, contact is that of the closed form; face by face inside.
 
