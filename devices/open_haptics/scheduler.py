@@ -19,6 +19,10 @@ class Member(Protocol):
 
     handle: int
 
+    def now(self) -> float: ...
+
+    def sleep(self, duration: float) -> None: ...
+
 
 class Scheduler:
     """The devices of one library that are open in this process, and the thread that exchanges with them.
@@ -84,7 +88,7 @@ class Scheduler:
         with self._lock:
             if self._mailbox is not None:
                 return self._mailbox
-            hd, mailbox = self._hd, Mailbox(self._calls, (1, 3))
+            hd, mailbox = self._hd, Mailbox(self._calls, (1, 3), self._members[0].now, self._members[0].sleep)
             self._number = int(hd.call("hdScheduleAsynchronous", mailbox.function, mailbox.context, FIRST))
             self._mailbox = mailbox
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Self
 
@@ -28,10 +29,12 @@ class Stylus:
     """
 
     def __init__(
-        self, *, unit: str | None, library: object, force_limit: float, resolution: float, velocity_window: int
-    ) -> None:
+        self, *, unit: str | None, library: object, force_limit: float, resolution: float, velocity_window: int,
+        now: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep,
+    ) -> None:  # fmt: skip
         self.unit, self.library, self.force_limit, self.resolution = unit, library, force_limit, resolution
         self._window = velocity_window
+        self.now, self.sleep = now, sleep
         self.handle = -1
         self._scheduler: Scheduler | None = None  # while the device is open
         self._calls: Calls | None = None
@@ -79,15 +82,15 @@ class Stylus:
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample the last ones."""
-        mailbox, i, end = self._started(), self._place, time.perf_counter() + self._period
+        mailbox, i, end = self._started(), self._place, self.now() + self._period
         while True:
             if fault := mailbox.fault(i):
                 raise DeviceError(self.fault_text(fault))
             count, position, _ = mailbox.read(i)
-            now = time.perf_counter()
+            now = self.now()
             if count != self._count or now > end:
                 break
-            time.sleep(NAP)
+            self.sleep(NAP)
         if count != self._count:
             if not np.isfinite(position).all():
                 raise DeviceError(f"the device gives the position {position[0].tolist()}")

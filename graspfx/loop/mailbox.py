@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -32,13 +32,21 @@ class Mailbox:
     Args:
         calls: of the devices.
         shape: (k, d) of each.
+        now, sleep: clock of the waits, and how to wait on it.
 
     Attributes:
         function, context: addresses for the vendor's thread.
     """
 
-    def __init__(self, calls: Sequence[Calls], shape: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        calls: Sequence[Calls],
+        shape: tuple[int, int],
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         k, d = shape
+        self._now, self._sleep = now, sleep
         self._shape, self._entries = shape, k * d
         engine = _engine()
         self.function = address(engine, at.MAILBOX)
@@ -91,11 +99,11 @@ class Mailbox:
 
     def wait(self, turns: int, longest: float) -> bool:
         """Wait for so many turns from now on; tell whether they came within so long [s]."""
-        last, end = self.turns + turns, time.monotonic() + longest
+        last, end = self.turns + turns, self._now() + longest
         while self.turns < last:
-            if time.monotonic() > end:
+            if self._now() > end:
                 return False
-            time.sleep(NAP)
+            self._sleep(NAP)
         return True
 
     def drive(self, function: int, context: int) -> None:
@@ -106,12 +114,12 @@ class Mailbox:
     def release(self, longest: float) -> bool:
         """Take the turns back; tell whether the loop has come back within so long [s]."""
         self._words[at.LOOP] = 0
-        end = time.monotonic() + longest
+        end = self._now() + longest
         while True:
-            time.sleep(NAP)
+            self._sleep(NAP)
             if not self._words[at.BUSY]:
                 return True
-            if time.monotonic() > end:
+            if self._now() > end:
                 return False
 
     def _device(self, i: int) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ import pytest
 import graspfx as gx
 from graspfx.build import pace
 from graspfx.certificate.plan import plan
+from graspfx.devices import open_haptics
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
 from graspfx.testing.wire import OpenHapticsWire, fake_scheduler
 from graspfx.testing.wire.c_compiler import compiler
+from tests.support.hardware import VirtualClock
 from tests.support.optional import require
-from tests.support.waiting import wait_until
 from tests.support.wired_drivers import wired_driver
 
 require("llvmlite")
@@ -33,9 +35,32 @@ X = np.array([[1.0, 0.0, 0.0]])
 
 
 @pytest.fixture
-def wire() -> Iterator[OpenHapticsWire]:
+def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[OpenHapticsWire]:
+    """Devices whose scheduler calls as a test waits for it."""
+    with paced(monkeypatch) as bench:
+        yield bench
+
+
+@pytest.fixture
+def real_wire() -> Iterator[OpenHapticsWire]:
+    """Devices whose scheduler has the machine's clock."""
     with OpenHapticsWire() as bench:
         yield bench
+
+
+def paced(monkeypatch: pytest.MonkeyPatch) -> OpenHapticsWire:
+    bench = OpenHapticsWire(clock=VirtualClock())
+    now, sleep = bench.clock.now, bench.clock.sleep
+    monkeypatch.setattr(open_haptics, "Stylus", partial(open_haptics.Stylus, now=now, sleep=sleep))
+    return bench
+
+
+def until(wire: OpenHapticsWire, condition: Callable[[], Any], turns: int = 100) -> None:
+    """Let turns pass until a condition is true."""
+    while not condition():
+        assert turns, "not within these turns"
+        turns -= 1
+        wire.clock.sleep(PERIOD)
 
 
 def connect(wire: OpenHapticsWire, **settings: Any) -> Any:
@@ -50,10 +75,9 @@ def display(wire: OpenHapticsWire, *forces: tuple[Any, float]) -> None:
             device.write(force * X)
         return [wire.forces(i)[0] for i in range(len(forces))] == [force for _, force in forces]
 
-    wait_until(has_them)
+    until(wire, has_them)
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize("kind", ["linked", "loaded"])
 def test_it_keeps_its_promises(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile.
@@ -64,7 +88,7 @@ def test_it_keeps_its_promises(kind: str, monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setattr(fake_scheduler, "compiler", lambda: None)
     elif compiler() is None:
         pytest.skip("no C compiler")
-    with OpenHapticsWire() as wire:
+    with paced(monkeypatch) as wire:
         assert isinstance(wire.library, str) == (kind == "linked")
         check_device(lambda: connect(wire), wire=wire, period=PERIOD)
         assert wire.violations == 0
@@ -76,12 +100,12 @@ def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
         one.open(PERIOD)
         two.open(PERIOD)
         wire.place(np.array([0.1, 0.2, 0.3]), 1)
-        wait_until(lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
+        until(wire, lambda: two.read()[0].tolist() == [[0.1, 0.2, pytest.approx(0.3)]])
         display(wire, (one, 1.0), (two, -2.0))
         one.close()
         assert not wire.forces(0).any()
         before = two.read()[2]
-        wait_until(lambda: two.read()[2] > before)
+        until(wire, lambda: two.read()[2] > before)
     assert wire.violations == 0
     assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
 
@@ -110,8 +134,8 @@ def test_errors_of_the_library_are_faults_in_words(wire: OpenHapticsWire, error:
         display(wire, (device, 1.0), (other, 1.0))
         wire.leave(error)
         with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
-            wait_until(lambda: device.read()[0] is None)
-        wait_until(lambda: not wire.forces(0).any() and not wire.words[fake_scheduler.ERRORS])
+            until(wire, lambda: device.read()[0] is None)
+        until(wire, lambda: not wire.forces(0).any() and not wire.words[fake_scheduler.ERRORS])
         other.read()
 
 
@@ -121,7 +145,7 @@ def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
         device.open(PERIOD)
         device.read()
         display(wire, (device, 1.0))
-        wait_until(lambda: not wire.torque.any())
+        until(wire, lambda: not wire.torque.any())
 
 
 def test_settings() -> None:
@@ -152,19 +176,24 @@ def loop_of(scene: gx.Scene) -> str:
 def undisturbed(go: Callable[[], gx.Recording]) -> gx.Recording:
     """Run a scene in its devices' thread, again where this machine was too late for it."""
     for _ in range(TRIES):
-        rec = go()
-        if not any("left out" in fault.message for fault in rec.faults):
-            return rec
+        try:
+            rec = go()
+        except DeviceError as error:
+            if "new sample in" not in str(error):  # of the readings before the first tick
+                raise
+        else:
+            if not any("left out" in fault.message for fault in rec.faults):
+                return rec
     raise AssertionError(f"{TRIES} runs, and this machine was too late for each")
 
 
 @pytest.mark.alone
 def test_the_loop_runs_in_its_thread(
-    wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     """Every tick is a turn of the scheduler; another thread that keeps the interpreter takes none away."""
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
-    scene, before = grasp(wire, tmp_path), sys.getswitchinterval()
+    scene, before = grasp(real_wire, tmp_path), sys.getswitchinterval()
 
     def hog() -> None:
         sys.setswitchinterval(10.0)
@@ -189,35 +218,35 @@ def test_the_loop_runs_in_its_thread(
 
     rec = undisturbed(go)
     assert rec.ticks == 400 and not rec.faults
-    assert wire.violations == 0
-    assert wire.turns >= 400
+    assert real_wire.violations == 0
+    assert real_wire.turns >= 400
     assert np.abs(rec.displayed_force[:, 0, 0]).max() > 0.01  # they squeeze
-    assert not wire.forces(0).any()
-    assert not wire.forces(1).any()
+    assert not real_wire.forces(0).any()
+    assert not real_wire.forces(1).any()
 
 
 @pytest.mark.alone
 def test_an_error_in_its_thread_is_a_fault_in_words(
-    wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     monkeypatch.setattr(pace, "is_possible", lambda: False)
 
     def stop() -> bool:
-        wire.leave(0x200, 1)
+        real_wire.leave(0x200, 1)
         return False
 
     def go() -> gx.Recording:
-        wire.leave(0, 1)
+        real_wire.leave(0, 1)
         return gx.run(scene, real_time=True, stop=stop)
 
-    scene = grasp(wire, tmp_path)
+    scene = grasp(real_wire, tmp_path)
     rec = undisturbed(go)
     fault = rec.faults[0]
     assert "of finger1 (Stylus) cannot be asked" in fault.message
     assert "hdBeginFrame of OpenHaptics: the motors are warm" in fault.message
     assert not rec.displayed_force[fault.tick :].any()
-    assert not wire.forces(0).any()
-    assert not wire.forces(1).any()
+    assert not real_wire.forces(0).any()
+    assert not real_wire.forces(1).any()
 
 
 def test_the_plan_says_who_has_the_clock(wire: OpenHapticsWire, tmp_path: Path) -> None:

@@ -23,7 +23,9 @@ DEVICE = 64  # words of a device
 CURRENT, ERRORS, RATE, TURNS, VIOLATIONS, DEPTH, STACK, STALLED, LONGEST, STARTS = 1, 2, 19, 21, 22, 23, 24, 30, 31, 29
 FIRST_BIN, FIRST_DEVICE = 32, 32 + BINS  # words
 POSITION, VELOCITY, FORCE, PENDING, OWNER, ENABLED, FRAME, ERROR, NAME = 0, 3, 6, 9, 12, 13, 14, 15, 24
-SIZE = FIRST_DEVICE + DEVICES * DEVICE  # words of the state
+PACED = FIRST_DEVICE + DEVICES * DEVICE  # whether turns come as they are due, and not by the machine's clock
+DUE, PASSED, RUNNING = PACED + 1, PACED + 2, PACED + 3  # turns, turns that are over, and whether there is a thread
+SIZE = PACED + 4  # words of the state
 SIGNATURES: Mapping[str, tuple[Any, ...]] = {
     "hdInitDevice": (ctypes.c_uint, ctypes.c_char_p),
     "hdDisableDevice": (None, ctypes.c_uint),
@@ -49,7 +51,7 @@ def library(state: Path, folder: Path) -> Any:
         first_device=FIRST_DEVICE, errors=ERRORS, violations=VIOLATIONS, current=CURRENT, frame=FRAME, owner=OWNER,
         name=NAME, error=ERROR, depth=DEPTH, stack=STACK, enabled=ENABLED, pending=PENDING, force=FORCE,
         velocity=VELOCITY, position=POSITION, rate=RATE, starts=STARTS, stalled=STALLED, turns=TURNS, longest=LONGEST,
-        last_bin=BINS - 1, first_bin=FIRST_BIN,
+        last_bin=BINS - 1, first_bin=FIRST_BIN, paced=PACED, due=DUE, passed=PASSED, running=RUNNING,
     )  # fmt: skip
     if compiler() is not None:
         return str(shared(text, folder, "libHD.so"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import time
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.realtime.pacing import Clock
 from graspfx.testing.wire import fake_scheduler as at
 from graspfx.testing.wire.wire import Failure, Wire
 
@@ -22,6 +24,7 @@ STEP = 0.003  # of `move`, along every axis [m]
 NAMES = "left", "right", "third"
 COMM_ERROR = 0x302
 MM = 1e-3  # [m]
+TURN = 1.0  # longest for the thread to take its turns [s]
 
 
 class OpenHapticsWire(Wire):
@@ -30,6 +33,9 @@ class OpenHapticsWire(Wire):
     Other programs that load the library meet the same devices, where this machine has a compiler that links it.
     `settings`, `position`, `force` and `torque` are those of the first device.
 
+    Args:
+        clock: of the scheduler, which then calls as somebody waits on the wire's `clock`; the machine's if left out.
+
     Attributes:
         words: state of the library, as whole numbers; `numbers` is the same as floats.
     """
@@ -37,8 +43,8 @@ class OpenHapticsWire(Wire):
     kinds: frozenset[Failure] = frozenset({"late", "drop", "garbage", "unplugged", "blocked"})
     limit = 3.3  # [N]
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, *, clock: Clock | None = None) -> None:
+        super().__init__(None if clock is None else _TurnsClock(clock, self))
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
         state = self._folder / "state"
         state.write_bytes(bytes(8 * at.SIZE))
@@ -47,6 +53,7 @@ class OpenHapticsWire(Wire):
         self.words: IntArray = np.frombuffer(memory, np.int64)
         self.numbers: FloatArray = self.words.view(np.float64)
         self.words[at.RATE] = 1000
+        self.words[at.PACED] = clock is not None
         for k, name in enumerate(NAMES):
             place = 8 * (at.FIRST_DEVICE + k * at.DEVICE + at.NAME)
             memory[place : place + len(name)] = name.encode()
@@ -121,3 +128,22 @@ class OpenHapticsWire(Wire):
 
     def close(self) -> None:
         rmtree(self._folder, ignore_errors=True)
+
+
+class _TurnsClock:
+    """A clock on which to wait is to let the scheduler take its turns."""
+
+    def __init__(self, clock: Clock, wire: OpenHapticsWire) -> None:
+        self.now = clock.now
+        self._clock, self._wire, self._part = clock, wire, 0.0
+
+    def sleep(self, duration: float) -> None:
+        words = self._wire.words
+        self._clock.sleep(duration)
+        turns, self._part = divmod(self._part + duration * words[at.RATE], 1.0)
+        words[at.DUE] += int(turns)
+        end = time.monotonic() + TURN
+        while words[at.RUNNING] and words[at.PASSED] < words[at.DUE] and time.monotonic() < end:
+            time.sleep(1e-5)
+        if words[at.PASSED] < words[at.DUE]:  # its process is gone
+            words[at.RUNNING] = 0

@@ -38,6 +38,12 @@ violation:
 go:
   call void @add(i64 {starts})
   store i64 1, ptr @going
+  %due.at = call ptr @word(i64 {due})
+  %due = load i64, ptr %due.at
+  %passed.at = call ptr @word(i64 {passed})
+  store i64 %due, ptr %passed.at
+  %running.at = call ptr @word(i64 {running})
+  store i64 1, ptr %running.at
   %code = call i32 @pthread_create(ptr @thread, ptr null, ptr @schedule, ptr null)
   ret void
 }}
@@ -49,6 +55,8 @@ go:
   store atomic i64 0, ptr @going release, align 8
   %thread = load i64, ptr @thread
   %code = call i32 @pthread_join(i64 %thread, ptr null)
+  %running.at = call ptr @word(i64 {running})
+  store i64 0, ptr %running.at
   br label %end
 end:
   ret void
@@ -72,7 +80,13 @@ start:
   %nanos.at = getelementptr i64, ptr %time, i64 1
   %rate.at = call ptr @word(i64 {rate})
   %rate = load i64, ptr %rate.at
-  %period = sdiv i64 1000000000, %rate
+  %wall = sdiv i64 1000000000, %rate
+  %paced.at = call ptr @word(i64 {paced})
+  %paced = load i64, ptr %paced.at
+  %as.due = icmp ne i64 %paced, 0
+  %period = select i1 %as.due, i64 20000, i64 %wall
+  %due.at = call ptr @word(i64 {due})
+  %passed.at = call ptr @word(i64 {passed})
   %first = call i64 @now(ptr %time)
   br label %wait
 wait:
@@ -90,7 +104,13 @@ sleep:
 woken:
   %going = load atomic i64, ptr @going acquire, align 8
   %over = icmp eq i64 %going, 0
-  br i1 %over, label %end, label %look
+  br i1 %over, label %end, label %ask
+ask:
+  %due = load atomic i64, ptr %due.at acquire, align 8
+  %passed = load i64, ptr %passed.at
+  %early = icmp sge i64 %passed, %due
+  %rests = and i1 %as.due, %early
+  br i1 %rests, label %next, label %look
 look:
   %stalled.at = call ptr @word(i64 {stalled})
   %stalled = load i64, ptr %stalled.at
@@ -98,7 +118,7 @@ look:
   %none = icmp eq ptr %function, null
   %still = icmp ne i64 %stalled, 0
   %no = or i1 %none, %still
-  br i1 %no, label %next, label %turn
+  br i1 %no, label %past, label %turn
 turn:
   %context = load ptr, ptr @data
   %began = call i64 @now(ptr %time)
@@ -124,6 +144,10 @@ count:
   %more = icmp sgt i64 %took, %longest
   %most = select i1 %more, i64 %took, i64 %longest
   store i64 %most, ptr %longest.at
+  br label %past
+past:
+  %more.passed = add i64 %passed, 1
+  store atomic i64 %more.passed, ptr %passed.at release, align 8
   br label %next
 next:
   br label %wait
