@@ -12,9 +12,9 @@ BIN := $(VENV)/bin
 INTERPRETER := $(BIN)/python
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
 TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal
-LONG := large or stress or faults
+LONG := large or stress or faults or rest
 UNASKED := alone or $(LONG)
-FORM ?= $(word $(shell echo $$(( $$(date -u +%s) / 86400 % 3 + 1 ))),large stress faults)
+FORM ?= $(word $(shell echo $$(( $$(date -u +%s) / 86400 % 4 + 1 ))),large stress faults rest)
 RUN_READY := $(VENV)/.ready-to-run
 WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
@@ -110,8 +110,8 @@ sizes: $(WORK_READY) ## measure what an installation takes, by extra
 fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.05 s
 	$(TOGETHER) -m "not ($(UNASKED) or slow)"
 
-durations: $(WORK_READY) ## measure how long each test takes: what `make fast` chooses by
-	$(TOGETHER) -p tests.support.slow -m "not ($(UNASKED))"
+durations: $(WORK_READY) ## measure how long each test takes: what `make fast` and `make test` choose by
+	$(TOGETHER) -p tests.support.slow -m "not (alone or large or stress or faults)"
 
 mutations: $(WORK_READY) ## put fifty mistakes into a copy, one at a time, and tell which tests find each: half an hour
 	$(INTERPRETER) -m tests.support.mutations

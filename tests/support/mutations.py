@@ -27,7 +27,7 @@ PLACES = {  # where mistakes are made, and the tests that run first
     "safety": ("graspfx/loop/safety", "graspfx/loop/energy"),
 }
 LAWS = ("tests/laws", "tests/oracles", "tests/paper")
-LONG = "large or stress or faults"
+LONG = "large or stress or faults or rest"
 STAGES = {"room": f"not (alone or slow or {LONG})", "fast": f"not (alone or slow or {LONG})", "test": f"not ({LONG})"}
 AXES = {"x": "y", "y": "z", "z": "x"}
 

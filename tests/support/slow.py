@@ -1,8 +1,10 @@
-"""Cases that `make fast` leaves out, by the time that each took when all were measured.
+"""Cases that `make fast` and `make test` leave out, by the time that each took when all were measured.
 
 `make durations` measures and writes the list: the mean seconds of a function's cases, for each function whose cases
 take longer together than `BUDGET`. Of these the first ones that fit into the budget are run, the others are marked
-`slow`. Seconds are those of the processor, which are the same on a busy machine.
+`slow`. `make test` runs of each function a case, and more while they fit into `MORE`; the others are marked `rest`.
+These are chosen by a sum of their names, so that the cases of one scene are not the ones that every function leaves
+out. Seconds are those of the processor, which are the same on a busy machine.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ import os
 from collections import defaultdict
 from collections.abc import Generator, Iterable
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "tests" / "slow.txt"
-BUDGET = 0.05  # of a function's cases together [s]
+BUDGET = 0.05  # of a function's cases together, in `make fast` [s]
+MORE = 1.0  # in `make test` [s]
 USED = "processor_seconds"  # of a report
 
 seconds: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))  # by function and case
@@ -35,14 +39,18 @@ def means() -> dict[str, float]:
 
 
 def mark(cases: Iterable[pytest.Item]) -> None:
-    """Mark as `slow` what does not fit into its function's budget."""
+    """Mark what does not fit into its function's budget."""
     costs = means()
-    spent: defaultdict[str, float] = defaultdict(float)
+    groups: defaultdict[str, list[pytest.Item]] = defaultdict(list)
     for case in cases:
-        name = function(case.nodeid)
-        spent[name] += costs.get(name, 0.0)
-        if spent[name] > BUDGET:
+        groups[function(case.nodeid)].append(case)
+    for name in costs.keys() & groups.keys():
+        group, cost = groups[name], max(costs[name], 1e-3)
+        for case in group[int(BUDGET / cost) :]:
             case.add_marker(pytest.mark.slow)
+        group.sort(key=lambda case: crc32(case.nodeid.encode()))
+        for case in group[max(1, int(MORE / cost)) :]:
+            case.add_marker(pytest.mark.rest)
 
 
 def clock() -> float:

@@ -101,7 +101,7 @@ def sliding_notes(
 
 def said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
     """Say how near the fingers are to sliding, the nearest first."""
-    ranked = sorted(grip.items(), key=lambda item: -item[1])
+    ranked = sorted(grip.items(), key=lambda item: -round(item[1], 6))  # equal ones in their order
     margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
     on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
