@@ -432,10 +432,11 @@ class Peer:
                 ServerLine(line).greet()
             else:
                 line.sendall(greeting)
+                line.shutdown(socket.SHUT_WR)  # the end of an answer without a length
             for part in parts:
                 line.sendall(part)
                 time.sleep(0.002)
-            line.settimeout(2.0)
+            line.settimeout(60.0)
             try:
                 while data := line.recv(1000):
                     self.seen += data
@@ -448,6 +449,12 @@ class Peer:
     def __exit__(self, *exc: object) -> None:
         self._thread.join()
         self._server.close()
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may be late for a greeting."""
+    monkeypatch.setattr(websocket, "PATIENCE", 60.0)
 
 
 def soon() -> float:

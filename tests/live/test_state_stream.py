@@ -120,19 +120,19 @@ def test_what_goes_out_by_lsl_comes_in() -> None:
     scene = gx.load("reference-1dof", {"engine": "interpreted"})
     with LiveRun(scene) as run:
         rows.attach(run)
-        streams = [lsl.resolve_byprop("source_id", each.source, timeout=5.0)
+        streams = [lsl.resolve_byprop("source_id", each.source, timeout=60.0)
                  for each in (rows, markers)]  # fmt: skip
         if not all(streams):
             pytest.skip("no multicast on this machine, by which LSL finds streams")
         inlets = [lsl.StreamInlet(each[0]) for each in streams]
         for inlet in inlets:
-            inlet.open_stream(timeout=5.0)
+            inlet.open_stream(timeout=60.0)
         labels = rows.channels
         assert labels[:2] == ["finger_position.finger0.x", "finger_position.finger1.x"]
-        samples = [inlets[0].pull_sample(timeout=5.0) for _ in range(10)]
+        samples = [inlets[0].pull_sample(timeout=60.0) for _ in range(10)]
         now = time.monotonic()
         markers.mark(Event(now, 3, "stimulus", 1))
-        text, clock = inlets[1].pull_sample(timeout=5.0)
+        text, clock = inlets[1].pull_sample(timeout=60.0)
         assert text == ["3 stimulus 1"] and abs(clock - now) < 0.01  # two clocks of one machine
         first, block = run.rows(0)
         columns = run.layout.columns

@@ -49,7 +49,7 @@ def test_a_function_that_returns_after_the_stop_brings_no_force_back(
         def hang(context: int, block: int) -> int:
             count[0] += 1
             if count[0] == HANG:
-                release.wait(5.0)
+                release.wait(60.0)
             return int(function(context, block))
 
         place = ctypes.cast(hang, ctypes.c_void_p).value
