@@ -98,6 +98,98 @@ def instead(name: str, value: Any) -> Callable[[h5py.File], None]:
     return change
 
 
+def as_format_3(change: Callable[[h5py.File], None]) -> Callable[[h5py.File], None]:
+    """Let a file say that its variables hold the rows themselves, as they did up to format 3."""
+
+    def both(file: h5py.File) -> None:
+        change(file)
+        file.attrs["format"] = "graspfx recording 3"
+
+    return both
+
+
+def stored_elsewhere(name: str) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        shape, (offset, count) = file[name].shape, (0, h5py.h5f.UNLIMITED)
+        del file[name]
+        file.create_dataset(name, shape, "<f8", external=[(str(beside(file, SECRET)), offset, count)])
+
+    return change
+
+
+def linked_elsewhere(name: str) -> Callable[[h5py.File], None]:
+    return lambda file: instead(name, h5py.ExternalLink(str(beside(file, "other.h5")), "x"))(file)
+
+
+def virtual(name: str, source: str = "", of: str = "x") -> Callable[[h5py.File], None]:
+    """Make a variable a virtual data set of another file, or of this one ("."), instead of what it was."""
+
+    def change(file: h5py.File) -> None:
+        whole = h5py.VirtualLayout(file[name].shape, "<f8")
+        whole[...] = h5py.VirtualSource(source or str(beside(file, "other.h5")), of, whole.shape)
+        del file[name]
+        file.create_virtual_dataset(name, whole)
+
+    return change
+
+
+def packed_elsewhere(file: h5py.File) -> None:
+    """Let the rows themselves stand in another file, where those of a compressed recording are."""
+    del file["rows/pieces"]
+    stored_elsewhere("rows/rows")(file)
+
+
+def longer(rows: int) -> Callable[[h5py.File], None]:
+    """Let each variable be so long, chunk by chunk, of which none was written."""
+
+    def change(file: h5py.File) -> None:
+        table = file["rows/pieces"][:]
+        table["count"] = rows
+        file["rows/pieces"][:] = table
+        names: list[str] = []
+        file.visit(names.append)
+        for name in names:
+            data = file[name]
+            if isinstance(data, h5py.Dataset) and data.shape[:1] == (50,):
+                shape, kind = (rows, *data.shape[1:]), data.dtype
+                if name != "rows/rows":
+                    del file[name]
+                    file.create_dataset(name, shape, kind, chunks=(1, *shape[1:]))
+
+    return change
+
+
+def piece(**changes: int) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        table = file["rows/pieces"][:]
+        for key, value in changes.items():
+            table[key] = value
+        file["rows/pieces"][:] = table
+
+    return change
+
+
+def wide(file: h5py.File) -> None:
+    file["rows/pieces"].attrs["wide"] = 3
+
+
+def beside(file: h5py.File, name: str) -> Path:
+    return Path(file.filename).with_name(name)
+
+
+SECRET = "secret"
+ELSEWHERE = {
+    "rows in another file": packed_elsewhere,
+    "a variable in another file": stored_elsewhere("finger_force"),
+    "a variable in another file, format 3": as_format_3(stored_elsewhere("finger_force")),
+    "a link to another file": linked_elsewhere("finger_force"),
+    "a link to another file, format 3": as_format_3(linked_elsewhere("finger_force")),
+    "a group in another file": linked_elsewhere("objects"),
+    "a virtual variable of another file": virtual("finger_force"),
+    "a virtual variable of another file, format 3": as_format_3(virtual("finger_force")),
+    "a virtual object of another file": as_format_3(virtual("objects/object0/position")),
+    "a virtual variable of itself": as_format_3(virtual("finger_force", ".", "finger_force")),
+}
 CHANGES: dict[str, Callable[[h5py.File], None]] = {
     "another format": attribute("format", "graspfx recording 99"),
     "a format that is a number": attribute("format", 3.0),
@@ -131,6 +223,14 @@ CHANGES: dict[str, Callable[[h5py.File], None]] = {
     "forces of fewer ticks": instead("finger_force", np.zeros((20, 2, 3))),
     "time that is one number": instead("time", 0.0),
     "faults of text": instead("faults/tick", "none"),
+    "2^36 rows": longer(2**36),
+    "2^36 rows, format 3": as_format_3(longer(2**36)),
+    "rows beyond the file": piece(count=2**40),
+    "rows before the file": piece(offset=-8),
+    "rows that begin with the tenth": piece(first=9),
+    "fewer rows than times": piece(count=49),
+    "rows of three numbers": wide,
+    **ELSEWHERE,
 }
 
 
@@ -138,12 +238,15 @@ CHANGES: dict[str, Callable[[h5py.File], None]] = {
 def test_spoilt_attributes_and_data(name: str, tmp_path: Path) -> None:
     made, path = layout(3, 2), tmp_path / "r.h5"
     gx.Recording(rows(made, 50), made, recording({"gap": np.zeros((1, 2))}, layout()).header).save(path)
+    (tmp_path / SECRET).write_bytes(np.full(5000, 1.25).tobytes())
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = np.full((50, 2, 3), 1.25)
     with h5py.File(path, "r+") as file:
         CHANGES[name](file)
     with path.open("r+b") as stream:  # as if it had been written so
         stream.write(seal(stream, path.stat().st_size))
     CHANGED.tried()
-    with pytest.raises(RecordingError, match=r"r\.h5: "):
+    with pytest.raises(RecordingError, match=r"r\.h5: .*nothing of that is read" if name in ELSEWHERE else r"r\.h5: "):
         gx.Recording.load(path)
 
 

@@ -25,6 +25,7 @@ FloatArray = NDArray[np.float64]
 
 SEALS = 2  # the first format whose files end in a digest
 BLOCKS = 4  # the first with its rows in blocks
+MOST_PACKED = 1032  # bytes that deflate makes of one at most, https://zlib.net/zlib_tech.html
 ROWS, PIECES = "rows/rows", "rows/pieces"
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 # what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
@@ -56,6 +57,7 @@ def _read_hdf5(place: Path) -> Content:
     whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
     file = _opened(place)
     try:
+        require_contained(file, place)
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
             raise ValueError("it was changed since it was written: its digest is gone")
@@ -73,8 +75,44 @@ def _read_hdf5(place: Path) -> Content:
         raise
 
 
+def require_contained(file: Any, place: Path) -> None:
+    """Require that all data of an open HDF5 file stand in it, and no more of them than it can hold.
+
+    HDF5 reads bytes of other files where a data set has external storage, where a virtual one has another source than
+    this file ("."), and behind external links; a recording has none of them, and whoever made one chose the files.
+
+    Raises:
+        ValueError: something stands elsewhere, or a data set is larger than a file of this size can hold.
+    """
+    room = MOST_PACKED * place.stat().st_size
+
+    links: list[tuple[bytes, int]] = []
+    file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
+    sources = set[str]()
+    for name, kind in links:
+        text = name.decode(errors="replace")
+        if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
+            raise ValueError(f"{text} is a link to another file; nothing of that is read")
+        if kind == h5py.h5l.TYPE_SOFT or h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
+            continue
+        data = h5py.h5d.open(file.id, name)
+        storage = data.get_create_plist()
+        if storage.get_external_count():
+            raise ValueError(f"{text} stands in another file (external storage); nothing of that is read")
+        if storage.get_layout() == h5py.h5d.VIRTUAL:
+            maps = range(storage.get_virtual_count())
+            if any(storage.get_virtual_filename(k) != "." for k in maps):
+                raise ValueError(f"{text} stands in another file (a virtual data set); nothing of that is read")
+            sources.update(storage.get_virtual_dsetname(k) for k in maps)
+        elif math.prod(data.shape) * data.get_type().get_size() > room:
+            raise ValueError(f"{text} claims to be {data.shape} of {data.dtype}, more than its file can hold")
+    for source in sources:  # HDF5 ends the process where a virtual data set is one of itself
+        if h5py.h5d.open(file.id, source.encode()).get_create_plist().get_layout() == h5py.h5d.VIRTUAL:
+            raise ValueError(f"{source} is virtual, and so is what stands in it; nothing of that is read")
+
+
 def _require_variables(file: Any, layout: Layout) -> None:
-    """Require a variable of numbers for each column of the layout, as long as the time; its rows are read later.
+    """Require the time, a variable of numbers for each column of the layout, and rows, of as many ticks each.
 
     Raises:
         ValueError: one of another shape or kind.
@@ -84,8 +122,15 @@ def _require_variables(file: Any, layout: Layout) -> None:
     for column in layout.columns.values():
         variable = file[column.name]
         if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
-            shape = f"{variable.shape} of {variable.dtype}"
-            raise ValueError(f"{column.name} is {shape}, expected numbers {(count, *column.shape)}")
+            kind = f"{variable.shape} of {variable.dtype}"
+            raise ValueError(f"{column.name} is {kind}, expected numbers {(count, *column.shape)}")
+    shape: tuple[int, ...]
+    if PIECES in file:
+        shape = int(file[PIECES]["count"].sum()), int(file[PIECES].attrs["wide"])
+    else:
+        shape = file[ROWS].shape if ROWS in file else (0, layout.width)
+    if len(shape) != 2 or shape[0] != count or shape[1] < layout.width:
+        raise ValueError(f"its rows are {shape}, expected {count} of {layout.width} numbers or more")
 
 
 def _stored_rows(place: Path, file: Any) -> RowStore:
@@ -137,6 +182,9 @@ def _outcome(file: Any) -> Outcome:
 
 def _rows(file: Any, layout: Layout) -> FloatArray:
     count = len(file["time"])
+    for column in layout.columns.values():
+        if file[column.name].shape != (count, *column.shape):
+            raise ValueError(f"{column.name} is {file[column.name].shape}, expected {(count, *column.shape)}")
     rows = np.empty((count, layout.width))
     for column in layout.columns.values():
         rows[:, column.where] = file[column.name][:count].reshape(count, math.prod(column.shape))

@@ -72,12 +72,24 @@ class StoredRows:
         path: of the file.
         wide: numbers of a row there, with those that follow from it.
         pieces: the blocks, in order.
+
+    Raises:
+        RecordingError: the blocks do not follow one another, or are more than the file holds.
     """
 
     def __init__(self, path: Path, wide: int, pieces: Sequence[Piece]) -> None:
         self._path, self._wide = path, wide
         self._pieces = list(pieces)
         self._starts = np.array([piece.first for piece in pieces], dtype=np.int64)
+        row, first, size = NUMBER.itemsize * wide, 0, path.stat().st_size
+        for piece in pieces:
+            end = piece.offset + piece.lead + piece.count * row
+            if piece.first != first or min(piece.count, piece.offset, piece.lead, wide) < 0 or end > size:
+                raise RecordingError(
+                    f"{path}: {piece.count} rows of {row} bytes from row {piece.first} on, at byte {piece.offset}, do "
+                    f"not fit: row {first} comes next, and the file has {size} bytes"
+                )
+            first += piece.count
         self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         finalize(self, os.close, self._file)
         self._checked = [not piece.check for piece in pieces]
