@@ -63,7 +63,8 @@ def replay(
     Raises:
         InputError, UnknownNameError, SceneError: of overrides that the scene does not have or allow.
         RecordingError: a recording that lacks what a replay needs, whose scene cannot be made again, or whose mesh has
-            changed; `out` has a recording already.
+            changed; one that names Python files, unless GRASPFX_TRUST=1 says that they may run; `out` has a recording
+            already.
     """
     changes = by_key(overrides)
     if out is not None and not overwrite:
@@ -150,9 +151,8 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
     if table.get("engine") == "compiled":
         table["engine"] = "auto"  # a program for one replay is not worth its making
     folder = Path(header.scene_folder) if header.scene_folder else Path.cwd()
-    source = Source(
-        header.scene or "scene", header.scene_text, folder / f"{header.scene or 'scene'}.toml", dict(overrides)
-    )
+    path = folder / f"{header.scene or 'scene'}.toml"
+    source = Source(header.scene or "scene", header.scene_text, path, dict(overrides), is_recorded=True)
     try:
         scene = make_scene(table, overrides, source)
     except GraspFXError as error:

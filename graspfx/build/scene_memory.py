@@ -80,7 +80,14 @@ class SceneMemory:
             values = _canonical(table)
         except TypeError:
             return ""
-        origin = str(source.path), source.name, source.is_trusted, _canonical(source.overrides), source.preset
+        origin = (
+            str(source.path),
+            source.name,
+            source.is_trusted,
+            source.is_recorded,
+            _canonical(source.overrides),
+            source.preset,
+        )
         return sha256(repr((kind, self._about, origin, values)).encode()).hexdigest()
 
 

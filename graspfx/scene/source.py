@@ -22,6 +22,7 @@ class Source:
         overrides: by dotted key, as a user gave them.
         preset: the name of the scene's preset in force; empty for none.
         preset_values: that preset's, by dotted key.
+        is_recorded: whether a recording says all this: then nobody chose the folder, and no Python in it may run.
     """
 
     name: str = "scene"
@@ -30,6 +31,7 @@ class Source:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     preset: str = ""
     preset_values: Mapping[str, Any] = field(default_factory=dict)
+    is_recorded: bool = False
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -47,13 +49,17 @@ class Source:
         """Whether all that the scene names may be used: it is Python, or the user says so."""
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
+    def is_of_user(self, text: str) -> bool:
+        """Tell whether an override names this."""
+        return text in texts_in(self.overrides)
+
     def holds(self, text: str) -> bool:
         """Tell whether a path leads into the folder of the scene's file, through all links, or an override names it.
 
         Raises:
             InputError: a path that leads nowhere.
         """
-        if self.folder is None or text in texts_in(self.overrides):
+        if self.folder is None or self.is_of_user(text):
             return True
         place = resolved("path", to_path("path", text, folder=self.folder))
         return place.is_relative_to(resolved("path", self.folder))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from shutil import copy
 from typing import Any
@@ -11,7 +12,8 @@ import pytest
 import graspfx as gx
 from graspfx import environment, plugins
 from graspfx.__main__ import main
-from graspfx.errors import Fault, SceneError
+from graspfx.errors import Fault, GraspFXError, RecordingError, SceneError
+from graspfx.loop.recording.header import KeyChange
 from tests.support import foreign_parts
 
 BASE = (plugins.shelf("scenes") / "reference-1dof.toml").read_text(encoding="utf-8")
@@ -163,3 +165,40 @@ def test_the_shelf_and_links_to_a_scene_go_on(tmp_path: Path) -> None:
             gx.load(name)
     (tmp_path / "link.toml").symlink_to(plugins.shelf("scenes") / "thin-plate.toml")
     gx.load(tmp_path / "link.toml")
+
+
+@pytest.mark.parametrize("key", ["device", "dynamics", "hand"])
+def test_a_recording_runs_no_python_unless_its_user_says_so(
+    key: str, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The recording says where its scene was, and so which files are beside it: nobody has chosen that folder."""
+    own, _ = places
+    rec = gx.run("reference-1dof", duration=0.05)
+    table, mark = rec.header.scene_table, own.parent / "ran"
+    name = str(own / KEYS[key][0])
+    if key == "device":
+        table["finger"][0]["device"] = {"name": name, "what": "device", "mass": 0.15, "dimensions": 1}
+    elif key == "dynamics":
+        table["object"][0]["dynamics"] = name
+    else:
+        table["finger"][0]["hand"] = {"kind": name, "called": False}
+    header = replace(rec.header, scene_table=table, scene_folder=str(own))
+    gx.Recording(rec.rows, rec.layout, header, rec.outcome).save(own / "recording.h5")
+    assert main(["replay", str(own)]) == 2
+    assert "the Python that a recording names" in (said := capsys.readouterr().err) and "--trust" in said
+    with pytest.raises(RecordingError, match="the Python that a recording names"):
+        gx.replay(own)
+    gx.Recording.load(own).summary()
+    assert not mark.exists()
+    main(["replay", str(own), "--trust"])
+    assert mark.exists()
+
+
+def test_a_key_that_a_recording_changes_runs_no_python(places: tuple[Path, Path]) -> None:
+    own, _ = places
+    rec = gx.run("reference-1dof", duration=0.05)
+    changes = (KeyChange(3, "object.dynamics", str(own / "bodies.py")),)
+    forged = gx.Recording(rec.rows, rec.layout, rec.header, replace(rec.outcome, changes=changes))
+    with pytest.raises(GraspFXError):
+        gx.replay(forged)
+    assert not (own.parent / "ran").exists()

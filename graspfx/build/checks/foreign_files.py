@@ -1,4 +1,4 @@
-"""Files that a scene file may not name: those outside of its folder, since a driver, hand or body is code that runs."""
+"""Files that a scene may not name: those outside of its folder, and Python of a recording, since it is code."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ Finding = tuple[Location, str]
 
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
+READ = "the Python that a recording names runs only if you say so: read it, then add --trust, or set GRASPFX_TRUST=1"
 DO = "move it there, or say that you trust the scene: --trust, or GRASPFX_TRUST=1"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
+
+    Of a scene that stands in a recording every path of Python is one: the recording itself says where its folder is.
 
     What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
     """
@@ -38,7 +41,12 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
         return
     for kind, name in (*CODE, *DATA):
         text = part.__dict__.get(name) if isinstance(part, kind) else None
-        if isinstance(text, str) and ((kind, name) in DATA or is_file_name(text)) and _is_foreign(text, source):
+        if not isinstance(text, str) or ((kind, name) in CODE and not is_file_name(text)):
+            continue
+        if (kind, name) in CODE and source.is_recorded and not source.is_of_user(text):
+            del part.__dict__[name]
+            yield (*at, name), f"{abbreviate(text)}, from {source.folder}; {READ}"
+        elif _is_foreign(text, source):
             del part.__dict__[name]
             yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO}"
     for name, value in list(part.__dict__.items()):
