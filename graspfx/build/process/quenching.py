@@ -44,12 +44,19 @@ class Quencher:
         began = time.monotonic()
         try:
             self.quench()
-        except Exception as error:  # noqa: BLE001 - a driver may raise anything, and the others must be quenched
+        except BaseException as error:  # noqa: BLE001 - also SystemExit: the others are quenched, and the end is told
             text = f"{type(error).__name__}: {message(error)}"
             if self.watchdog is not None:
                 return f"the force of {self.name} could not be taken away ({text}); its watchdog drops it"
             return f"the force of {self.name} could not be taken away, and may still be there: switch it off: {text}"
         return f"the force of {self.name} was taken away in {1e3 * (time.monotonic() - began):.1f} ms"
+
+    @property
+    def silence(self) -> str:
+        """Say that `act` has not returned."""
+        if self.watchdog is not None:
+            return f"the force of {self.name} could not be taken away within {PATIENCE:g} s; its watchdog drops it"
+        return f"the force of {self.name} is still being taken away, and may be there: switch it off"
 
 
 def quenchers(parts: Parts) -> list[Quencher]:
@@ -83,22 +90,19 @@ def quenchers(parts: Parts) -> list[Quencher]:
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Quench devices side by side; say how each went."""
-    texts = [""] * len(each)
+    """Quench devices side by side, for `PATIENCE` at most, whatever one of them does; say how each went."""
+    texts = [one.silence for one in each]
 
     def act(i: int) -> None:
         texts[i] = each[i].act()
 
-    threads = [Thread(target=act, args=(i,), daemon=True) for i in range(1, len(each))]
+    threads = [Thread(target=act, args=(i,), daemon=True) for i in range(len(each))]
     for thread in threads:
         thread.start()
-    if each:
-        act(0)
     end = time.monotonic() + PATIENCE
     for thread in threads:
         thread.join(max(0.0, end - time.monotonic()))
-    silent = "the force of {} is still being taken away, and may be there: switch it off"
-    return [text or silent.format(one.name) for text, one in zip(texts, each, strict=True)]
+    return list(texts)
 
 
 def _call(module: QuenchableDriver, settings: dict[str, Any]) -> Callable[[], object]:

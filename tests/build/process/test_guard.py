@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import sys
 import threading
 import time
 from functools import partial
@@ -246,29 +247,37 @@ def test_the_plan_says_who_takes_the_force_away() -> None:
     )
 
 
-def test_every_device_is_quenched_whatever_another_one_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One raises, one ends its thread, and the first one and another do not return: the bound is one for all."""
     calls: list[str] = []
 
     def fail() -> None:
         calls.append("fail")
         raise OSError("no such port")
 
-    monkeypatch.setattr(quenching, "PATIENCE", 1.0)
+    def hang() -> None:
+        over.wait(60.0 * PATIENCE)
+
+    monkeypatch.setattr(quenching, "PATIENCE", 0.2)
     over = threading.Event()
     texts = quench_all([
+        Quencher("zero", hang, None),
         Quencher("one", fail, None),
         Quencher("two", lambda: calls.append("two"), None),
         Quencher("three", None, 0.02),
         Quencher("four", fail, 0.5),
-        Quencher("five", over.wait, None),
+        Quencher("five", hang, 0.02),
+        Quencher("six", lambda: sys.exit(5), None),
     ])  # fmt: skip
     over.set()
-    silent = "could not be taken away, and may still be there: switch it off: OSError: no such port"
-    assert texts[0] == f"the force of one {silent}"
-    assert texts[1].startswith("the force of two was taken away in ")
-    assert texts[2] == "the watchdog of three drops its force within 0.02 s"
-    assert texts[3] == "the force of four could not be taken away (OSError: no such port); its watchdog drops it"
-    assert texts[4] == "the force of five is still being taken away, and may be there: switch it off"
+    silent = "could not be taken away, and may still be there: switch it off"
+    assert texts[0] == "the force of zero is still being taken away, and may be there: switch it off"
+    assert texts[1] == f"the force of one {silent}: OSError: no such port"
+    assert texts[2].startswith("the force of two was taken away in ")
+    assert texts[3] == "the watchdog of three drops its force within 0.02 s"
+    assert texts[4] == "the force of four could not be taken away (OSError: no such port); its watchdog drops it"
+    assert texts[5] == "the force of five could not be taken away within 0.2 s; its watchdog drops it"
+    assert texts[6] == f"the force of six {silent}: SystemExit: 5"
     assert sorted(calls) == ["fail", "fail", "two"]
 
 
