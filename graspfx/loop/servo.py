@@ -305,10 +305,18 @@ class Servo:
             if any(self.objects[o].grasped.implicit for o in self.movers[i].objects):
                 self.movers[i].body.free_motion(self.period)
         if tick.ports:
-            for text in self._io.read(periods):
+            is_over = self._own.faulted
+            if is_over:
+                self._stop()
+            faults = self._io.read(periods)
+            if faults and not is_over:
+                self._stop()
+                is_over = True
+            for text in faults:
                 self._tell(k, text)
             engine.begin(k)
-            self._display(k)
+            if not is_over:
+                self._display(k)
             engine.end(k, row)
         else:
             engine.run(k, 1, row)
@@ -328,16 +336,21 @@ class Servo:
     # What is no kernel --------------------------------------------------------------------------------------------
 
     def _display(self, k: int) -> None:
-        """Hand the devices their forces; none is written to once there is a fault, and all are stopped."""
-        if not self._own.faulted and (text := self._io.write()):
+        """Hand the devices their forces; where there is a fault all are stopped, before it is told."""
+        text = "" if self._own.faulted else self._io.write()
+        if text or self._own.faulted:
+            self._stop()
+        if text:
             self._tell(k, text)
-        if self._own.faulted:
-            self._stop_faults += self._devices.stop()
+
+    def _stop(self) -> None:
+        """Set the force of every device in plain Python to zero, now; nothing comes between a fault and this."""
+        self._stop_faults += self._devices.stop()
 
     def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:
-            self._stop_faults += self._devices.stop()
+            self._stop()
         finally:
             self._notice(recorder)
 

@@ -14,6 +14,8 @@ import pytest
 import graspfx as gx
 from graspfx.build import hardware, pace
 from graspfx.build.build import build
+from graspfx.compile import kernel as kernels
+from graspfx.compile.lower import lowering
 from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop import servo as servos
 from graspfx.loop.realtime import standstill
@@ -22,6 +24,7 @@ from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
 from graspfx.loop.tick import engine as engines
+from graspfx.loop.tick.programs import Interpreted
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
 
@@ -100,6 +103,53 @@ def test_a_rehearsal_leaves_no_trace(tmp_path: Path) -> None:
         servo.prepare()
         assert {name: array.tobytes() for name, array in arrays.items()} == before
         assert servo.ticks == 0
+
+
+@pytest.mark.parametrize("how", ["read", "write"])
+def test_nothing_comes_between_a_fault_and_zero_force(
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All devices are stopped before the coupling is asked again, and before the fault is told."""
+    file, events = driver(tmp_path), list[str]()
+
+    def fail(fake: Fake, *arguments: Any) -> Any:
+        events.append("fault")
+        raise OSError("unplugged")
+
+    def noting(owner: Any, name: str) -> None:
+        whole = getattr(owner, name)
+
+        def call(*arguments: Any) -> Any:
+            events.append(name)
+            return whole(*arguments)
+
+        monkeypatch.setattr(owner, name, call)
+
+    monkeypatch.setitem(EVIL, "fails", Evil(read=fail) if how == "read" else Evil(write=fail))
+    noting(Fake, "stop")
+    noting(Interpreted, "begin")
+    noting(servos, "latch")
+    scene = cart(file).replace({"finger.0.device.evil": "fails"})
+    other = scene.to_dict()["finger"][0] | {"device": {"name": str(file), "position": [[-0.03]]}, "start": [-0.03]}
+    gx.run(gx.Scene(**{**scene.to_dict(), "finger": [*scene.to_dict()["finger"], other]}), real_time=True)
+    after = events[events.index("fault") + 1 :]
+    assert after[:3] == ["stop", "stop", "latch"]
+
+
+def test_a_first_fault_lowers_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is called for the first time in a fault was called in the rehearsal, before the hardware was opened."""
+    misses: list[int] = []
+
+    def fail(fake: Fake, *arguments: Any) -> Any:
+        misses.append(lowering.lowered.cache_info().misses)
+        raise OSError("unplugged")
+
+    monkeypatch.setitem(EVIL, "fails", Evil(fail))
+    for each in (kernels._lowered, lowering.lowered):
+        each.cache_clear()  # as in a fresh process
+    rec = gx.run(cart(driver(tmp_path)).replace({"finger.0.device.evil": "fails"}), real_time=True)
+    assert "unplugged" in rec.faults[0].message
+    assert misses == [lowering.lowered.cache_info().misses]
 
 
 def test_contact_is_met_where_the_finger_is(tmp_path: Path) -> None:

@@ -108,8 +108,12 @@ def turn(beat: NativeBeat, k: int) -> None:
     read_all(beat, k, left_out + 1)
     if beat.times is not None:
         beat.times.io_read[0] = now(beat.table) - began
-    run(beat.table, beat.begin, k, 0)
-    display(beat, k)
+    if beat.faulted[0] != 0.0:  # before anything else is computed
+        stop_all(beat, k)
+        run(beat.table, beat.begin, k, 0)
+    else:
+        run(beat.table, beat.begin, k, 0)
+        display(beat, k)
     head = peek(beat.words, beat.head)
     run(beat.table, beat.end, k, head % beat.span)
     publish(beat.words, beat.head, head + 1)
@@ -161,7 +165,7 @@ def read_all(beat: NativeBeat, k: int, periods: int) -> None:
 
 @stage
 def display(beat: NativeBeat, k: int) -> None:
-    """Write all forces, up to the first device that fails; once there is a fault stop all, sound ones first.
+    """Write all forces, up to the first device that fails; once there is a fault stop all.
 
     Where Python has stopped the devices beside a function that did not return, its late return ends in zero, too.
     """
@@ -173,12 +177,18 @@ def display(beat: NativeBeat, k: int) -> None:
         if beat.times is not None:
             beat.times.io_write[0] = now(beat.table) - began
     if beat.faulted[0] != 0.0 or peek(beat.own, beat.quit) != 0:
-        for port in beat.closing:
-            if port.is_gone[0] == 0.0:
-                stop(beat, port, k)
-        for port in beat.closing:
-            if port.is_gone[0] != 0.0:
-                call(beat.table, port.stop)
+        stop_all(beat, k)
+
+
+@stage
+def stop_all(beat: NativeBeat, k: int) -> None:
+    """Stop all devices, sound ones first."""
+    for port in beat.closing:
+        if port.is_gone[0] == 0.0:
+            stop(beat, port, k)
+    for port in beat.closing:
+        if port.is_gone[0] != 0.0:
+            call(beat.table, port.stop)
 
 
 @stage

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from graspfx.loop.tick.memory import FOREIGN, ServoState, latch
 from graspfx.loop.tick.programs import Engine
 from graspfx.loop.tick.script import Tick
 
 
 def rehearse(engine: Engine, tick: Tick, width: int) -> None:
-    """Run a tick of a scene once, and put all memories back as they were.
+    """Run a tick of a scene once, and once after a fault, and put all memories back as they were.
 
     Args:
         engine: of the tick, whose rows are set anew before the run.
@@ -20,8 +21,11 @@ def rehearse(engine: Engine, tick: Tick, width: int) -> None:
     copies = [array.copy() for array in arrays]
     engine.write_to(np.empty((1, width)))
     try:
-        engine.begin(0)
-        engine.end(0, 0)
+        for is_faulted in (False, True):
+            if is_faulted:
+                latch(ServoState(tick.own.data), 0, FOREIGN, 0, 0)
+            engine.begin(0)
+            engine.end(0, 0)
     finally:
         for array, copy in zip(arrays, copies, strict=True):
             array[...] = copy
