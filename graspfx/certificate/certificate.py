@@ -13,6 +13,7 @@ from graspfx.certificate.plain_data import plain
 if TYPE_CHECKING:
     from graspfx.analysis.passivity.grasp_leak import CouplingLimits
 
+STABLE, NOT_STABLE, NOT_GRASPING = "stable", "NOT STABLE", "not grasping"
 STANDING = "standing on"
 MOST = 12  # limits on a card
 ROUNDING = 1e-11  # what |z| of a motion that neither grows nor decays may exceed 1 by
@@ -65,7 +66,8 @@ class Certificate(Carded):
     Attributes:
         object: its name.
         at: "squeezed", "recorded", "provisional" or "start".
-        spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`).
+        spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`); nan where no
+            finger touches the object, and nothing is judged.
         limits: of every mode.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
@@ -74,6 +76,7 @@ class Certificate(Carded):
         edge: the fingers on their cones' edges, which count as sticking.
         notes: what sliding of those could do.
         fade: where free fingers begin to leave the split, and where the forces at rest ask it to [m]; None for neither.
+        gap: from the object to the nearest finger where none touches it [m]; else nan.
     """
 
     object: str
@@ -87,9 +90,9 @@ class Certificate(Carded):
     edge: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fade: tuple[float, float] | None = None
+    gap: float = math.nan
 
     def _card(self) -> Card:
-        stable = "stable" if self.stable else "NOT STABLE"
         limits = [f"{row.mode} {row.text}" for row in self.limits]
         more = [f"and {len(limits) - MOST} more in .limits"] if len(limits) > MOST else []
         rows = [
@@ -98,7 +101,7 @@ class Certificate(Carded):
             ("granted", "; ".join(self.assumed)),
             ("notes", "\n".join(self.notes)),
         ]
-        title = f"Certificate of {self.object}: {stable}, spectral radius {self.spectral_radius:.6f}"
+        title = f"Certificate of {self.object}: {self.verdict}"
         return Card(title, rows, ".limits, .passive, .grip, .to_dict()")
 
     @property
@@ -108,7 +111,20 @@ class Certificate(Carded):
             row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
 
+    @property
+    def grasps(self) -> bool:
+        """Whether a finger touches the object: else there is no grasp to judge."""
+        return math.isnan(self.gap)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in words: "stable", "NOT STABLE" or "not grasping", and the figure behind it."""
+        if not self.grasps:
+            where = "at the end of the recording" if self.at == "recorded" else "with the hands closed and still"
+            return f"{NOT_GRASPING}: nearest finger {1e3 * self.gap:.3g} mm away from {self.object}, {where}"
+        return f"{STABLE if self.stable else NOT_STABLE}, spectral radius {self.spectral_radius:.6f}"
+
     def to_dict(self) -> dict[str, Any]:
         """Write the certificate for JSON, with units in the names of keys; what is infinite, or no number, is None."""
         fields: dict[str, Any] = plain(self)
-        return fields | {"stable": self.stable}
+        return fields | {"stable": self.stable, "verdict": self.verdict}

@@ -19,9 +19,11 @@ PLACES = {
 
 def lines(certificate: Certificate) -> Iterator[str]:
     """Write a certificate as lines: one per mode, fingers that push alike in one, of larger sets the weakest."""
-    of = f"of {certificate.object}, {PLACES[certificate.at]}"
-    radius = certificate.spectral_radius
-    yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
+    yield f"stability of {certificate.object}{place}: {certificate.verdict}"
+    if not certificate.grasps:
+        yield "  where motions bring the fingers to it, certify a recording that ends in the grasp"
+        return
     yield from (f"  {row}" for row in limit_lines(certificate.limits))
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]

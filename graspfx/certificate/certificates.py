@@ -14,6 +14,7 @@ from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, standing_limits
 from graspfx.certificate.rest.cone_edge import sliding_notes
+from graspfx.certificate.rest.place import NotGraspingError
 from graspfx.certificate.whole_loop import Family, WholeLoop
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
@@ -33,7 +34,14 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
         InputError: a device that does not tell its mass or damping.
     """
     touched = sorted(set(scene.finger_objects))
-    return [_certificate(scene, linearise(scene, at, scene.object[i].name, recording)) for i in touched]
+    return [_certificate_of(scene, at, scene.object[i].name, recording) for i in touched]
+
+
+def _certificate_of(scene: Scene, at: str, name: str, recording: Recording | None) -> Certificate:
+    try:
+        return _certificate(scene, linearise(scene, at, name, recording))
+    except NotGraspingError as error:
+        return Certificate(name, at, math.nan, (), (), None, "no finger touches the object", gap=error.gap)
 
 
 def _certificate(scene: Scene, loop: Linearised) -> Certificate:

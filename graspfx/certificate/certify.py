@@ -8,7 +8,7 @@ from os import PathLike
 from typing import Any, overload
 
 from graspfx.card import Card, Carded
-from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, Certificate
 from graspfx.certificate.certificate_lines import lines
 from graspfx.certificate.certificates import certificates
 from graspfx.certificate.rest.from_recording import recording_of
@@ -62,10 +62,11 @@ class Certificates(Carded, Sequence[Certificate]):
         return iter(self.each)
 
     def _card(self) -> Card:
-        stable = "stable" if self.stable else "NOT STABLE"
+        unstable = any(each.grasps and not each.stable for each in self.each)
+        verdict = STABLE if self.stable else NOT_STABLE if unstable else NOT_GRASPING
         rows = [(certificate.object, "\n".join(lines(certificate))) for certificate in self.each]
         calls = "[index], .stable, .to_dict()"
-        return Card(f"{self.scene}: {'provisional, ' if self.provisional else ''}{stable}", rows, calls)
+        return Card(f"{self.scene}: {'provisional, ' if self.provisional else ''}{verdict}", rows, calls)
 
 
 def certify(
@@ -86,7 +87,8 @@ def certify(
         recording: of the scene, or its path: the grasp is that of its last row.
 
     Returns:
-        One `Certificate` for each object that fingers touch; as text they say what `graspfx check` does.
+        One `Certificate` for each object that has fingers; as text they say what `graspfx check` does. One that no
+        finger touches, not even with the hands closed, is not stable: its `gap` says how far away the nearest is.
 
     Raises:
         InputError: both `quick` and a recording, a recording of another scene, or a device that does not tell its mass

@@ -17,6 +17,7 @@ from graspfx.certificate.certificates import spectral_radius
 from graspfx.certificate.hand_load import HandCourse, grip_of, hand_course
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
+from graspfx.certificate.rest.place import NotGraspingError
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
 
@@ -44,7 +45,7 @@ class Judgement:
     Attributes:
         values: by dotted key, that were replaced.
         stable: whether each object's loop is, as `Certificate.stable`.
-        spectral_radius: of the loop that is nearest to instability.
+        spectral_radius: of the loop that is nearest to instability; inf where no finger touches an object.
         limits: of the modes of all objects, and of what they stand on.
         pushing: of fingers that push alone; none unless asked for.
         grip: squeeze over the least one that holds the load (`hand_load.grip_of`), the least of all objects.
@@ -53,7 +54,7 @@ class Judgement:
         force: of the finger that presses most, at rest [N]; nan without a rest.
         displayed: stiffness of the squeeze at rest, pads in series: |f_i|^2/(f_i.e), e from contact to fingertip [N/m];
             nan without a rest.
-        at: "squeezed", or "start" where some object's hands come to no rest.
+        at: "squeezed"; "start" where some object's hands come to no rest, "apart" where no finger touches one.
         assumed: what the certificates take for granted.
         scene: with the values.
     """
@@ -124,7 +125,11 @@ class Judge:
             InputError: a device that does not tell its mass or damping.
         """
         self.count += 1
-        scene, loops = self.loops(values)
+        try:
+            scene, loops = self.loops(values)
+        except NotGraspingError as error:
+            why, scene = (str(error),), self.scene.replace(values)
+            return Judgement(dict(values), False, math.inf, (), grip=0.0, at="apart", assumed=why, scene=scene)
         rows, pushes, radius = [], [], 0.0
         for loop in loops:
             name = loop.objects[0]

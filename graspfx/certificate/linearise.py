@@ -22,7 +22,7 @@ from graspfx.certificate.pads import joined_pads, pads_of
 from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
 from graspfx.certificate.rest.from_recording import recorded, set_pose
 from graspfx.certificate.rest.ground import LOW, Ground, ground_under, joined_ground
-from graspfx.certificate.rest.place import Place, provisional, squeezed
+from graspfx.certificate.rest.place import Place, provisional, require_contact, squeezed
 from graspfx.certificate.rest.resting import Grip
 from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, contact_axes, force_directions
 from graspfx.certificate.worst_lateness import lateness_ends, less_stable
@@ -145,7 +145,8 @@ def linearise(
         recording: of the scene, for "recorded"; of hardware, its forces come as late as in it.
 
     Raises:
-        InputError: a device that does not tell its mass or damping; objects with different integrators together.
+        InputError: a device that does not tell its mass or damping; objects with different integrators together; an
+            object that no finger touches (`NotGraspingError`), unless at the start.
         UnknownNameError: no such object.
     """
     if at not in WHERE:
@@ -187,6 +188,9 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
         place = {"squeezed": squeezed, "provisional": provisional}[where](parts, index, grip, fingers)
     if place.stiffness is None:
         grip.changing[:] = initial
+        if where in ("squeezed", "provisional"):
+            require_contact(parts, index, grip, fingers)
+            grip.changing[:] = initial
         grasped.finger_position[:] = start[fingers]
         ground = None
     return _matrices(scene, part, grip, place, ground, standing)

@@ -9,6 +9,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from graspfx.card import Card, Carded, listed
+from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE
 from graspfx.certificate.limit_rows import PUSHING, figures
 from graspfx.errors import Fault, GraspFXError, SceneError
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 MOST_STEPS, MOST_FAULTS = 12, 8  # on a card
-STABLE, NOT_STABLE, NOT_JUDGED = "stable", "NOT STABLE", "not judged"
+NOT_JUDGED = "not judged"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,7 +53,7 @@ class Report(Carded):
 
     @property
     def verdict(self) -> str:
-        """One line that begins with "stable", "NOT STABLE" or "not judged: why"; of several objects the worst first."""
+        """One line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why"; of several objects the worst."""
         if self.faults:
             count = len(self.faults)
             return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
@@ -61,9 +62,11 @@ class Report(Carded):
         worst, *others = self.certificates
         text = _sentence(worst)
         if others:
-            names = [each.object for each in others if not each.stable]
-            rest = f"not stable either: {', '.join(names)}" if names else "the other objects have more room"
-            text += f"; {rest}"
+            unstable = [each.object for each in others if each.grasps and not each.stable]
+            apart = [each.object for each in others if not each.grasps]
+            rest = [f"not stable either: {', '.join(unstable)}"] if unstable else []
+            rest += [f"{NOT_GRASPING}: {', '.join(apart)}"] if apart else []
+            text += f"; {'; '.join(rest) or 'the other objects have more room'}"
         return text
 
     def to_dict(self) -> dict[str, Any]:
@@ -165,10 +168,10 @@ def report(scene: Scene) -> Report:
     return Report(scene.source.name, (), tuple(answers), why, notes, rows, reasons, scene.source.preset)
 
 
-def _room(certificate: Certificate) -> tuple[bool, float]:
-    """Order unstable certificates first, then by the least margin."""
+def _room(certificate: Certificate) -> tuple[bool, bool, float]:
+    """Order unstable certificates first, then objects that no finger touches, then by the least margin."""
     least = _least(certificate)
-    return certificate.stable, math.inf if least is None else least.margin
+    return certificate.stable, not certificate.grasps, math.inf if least is None else least.margin
 
 
 def _least(certificate: Certificate) -> Limit | None:
@@ -186,6 +189,8 @@ def _lead(stable: bool, least: Limit) -> str:
 
 def _sentence(certificate: Certificate) -> str:
     """Write a certificate in one line."""
+    if not certificate.grasps:
+        return certificate.verdict
     least, stable = _least(certificate), certificate.stable
     radius = f"spectral radius {certificate.spectral_radius:.6f}"
     text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"

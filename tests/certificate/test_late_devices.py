@@ -81,8 +81,8 @@ def test_a_recording_tells_how_late_its_ticks_were(tmp_path: Path, monkeypatch: 
     scene = gx.Scene(
         dimensions=2, period=0.001, duration=0.05, engine="interpreted",
         object={"mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 1e-3,
-                "shape": {"kind": "box", "size": [0.04, 0.04]}, "position": [0.05, 0.0]},
-        coupling={"external": {"stiffness": 30.0}, "internal": {"stiffness": 30.0}},
+                "shape": {"kind": "box", "size": [0.04, 0.04]}, "position": [0.02, 0.0]},
+        coupling={"contact": "attached", "external": {"stiffness": 30.0}, "internal": {"stiffness": 30.0}},
         finger=[{"device": {"name": str(late_driver(tmp_path)), "measures": measures}, "start": [0.0, 0.0]}],
     )  # fmt: skip
     recording = gx.run(scene, real_time=True)

@@ -34,7 +34,7 @@ def arms(grasped: GraspedObject) -> list[float]:
     """
     rows, S = grasped.rows, grasped.body_state
     points = rows[:, at.CONTACT : at.CONTACT + 3] @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T
-    weights = rows[:, at.WEIGHT]
+    weights = rows[:, at.SHARE]
     free = S[body.FREE : body.FREE + 6] != 0.0
     root = np.sqrt(weights)[:, None]
     fields = [root * np.cross(axis, points) for axis in np.eye(3)[free[3:]]]

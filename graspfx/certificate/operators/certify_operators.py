@@ -13,6 +13,7 @@ import numpy as np
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.card import Card, Carded
+from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE
 from graspfx.certificate.certificates import certificates
 from graspfx.certificate.judgement import Judge, Judgement
 from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, operator_set
@@ -77,7 +78,10 @@ class OperatorCertificate(Carded):
     def sentence(self) -> str:
         """The answer to "stable in whose hands?" in a sentence."""
         row = self.worst.worst
-        worst = f"the worst operator ({numbers(self.worst.values)}) has {'no gain' if row is None else row.text}"
+        has = f"has {'no gain' if row is None else row.text}"
+        if self.worst.at == "apart":
+            has = "brings no finger to an object"
+        worst = f"the worst operator ({numbers(self.worst.values)}) {has}"
         if self.stable:
             sure = "by passivity" if self.is_passive else f"at least {100 * self.share.low:.3g} % of the population"
             return f"stable in every hand of {self.judged} judged, {sure}; {worst}"
@@ -122,7 +126,7 @@ class OperatorCertificate(Carded):
         yield f"in whose hands? {self.sentence}"
         yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
         own = self.own.worst
-        stable = "stable" if self.own.stable else "NOT STABLE"
+        stable = STABLE if self.own.stable else NOT_GRASPING if self.own.at == "apart" else NOT_STABLE
         yield f"  the scene's own: {stable}, {'no gain' if own is None else own.text}"
         yield f"  stable: {self.share.count} of {self.share.total} drawn, {self.share.text}"
         for mode in self.modes:
@@ -137,6 +141,9 @@ class OperatorCertificate(Carded):
         strayed = sum(one.at == "start" for one in self.population)
         if strayed:
             yield f"  {strayed} of {self.share.total} come to no rest: judged at the start, not squeezed"
+        apart = sum(one.at == "apart" for one in self.population)
+        if apart:
+            yield f"  {apart} of {self.share.total} bring no finger to an object: counted as not stable"
         yield f"  {self.guarantee}"
 
     @property

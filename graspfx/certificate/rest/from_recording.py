@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.certificate.rest.ground import Ground, bearers
-from graspfx.certificate.rest.place import Place, about, unforced
+from graspfx.certificate.rest.place import NotGraspingError, Place, about, unforced
 from graspfx.certificate.rest.resting import Grip
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
@@ -58,6 +58,13 @@ def recorded(
     """
     g = grip.grasped
     place = Place("recorded", None, np.full(grip.n, np.nan))
+    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
+        gaps = recording.gap  # a selection of columns may leave it out
+        raise NotGraspingError(
+            scene.object[index].name,
+            float("nan") if gaps is None else float(gaps[-1, fingers].min()),
+            "at the end of the recording",
+        )
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
         apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
         return unforced(place, f"at the end of the recording {apart} do not touch")

@@ -13,6 +13,8 @@ from graspfx.build.still_hands import still_hands
 from graspfx.certificate.rest.cone_edge import grip_margins
 from graspfx.certificate.rest.ground import bearers
 from graspfx.certificate.rest.resting import SHIFT, STEPS, Grip, settle
+from graspfx.coupling.grasp_state import FingerState
+from graspfx.errors import InputError
 from graspfx.objects import integrators as body
 from graspfx.scene.model import Scene
 
@@ -27,6 +29,22 @@ SLID = (
     "contacts slid while the hands closed, one after another and slowly; a run rests elsewhere by some per cent: "
     "certify its recording"
 )
+
+
+class NotGraspingError(InputError):
+    """A grasp that no finger touches: it has no rest to be judged at.
+
+    Args:
+        object: its name.
+        gap: of the nearest finger [m].
+        where: the hands then, in words.
+    """
+
+    def __init__(self, object: str, gap: float, where: str) -> None:
+        self.object, self.gap, self.where = object, gap, where
+        given = f"nearest finger {1e3 * gap:.3g} mm away, {where}"
+        remedy = "bring them nearer or squeeze more; where motions bring them, certify a recording that ends in a grasp"
+        super().__init__(f"fingers of {object}", given, "at least one that touches the object", remedy)
 
 
 @dataclass
@@ -181,6 +199,23 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
     return about(grip, place, untouching(parts.scene, grip, fingers))
+
+
+def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
+    """Require that still hands bring at least one finger to the object, from its start to where they are closed.
+
+    Raises:
+        NotGraspingError: none touches on the way.
+    """
+    if parts.scene.coupling.contact == "attached":
+        return
+    course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
+    gaps = grip.grasped.array(FingerState.gap)
+    for positions in [parts.start[fingers], *course.reshape(-1, grip.n, grip.d)]:
+        grip.grasped.meet(positions)
+        if gaps.min() < 0.0:
+            return
+    raise NotGraspingError(parts.objects[index].name, float(gaps.min()), "hands closed and still")
 
 
 def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
