@@ -127,10 +127,13 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _own(gain: Gains, fingers: Index) -> float | FloatArray:
-    """Pick from gains that are given per finger those of these fingers; give any other as it is."""
+    """Pick from gains that are given per finger those of these fingers; give any other as it is.
+
+    An object without fingers exerts no force by them: it has one number in their place.
+    """
     values = np.asarray(gain, dtype=float)
-    if values.ndim == 0:
-        return float(values)
+    if values.ndim == 0 or not len(fingers):
+        return float(values.max())
     return values[fingers] if values.ndim in (1, 3) else values
 
 
@@ -146,7 +149,7 @@ def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
 
 
 def _share(masses: FloatArray | None, fingers: Index) -> list[float] | None:
-    if masses is None:
+    if masses is None or not len(fingers):
         return None
     shares: list[float] = (masses[fingers] / masses[fingers].mean()).tolist()
     return shares

@@ -107,7 +107,9 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
         return np.array(entries_of(record, name, at=at), dtype=np.intp)
 
     def of_fingers(name: str) -> Index:
-        return np.array([entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers], dtype=np.intp)
+        width = len(entries_of(FingerState, name))  # which an object without fingers does not show
+        entries = [entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers]
+        return np.array(entries, dtype=np.intp).reshape(len(entries), width)
 
     body = start_of(GraspState, "body")
     orientation = {1: of(Motion, "angle", motion)[:0], 2: of(Motion, "angle", motion)}

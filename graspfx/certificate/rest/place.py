@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 UNFORCED = "contacts as at the start and no force on them: "
 STRAIGHT = 1e-6  # of its length: what a straight way may be off
 PRESSED = 5.0 * SHIFT  # [m]: how deep a finger has to be for difference quotients to find it touching
+ON_SURFACE = 1e-9  # [m]: the rounding of a finger that starts on the surface
 MOST_GRIPS = 60  # repetitions, of a grip and the stiffness that it gives
 SAME_GRIP = 1e-8  # relative: what the forces of two of them may differ by
 SLID = (
@@ -213,7 +214,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     gaps = grip.grasped.array(FingerState.gap)
     for positions in [parts.start[fingers], *course.reshape(-1, grip.n, grip.d)]:
         grip.grasped.meet(positions)
-        if gaps.min() < 0.0:
+        if gaps.min() <= ON_SURFACE:
             return
     raise NotGraspingError(parts.objects[index].name, float(gaps.min()), "hands closed and still")
 
