@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
-from graspfx.scene.tables.fields import Name, Positive, Table, Vector
+from graspfx.scene.tables.fields import Name, NotValid, Positive, Table, Vector
 from graspfx.scene.tables.hands import AnySharedHand
 from graspfx.scene.tables.operators_table import OperatorSpan
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
@@ -72,3 +72,15 @@ class SceneTable(Readable, Table):
     operators: dict[str, OperatorSpan] = Field(
         default_factory=dict, description="ranges of keys over a set of operators, for certificates"
     )
+
+    @property
+    def finger_objects(self) -> tuple[int, ...]:
+        """Which object each finger touches, by index.
+
+        Raises:
+            NotValid: of a draft, a finger whose object is not there.
+        """
+        names = {thing.name for thing in self.object}
+        if not names or any(finger.object and finger.object not in names for finger in self.finger):
+            raise NotValid("finger_objects")
+        return super().finger_objects
