@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
-from graspfx.errors import GraspFXError, SceneError
+from graspfx.errors import GraspFXError, SceneError, message
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick.engine import LOADING, SPECIALISING
 from graspfx.loop.tick.engine_text import sources, texts
@@ -99,14 +99,14 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
     """Tell the calls of a run, its program, and which engine runs it: rows to stand below those of `plan`.
 
     Raises:
-        SceneError: a finger that starts out of its device's reach.
+        SceneError: the scene cannot be built, and no run of it begins: that is a fault of it like any other.
     """
     try:
         facts = prospect(scene)
     except SceneError:
         raise
     except GraspFXError as error:
-        return [PlanRow("engine", False, f"cannot be told: {' '.join(str(error).split())}")]
+        raise scene.error([((), message(error))]) from error
     return [PlanRow("calls", True, _calls(facts)), _program(facts), *_engine(scene, facts)]
 
 

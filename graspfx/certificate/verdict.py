@@ -141,7 +141,8 @@ def report(scene: Scene) -> Report:
     """Report on a scene that is valid.
 
     Raises:
-        SceneError: a finger that starts out of its device's reach, or every fault under one of its presets.
+        SceneError: a scene that cannot be built, as with a finger out of its device's reach, or every fault under one
+            of its presets.
     """
     from graspfx.build.axes import axes_notes
     from graspfx.build.resolve import resolve

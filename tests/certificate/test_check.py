@@ -212,3 +212,43 @@ def connect(): return Still()
     path = folder / "quiet.toml"
     path.write_text("\n".join(text))
     return path
+
+
+def torus(count: int = 60, around: int = 44) -> dict[str, object]:
+    """A ring of 100 mm and 20 mm as a mesh."""
+    a, b = np.meshgrid(np.arange(count) * 2 * np.pi / count, np.arange(around) * 2 * np.pi / around, indexing="ij")
+    out = 0.05 + 0.01 * np.cos(b)
+    vertices = np.stack([out * np.cos(a), out * np.sin(a), 0.01 * np.sin(b)], axis=-1).reshape(-1, 3)
+    i, j = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(around), indexing="ij"))
+    p, q = i * around + j, (i + 1) % count * around + j
+    r, s = (i + 1) % count * around + (j + 1) % around, i * around + (j + 1) % around
+    faces = np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+    return {"kind": "mesh", "vertices": vertices.tolist(), "faces": faces.tolist()}
+
+
+def test_a_fault_of_building_is_a_fault_of_the_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A ring over a floor, of more triangles than MuJoCo is given: a run is refused, and so is the check."""
+    pytest.importorskip("mujoco")
+    table = gx.load("two-objects", {"object.*.dynamics": "mujoco"}).to_dict()
+    table["obstacle"] = [*table["obstacle"], {"name": "ring", "shape": torus(), "position": [0.0, 0.4, 0.02]}]
+    scene = gx.Scene(**table)
+    with pytest.raises(gx.errors.GraspFXError, match="concave mesh of 5280 triangles"):
+        gx.run(scene, duration=0.01)
+    report = gx.check(scene)
+    assert not report.ok and not report.certificates
+    assert report.verdict.startswith("not judged: 1 fault") and "concave mesh of 5280 triangles" in report.verdict
+    (tmp_path / "ring.py").write_text(f"import graspfx as gx\n\n\ndef scene():\n    return gx.Scene(**{table!r})\n")
+    assert main(["check", str(tmp_path / "ring.py"), "--brief"]) == 2
+    printed = capsys.readouterr()
+    assert not printed.out and "concave mesh of 5280 triangles" in printed.err
+
+
+def test_dynamics_that_raise_when_they_are_made_are_a_fault_of_the_check(tmp_path: Path) -> None:
+    (tmp_path / "refusing.py").write_text(
+        '"""Dynamics that take no body."""\n\n\ndef create(state):\n    raise ValueError("no body of 0.1 kg")\n'
+    )
+    text = gx.load("reference-1dof").source.text.replace("[object]", '[object]\ndynamics = "refusing.py"')
+    path = tmp_path / "refused.toml"
+    path.write_text(text.replace('integrator = "exact"', ""))
+    report = gx.check(path)
+    assert not report.ok and report.verdict.startswith("not judged: 1 fault") and "no body of 0.1 kg" in report.verdict
