@@ -31,7 +31,8 @@ class Report(Carded):
         faults: of a scene that cannot run, all at once; nothing else is judged then.
         certificates: of each object in fingers, the worst first; none where they cannot be made.
         why: in words, where there are none.
-        notes: warnings about likely mistakes.
+        doubts: values that are hardly in SI units, with what they probably mean; they stand above the verdict.
+        notes: other warnings about likely mistakes.
         plan: what runs in a tick, what is skipped and why.
         presets: of the scene, each with its reason.
         preset: the name of the one in force; empty for none.
@@ -45,6 +46,7 @@ class Report(Carded):
     plan: tuple[PlanRow, ...] = ()
     presets: Mapping[str, str] = field(default_factory=dict)
     preset: str = ""
+    doubts: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -77,6 +79,7 @@ class Report(Carded):
             "verdict": self.verdict,
             "faults": [fault.text(self.scene) for fault in self.faults],
             "certificates": [each.to_dict() for each in self.certificates],
+            "doubts": list(self.doubts),
             "notes": list(self.notes),
             "plan": [{"step": row.step, "runs": row.runs, "why": row.why} for row in self.plan],
             "presets": dict(self.presets),
@@ -84,10 +87,10 @@ class Report(Carded):
         }
 
     def lines(self) -> Iterator[str]:
-        """Write verdict, limits, notes and plan as lines of text."""
+        """Write doubts about units, verdict, limits, notes and plan as lines of text."""
         from graspfx.certificate.certificate_lines import lines
 
-        yield self.verdict
+        yield from self.head()
         for certificate in self.certificates:
             yield from lines(certificate)
         for note in self.notes:
@@ -96,6 +99,11 @@ class Report(Carded):
             yield f"{'preset':<9}{name + (' (in force)' if name == self.preset else ''):<24}{reason}"
         for row in self.plan:
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
+
+    def head(self) -> Iterator[str]:
+        """Write the verdict, below doubts about units."""
+        yield from (f"note: {doubt}" for doubt in self.doubts)
+        yield self.verdict
 
     def _card(self) -> Card:
         from graspfx.certificate.certificate_lines import lines
@@ -106,7 +114,7 @@ class Report(Carded):
             ("check of", self.scene),
             ("faults", "\n".join(fault.text(self.scene) for fault in self.faults[:MOST_FAULTS])),
             *((each.object, "\n".join(lines(each))) for each in self.certificates),
-            ("notes", "\n".join(self.notes)),
+            ("notes", "\n".join([*self.doubts, *self.notes])),
             ("runs", runs),
             ("skipped", skipped),
         ]
@@ -145,10 +153,11 @@ def report(scene: Scene) -> Report:
             of its presets.
     """
     from graspfx.build.axes import axes_notes
+    from graspfx.build.checks.units import unit_notes
     from graspfx.build.resolve import resolve
     from graspfx.certificate.certificates import certificates
     from graspfx.certificate.notes.blend import blend_notes
-    from graspfx.certificate.notes.doubts import doubts
+    from graspfx.certificate.notes.doubts import other_doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
     from graspfx.scene.presets import preset_faults
@@ -163,10 +172,11 @@ def report(scene: Scene) -> Report:
         why = "" if answers else "no finger touches an object"
     except GraspFXError as error:
         why = " ".join(str(error).split())
-    notes = (*doubts(parts), *axes_notes(parts), *blend_notes(parts))
+    units = tuple(unit_notes(scene, parts.stock))
+    notes = (*other_doubts(parts), *axes_notes(parts), *blend_notes(parts))
     reasons = {name: preset.reason for name, preset in scene.preset.items()}
     rows = (*plan(scene), *program)
-    return Report(scene.source.name, (), tuple(answers), why, notes, rows, reasons, scene.source.preset)
+    return Report(scene.source.name, (), tuple(answers), why, notes, rows, reasons, scene.source.preset, units)
 
 
 def _room(certificate: Certificate) -> tuple[bool, bool, float]:

@@ -20,7 +20,9 @@ EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--brief", action="store_true", help="print the verdict alone, one line")
+    parser.add_argument(
+        "--brief", action="store_true", help="print the verdict alone, one line, below doubts about units"
+    )
     parser.add_argument(
         "--tick", action="store_true", help="print the program of one tick, with names, and the source of each part"
     )
@@ -63,7 +65,7 @@ def execute(options: Namespace) -> int:
     if options.json:
         print_json(answer.to_dict())
     else:
-        print(*([answer.verdict] if options.brief else answer.lines()), sep="\n")
+        print(*(answer.head() if options.brief else answer.lines()), sep="\n")
     return SUCCESS if answer.ok or not options.strict else REFUSED
 
 

@@ -480,7 +480,7 @@ def test_check_and_run_say_what_was_found_in_a_mesh(tmp_path: Path, capsys: pyte
     (tmp_path / "a.toml").write_text(TOML)
     notes = [
         "inside-out.stl: the triangles faced inwards and were all turned over",
-        "inside-out.stl: the largest side is 0.0005 m: check the unit",
+        "object.0.shape = 0.0005 m across: check the unit (scale = 0.001 for millimetres)",
     ]
     assert main(["check", str(tmp_path / "a.toml")]) == 0
     said = capsys.readouterr().out

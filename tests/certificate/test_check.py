@@ -80,7 +80,18 @@ def test_json_is_the_reports_data(capsys: pytest.CaptureFixture[str]) -> None:
     same = [key for key in data if key != "plan"]
     assert {key: data[key] for key in same} == {key: other[key] for key in same}
     assert [row["step"] for row in data["plan"]] == [row["step"] for row in other["plan"]]
-    assert list(data) == ["scene", "ok", "verdict", "faults", "certificates", "notes", "plan", "presets", "preset"]
+    assert list(data) == [
+        "scene",
+        "ok",
+        "verdict",
+        "faults",
+        "certificates",
+        "doubts",
+        "notes",
+        "plan",
+        "presets",
+        "preset",
+    ]
     assert data["ok"] is False and data["faults"] == []
     (certificate,) = data["certificates"]
     external = next(row for row in certificate["limits"] if row["mode"] == "external")

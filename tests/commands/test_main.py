@@ -169,7 +169,7 @@ def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -
     changes = ["finger.0.hand.squeeze=3.0", "coupling.internal.stiffness=9000.0"]
     assert main(["check", "paper-spring", "--set", *changes]) == 0
     unit, settle = (line for line in capsys.readouterr().out.splitlines() if line.startswith("note: "))
-    assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit"
+    assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit (3 mm would be 0.003)"
     assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
 
 

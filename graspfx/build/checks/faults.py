@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from graspfx.build.checks.cross_faults import cross_faults
 from graspfx.build.checks.foreign_files import trust_faults
+from graspfx.build.checks.units import unit_doubts
 from graspfx.build.stock import Stock
 from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
 from graspfx.scene.budget import too_deep
@@ -78,8 +79,10 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
         misspelt = _likely_keys(error.errors(include_url=False), draft)
         faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
         return as_faults(data, faults), stock
-    faults = trust_faults(draft, source)
-    return as_faults(data, [*faults, *cross_faults(draft, stock)]), stock
+    faults = [*trust_faults(draft, source), *cross_faults(draft, stock)]
+    if faults:  # of values that are valid each: a wrong unit may be behind them
+        faults = [*((at, f"given {text}") for at, text in unit_doubts(draft, stock)), *faults]
+    return as_faults(data, faults), stock
 
 
 def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, str]]:

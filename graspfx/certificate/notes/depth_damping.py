@@ -6,8 +6,6 @@ import numpy as np
 
 from graspfx.scene.model import Scene
 
-LARGEST = 0.1  # [m]: deeper than any finger is in an object
-
 
 def is_damped(scene: Scene) -> bool:
     """Tell whether the coupling has any damping."""
@@ -26,11 +24,9 @@ def why_not_gradual(scene: Scene) -> str:
 
 
 def depth_notes(scene: Scene) -> list[str]:
-    """Warn of a `coupling.damping_depth` that changes nothing, or that looks as if it were in millimetres."""
+    """Warn of a `coupling.damping_depth` that changes nothing."""
     depth = scene.coupling.damping_depth
     if depth == 0.0:
         return []
     why = why_not_gradual(scene)
-    if why:
-        return [f"coupling.damping_depth = {depth:g} m changes nothing: {why}"]
-    return [f"coupling.damping_depth = {depth:g} m: check the unit"] if depth > LARGEST else []
+    return [f"coupling.damping_depth = {depth:g} m changes nothing: {why}"] if why else []

@@ -25,7 +25,6 @@ from graspfx.surfaces.triangles.walk import mesh_contact
 from graspfx.surfaces.triangles.winding import wound
 
 STATE = size_of(MeshFinger)  # entries of a finger on a mesh
-SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
 FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
 SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
 ROUNDS = 100  # of cutting at triangles without area; what then is left of them leaves the surface open
@@ -220,9 +219,6 @@ def make_mesh(
         notes.append("the triangles faced inwards and were all turned over")
     elif turned:
         notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were turned over")
-    size = float(np.ptp(v, axis=0).max())
-    if not SMALLEST <= size <= LARGEST:
-        notes.append(f"the largest side is {size:.3g} m: check the unit, and scale (0.001 for millimetres)")
     return Mesh(v, f, shell, tuple(notes))
 
 

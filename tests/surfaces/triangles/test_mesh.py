@@ -191,13 +191,6 @@ def test_corners_that_nearly_meet_are_joined() -> None:
         make_mesh(v + rng.uniform(-1e-5, 1e-5, v.shape), f)
 
 
-@pytest.mark.parametrize(("scale", "said"), [(0.005, True), (0.02, False), (1.0, False), (99.0, False), (101.0, True)])
-def test_units(scale: float, said: bool) -> None:
-    """A plate of 100 mm: 1 mm and 10 m are the sizes beyond which a unit is looked at again."""
-    notes = make_mesh(*plate(), scale=scale).notes
-    assert any("check the unit" in note for note in notes) == said
-
-
 @pytest.mark.parametrize(
     ("vertices", "faces", "fault"),
     [
