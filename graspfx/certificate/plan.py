@@ -169,8 +169,6 @@ def _contact_points(parts: Parts) -> Iterator[Row]:
                     True,
                     f"adjacency walk on {mesh_name(part.table)}, {faces}; a tree of boxes while free",
                 )
-    for note in parts.mesh_notes:
-        yield "mesh", True, note
 
 
 def _fingertips(scene: Scene) -> Row:

@@ -86,8 +86,8 @@ class Report(Carded):
             "preset": self.preset,
         }
 
-    def lines(self) -> Iterator[str]:
-        """Write doubts about units, verdict, limits, notes and plan as lines of text."""
+    def lines(self, plan: bool = True) -> Iterator[str]:
+        """Write doubts about units, verdict, limits, notes and, if asked for, the plan as lines of text."""
         from graspfx.certificate.certificate_lines import lines
 
         yield from self.head()
@@ -97,7 +97,7 @@ class Report(Carded):
             yield f"note: {note}"
         for name, reason in self.presets.items():
             yield f"{'preset':<9}{name + (' (in force)' if name == self.preset else ''):<24}{reason}"
-        for row in self.plan:
+        for row in self.plan if plan else ():
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 
     def head(self) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""graspfx check: whether a scene is stable, how far its gains can go, its faults, and what each sample will do."""
+"""graspfx check: whether a scene is stable, how far its gains can go, its faults; with -v what each sample will do."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_operators, add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
 from graspfx.errors import InputError
 from graspfx.progress import waiting
@@ -65,7 +66,10 @@ def execute(options: Namespace) -> int:
     if options.json:
         print_json(answer.to_dict())
     else:
-        print(*(answer.head() if options.brief else answer.lines()), sep="\n")
+        print(*(answer.head() if options.brief else answer.lines(plan=bool(options.verbose))), sep="\n")
+        if not (options.brief or options.verbose or is_quiet()):
+            runs = sum(row.runs for row in answer.plan)
+            print(f"a tick runs {runs} steps and skips {len(answer.plan) - runs}: -v lists them, with the reasons")
     return SUCCESS if answer.ok or not options.strict else REFUSED
 
 

@@ -138,9 +138,7 @@ def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
             scene = load(options.scene, dict(options.overrides), preset=options.preset)
         notes = memory.notes(scene)
         if notes is None:
-            from graspfx.build.resolve import resolve
-
-            notes = [*resolve(scene).mesh_notes, *doubts(scene)]
+            notes = doubts(scene)
             memory.keep_notes(scene, notes)
         return scene, notes
 
@@ -148,8 +146,7 @@ def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     """Load the scene, and warnings about likely mistakes."""
     with waiting(f"checking {options.scene}"):
-        from graspfx.build.resolve import resolve
         from graspfx.scene.load import load
 
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
-        return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+        return scene, doubts(scene)

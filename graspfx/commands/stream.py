@@ -62,7 +62,7 @@ def execute(options: Namespace) -> int:
     with waiting(f"checking {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
         parts = resolve(scene)
-        notes = [*parts.mesh_notes, *doubts(scene)]
+        notes = doubts(scene)
     note(notes)
     if options.goals and parts.hardware:
         do = "where a person's hand is, nobody else leads"

@@ -71,11 +71,10 @@ def execute(options: Namespace) -> int:
 
 
 def _scene(options: Namespace) -> tuple[Scene, list[str]]:
-    from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
     scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+    return scene, doubts(scene)
 
 
 def _invite(line: socket, gate: Gate) -> None:

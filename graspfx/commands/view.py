@@ -59,7 +59,7 @@ def execute(options: Namespace) -> int:
     with waiting(f"checking {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
         parts = resolve(scene)
-        notes = [*parts.mesh_notes, *doubts(scene)]
+        notes = doubts(scene)
     note(notes)
     if parts.hardware:
         warn_of_hardware()

@@ -482,9 +482,12 @@ def test_check_and_run_say_what_was_found_in_a_mesh(tmp_path: Path, capsys: pyte
         "inside-out.stl: the triangles faced inwards and were all turned over",
         "object.0.shape = 0.0005 m across: check the unit (scale = 0.001 for millimetres)",
     ]
-    assert main(["check", str(tmp_path / "a.toml")]) == 0
+    assert main(["check", str(tmp_path / "a.toml"), "-v"]) == 0
     said = capsys.readouterr().out
-    assert all(note in said for note in notes) and "adjacency walk on inside-out.stl, 12 triangles" in said
+    assert (
+        all(said.count(f"note: {note}") == 1 for note in notes)
+        and "adjacency walk on inside-out.stl, 12 triangles" in said
+    )
     assert "1 of 1, radius 4 mm" in said and "trimesh (mesh)" in said
     assert main(["run", str(tmp_path / "a.toml"), "--no-figure", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().err

@@ -32,8 +32,22 @@ def test_the_verdict_stands_first_then_limits_notes_and_the_plan(capsys: pytest.
     assert first.startswith("NOT STABLE: object, spectral radius ")
     assert "internal 9000 N/m: limit 80.13, margin 0.01" in first
     kinds = [line.split()[0].rstrip(":") for line in rest if not line.startswith("  ")]
-    assert list(dict.fromkeys(kinds)) == ["stability", "note", "runs", "skipped"]
+    assert list(dict.fromkeys(kinds)) == ["stability", "note", "a"]
     assert kinds[:2] == ["stability", "note"]
+    rows = [
+        line for line in said(capsys, "paper-spring", "--set", wild, "-v") if line.split()[0] in ("runs", "skipped")
+    ]
+    runs = sum(row.startswith("runs") for row in rows)
+    assert rest[-1] == f"a tick runs {runs} steps and skips {len(rows) - runs}: -v lists them, with the reasons"
+    assert len(rows) == len(gx.check("paper-spring").plan) > 20
+
+
+def test_check_prints_what_is_judged_and_the_plan_where_it_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    short, long = said(capsys, "mug"), said(capsys, "mug", "-v")
+    assert len(short) < 20 and long[: len(short) - 1] == short[:-1]
+    assert said(capsys, "mug", "-q") == short[:-1]
+    assert list(gx.check("mug").lines(plan=False)) == short[:-1]
+    assert json.loads("\n".join(said(capsys, "mug", "--json")))["plan"]
 
 
 def test_brief_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -95,7 +95,7 @@ def test_an_unknown_scene_is_one_line_on_stderr(capsys: pytest.CaptureFixture[st
 
 
 def test_check_shows_a_plan_with_reasons(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "reference-1dof"]) == 0
+    assert main(["check", "reference-1dof", "-v"]) == 0
     lines = capsys.readouterr().out.splitlines()
     end = next(i for i, line in enumerate(lines) if line.split()[0] in ("runs", "skipped"))
     certificate, plan = lines[:end], lines[end:]

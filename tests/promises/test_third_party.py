@@ -133,7 +133,7 @@ def test_a_plan_names_them_and_a_run_uses_them(site: Path, tmp_path: Path, scene
     code = (
         "import graspfx as gx\n"
         "from graspfx.__main__ import main\n"
-        f"assert main(['check', {scene!r}]) == 0 and main(['run', {scene!r}, '--json', '--no-figure']) == 0\n"
+        f"assert main(['check', {scene!r}, '-v']) == 0 and main(['run', {scene!r}, '--json', '--no-figure']) == 0\n"
         f"rec = gx.testing.check_scene({scene!r}, energy=None)\n"
         "assert not rec.object_position.any() and rec.finger_position[-1].sum() != 0.0\n"
         "gx.testing.check_device(lambda: gx.testing.driver('rail').connect(carriage=0.3))\n"

@@ -16,6 +16,7 @@ KINDS = {
 DYNAMICS = ["native", "native", "native", "bullet", "mujoco"]
 SECONDS = 3.0  # of a run
 RAMP = 0.3  # [s]: in which hands close
+NUDGE = 1e-5  # [m/s]: with which objects begin, and their surfaces turn
 
 
 def varied_table(seed: int) -> dict[str, Any]:
@@ -55,6 +56,11 @@ def varied_table(seed: int) -> dict[str, Any]:
         "coupling": coupling,
         "finger": [_finger(rng, d, objects[k], device, i, attached) for i, k in enumerate(held)],
     }
+    for thing in objects:  # else a grasp that is exactly even stands on its edge for ever
+        thing["velocity"] = (NUDGE * rng.normal(size=d)).tolist()
+        if d > 1:
+            thing["angular_velocity"] = float(rng.normal()) if d == 2 else rng.normal(size=3).tolist()
+            thing["angular_velocity"] = (NUDGE / 0.03 * np.array(thing["angular_velocity"])).tolist()
     if rng.random() < 0.3:
         up = np.eye(d)[-1]
         table["gravity"] = (-9.81 * up).tolist()

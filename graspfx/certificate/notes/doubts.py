@@ -15,5 +15,5 @@ def doubts(parts: Parts) -> list[str]:
 
 
 def other_doubts(parts: Parts) -> list[str]:
-    """List those that are not about units."""
-    return [*former_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
+    """List those that are not about units: of meshes, former names, depths, gains that do not settle."""
+    return [*parts.mesh_notes, *former_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
