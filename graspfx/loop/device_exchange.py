@@ -102,7 +102,7 @@ class DevicePort:
     def read(self, periods: int) -> str:
         """Read into the port, so many periods after the last time; what is not called in this tick stays there."""
         port, readings = self.port, self.readings
-        port.memory[0] = 0.0
+        port.begin(periods)
         if self.log is not None:
             self.log.clear()
         if self.is_gone:

@@ -138,6 +138,7 @@ class Playback:
         fresh, largest, switches = row.get("fresh"), row.get("largest_force"), row.get("switches")
         periods = 1 + int(row.get("skipped", 0))
         for (port, channels, fingers), misses, deadman in zip(self._ports, self._misses, self._deadmen, strict=True):
+            port.begin(periods)
             port.position[channels], port.velocity[channels] = position[fingers], velocity[fingers]
             port.memory[0] = 1.0
             if port.limit is not None and largest is not None:

@@ -200,6 +200,7 @@ def test_attached_contacts_are_where_the_fingers_are(tmp_path: Path) -> None:
 
 MOVING = {
     "moves at 0.3 m/s": lambda fake, p, v, t: (p, v + 0.3, t),
+    "moves at 0.4 m/s": lambda fake, p, v, t: (p + 0.4 * (t - 0.1), v, t),
     "had a new sample in": lambda fake, p, v, t: (p, v, fake.reads // 2 * 2 * fake.period),
     "outside its workspace": lambda fake, p, v, t: (p + 0.0, v, t),
     "cannot be read: OSError": lambda fake, p, v, t: 1 / 0 if fake.reads < 0 else (_ for _ in ()).throw(OSError("x")),

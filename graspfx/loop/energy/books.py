@@ -83,6 +83,7 @@ class LedgerState(Record):
     guarded: bool  # forces pass a safety chain: stiffness is gamma K, and a part may be withheld after the brake
     gain: float  # gamma of this sample, where there is a chain
     foreign: bool  # not our integrator: the work of obstacles is the remainder
+    elapsed: float  # periods that the fingers' last steps took, the most: 1 where none is left out or without a reading
     drag: float  # least friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]

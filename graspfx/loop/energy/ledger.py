@@ -84,7 +84,7 @@ def move(grasp: GraspState, ledger: LedgerState, T: float) -> None:
         finger.tip = with_torsion(to_object @ step, 0.0)
     if ledger.drag > 0.0:
         tips = ledger.fingers.part(FingerBooks.tip)
-        spend(accounts, ledger.drag / T, squares(ledger.split, ledger.fingers, tips))
+        spend(accounts, ledger.drag / (T * ledger.elapsed), squares(ledger.split, ledger.fingers, tips))
     accounts.parts[TRANSLATION].spent += sample.loss - sample.defect
     accounts.parts[ROTATION].spent += sample.turning_loss - sample.turning_defect
 

@@ -73,6 +73,7 @@ class Observer:
         block.observed = True
         share = block.fingers.array(FingerState.share)
         native = isinstance(body, NativeBody)
+        ledger.elapsed = 1.0
         ledger.drag, ledger.mobility = min(friction / share, default=0.0), max(share / mass, default=0.0)
         ledger.foreign, ledger.control, ledger.guarded = not native, control, guarded
         self.met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None

@@ -49,7 +49,8 @@ class NativePort:
     position: FloatArray  # (k d,)
     velocity: FloatArray
     command: FloatArray
-    misses: FloatArray | None  # (1,), of the safety chain
+    misses: FloatArray | None  # (1,), of the safety chain, as the next one
+    elapsed: FloatArray | None
     fresh: Sequence[FloatArray]  # (1,) of each finger, of the loop's memory
 
 
@@ -137,6 +138,8 @@ def read_all(beat: NativeBeat, k: int, periods: int) -> None:
     """Ask all devices, then read them; one that has failed is neither asked nor read again."""
     for port in beat.ports:
         port.readable[0] = 0.0
+        if port.elapsed is not None:
+            port.elapsed[0] = periods
         for entry in port.fresh:
             entry[0] = 0.0
         if port.is_gone[0] == 0.0:

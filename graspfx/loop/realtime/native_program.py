@@ -209,6 +209,7 @@ def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script
         velocity=own.memory[1 + n : 1 + 2 * n],
         command=own.memory[1 + 2 * n : 1 + 3 * n],
         misses=own.misses,
+        elapsed=own.elapsed,
         fresh=fresh,
     )
 

@@ -19,7 +19,8 @@ FloatArray = NDArray[np.float64]
 DURATION = 0.2  # [s], and
 LEAST = 20  # readings
 FRESH = 0.95  # part of the readings that bring a new sample
-STILL = 0.1  # the fastest that a finger at rest is [m/s]
+STILL = 0.1  # the fastest that a finger at rest is, by its velocity and by its positions [m/s]
+SPAN = 0.01  # from one of these positions to the next, and four new readings at least [s]
 DRIFT = 0.001  # the farthest that one goes while a recording is opened [m]
 DO = "hold the device still within its workspace, and start again"
 
@@ -48,6 +49,7 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
     pacer, trips = Pacer(period, clock), list[float]()
     count = max(LEAST, math.ceil(DURATION / period))
     fastest = [0.0] * len(devices.ports)
+    now, tracks = 0, [list[tuple[int, FloatArray]]() for _ in devices.ports]
     first = [each.readings.samples for each in devices.ports]
     for each in devices.ports:
         each.port.command[...] = 0.0
@@ -60,13 +62,16 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
         _require(devices.read(1 + skipped))
         _require([devices.write()])
         trips.append(clock.now() - began)
+        now += 1 + skipped
         for i, each in enumerate(devices.ports):
             fastest[i] = max(fastest[i], float(np.abs(each.readings.velocity).max()))
+            if each.readings.is_fresh:
+                tracks[i].append((now, each.readings.position.copy()))
     fresh = [
         (each.readings.samples - n) * each.fitting.every / count for each, n in zip(devices.ports, first, strict=True)
     ]
-    for each, speed, part in zip(devices.ports, fastest, fresh, strict=True):
-        _require([_moving(each, speed), _outside(each), _late(each, part), _up(each)])
+    for each, speed, track, part in zip(devices.ports, fastest, tracks, fresh, strict=True):
+        _require([_moving(each, max(speed, _speed(track, period))), _outside(each), _late(each, part), _up(each)])
         each.watches = True
     return Rest(positions(devices), median(trips), min(fresh))
 
@@ -102,6 +107,12 @@ def _require(faults: list[str]) -> None:
     for text in faults:
         if text:
             raise DeviceError(text)
+
+
+def _speed(track: list[tuple[int, FloatArray]], period: float) -> float:
+    """Find the fastest motion along an axis by positions at their periods, whatever velocity a driver tells [m/s]."""
+    pairs = zip(track, track[max(4, math.ceil(SPAN / period)) :], strict=False)
+    return max((float(np.abs(q - p).max()) / ((m - k) * period) for (k, p), (m, q) in pairs), default=0.0)
 
 
 def _moving(device: DevicePort, speed: float) -> str:

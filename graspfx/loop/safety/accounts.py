@@ -13,7 +13,7 @@ from graspfx.loop.safety.tank import refill
 @kernel
 def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: float) -> None:
     """Book the sample that has ended, brake under control, and fill the tank."""
-    ledger.gain = safety.gain
+    ledger.gain, ledger.elapsed = safety.gain, safety.elapsed
     book_sample(grasp, ledger, T)
     refill(safety, ledger)
 

@@ -75,7 +75,7 @@ class SafetyChain:
         self.limits = limits
         self.pace = np.zeros(size_for(Pace, devices=devices))
         pace = Pace(self.pace)
-        pace.devices, pace.hold, pace.trust = devices, float(limits.hold), 1.0
+        pace.devices, pace.hold, pace.trust, pace.elapsed = devices, float(limits.hold), 1.0, 1.0
         pace.ramp, pace.fading = limits.soft_start / period, min(period / DECAY, 1.0)
         self.buffers = [self._buffer(each, fingers, period, live) for each, fingers in grasped]
         empty = SafetyState(np.zeros(size_for(SafetyState, count=0)))
@@ -97,6 +97,7 @@ class SafetyChain:
         own.array(FingerLimits.force)[:] = limits.force[fingers]
         own.array(FingerLimits.growth)[:] = limits.rate[fingers] * period
         own.array(FingerLimits.speed)[:] = limits.speed[fingers]
+        own.array(FingerLimits.stride)[:] = limits.speed[fingers] * period
         own.array(FingerLimits.lower)[:], own.array(FingerLimits.upper)[:] = -np.inf, np.inf
         own.array(FingerLimits.lower)[:, :d] = limits.lower[fingers]
         own.array(FingerLimits.upper)[:, :d] = limits.upper[fingers]

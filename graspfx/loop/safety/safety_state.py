@@ -17,6 +17,7 @@ class Pace(Record):
     trust: float  # 1, or less while forces decay
     cause: int  # why they do, 0 for no reason
     resting: bool  # they do as the run ends, which is no fault
+    elapsed: float  # periods since the last tick, 1 unless some were left out
     misses: Floats = floats("devices")  # samples in a row without a new reading
 
 
@@ -46,6 +47,13 @@ class Scale(Record):
     outer: float  # of the whole force of a finger, the least
 
 
+class PastReading(Record):
+    """Where a finger was read, and when."""
+
+    position: Vector  # [m]
+    time: float  # in periods
+
+
 class FingerLimits(Record):
     """A finger's limits, and its force in the last sample."""
 
@@ -53,11 +61,15 @@ class FingerLimits(Record):
     force: float  # largest force [N]
     growth: float  # largest growth of a force in one sample [N]
     speed: float  # largest speed [m/s]
+    stride: float  # the way at that speed in one period [m]
     lower: Vector  # corners of the box that no force pushes it out of, infinite where there is none [m]
     upper: Vector
     largest: float  # its force in this sample, by the device too [N]
     last: Vector  # force on the object in the last sample, W [N]
     withheld: Vector4  # minus what was taken from its force after the brake, O [N]
+    time: float  # so far, in periods
+    elapsed: float  # periods that its last step took, 0 without a step
+    track: Many[PastReading] = many("4")  # its last new readings, the latest first
 
 
 class SafetyState(Record):
@@ -72,6 +84,7 @@ class SafetyState(Record):
     kid_moves: bool
     changing: bool  # gains are on their way to `goal`
     gain: float  # gamma, of stiffness and damping in this sample
+    elapsed: float  # periods that the fingers' last steps took, the most
     tank: Tank
     goal: Goal
     scale: Scale

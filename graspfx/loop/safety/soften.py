@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.grasp_state import GraspState
-from graspfx.loop.safety.safety_state import Pace, SafetyState
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.loop.safety.safety_state import FingerLimits, Pace, SafetyState
 from graspfx.loop.safety.tank import grow
 from graspfx.loop.safety.trust import CAUSES, QUICK
 from graspfx.spatial import dot
@@ -22,14 +22,47 @@ def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int
     if code == 0:
         grow(grasp, safety, pace.soft * pace.trust)
     gain = safety.gain
-    grasp.squeeze = grasp.outer = 1.0
+    grasp.squeeze = grasp.outer = safety.elapsed = 1.0
     for i, finger in enumerate(grasp.fingers):
         own = safety.fingers[i]
         own.largest = min(finger.limit, own.force)
-        if pace.cause == 0 and dot(finger.velocity, finger.velocity) > own.speed * own.speed:
+        quick = is_quick(finger, own, pace.elapsed)
+        safety.elapsed = max(safety.elapsed, own.elapsed)
+        if pace.cause == 0 and quick:
             pace.cause = QUICK + CAUSES * own.number
         finger.limit = own.largest / gain if gain > 0.0 else math.inf
     return code
+
+
+@kernel
+def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
+    """Tell whether a finger exceeds its largest speed, by the velocity that its driver tells or by its positions.
+
+    A told velocity may be late, filtered, or always zero. Each new position is therefore also compared with those of
+    two, three and four new readings before: a single step may be the sensor's resolution, and an oscillation that is
+    back at its place over one of these spans is not over the others. A reading is new if its position has changed.
+    """
+    quick = dot(finger.velocity, finger.velocity) > own.speed * own.speed
+    track = own.track
+    if own.time == 0.0:
+        for a in range(4):  # it begins at rest
+            track[a].position = finger.position
+            track[a].time = elapsed - a
+    own.time += elapsed
+    own.elapsed = 0.0
+    step = finger.position - track[0].position
+    if dot(step, step) != 0.0:
+        for a in range(1, 4):
+            way, most = finger.position - track[a].position, (own.time - track[a].time) * own.stride
+            if dot(way, way) > most * most:
+                quick = True
+        own.elapsed = own.time - track[0].time
+        for a in range(3, 0, -1):
+            track[a].position = track[a - 1].position
+            track[a].time = track[a - 1].time
+        track[0].position = finger.position
+        track[0].time = own.time
+    return quick
 
 
 @kernel

@@ -120,6 +120,7 @@ class Port:
     memory: FloatArray  # whether it could be read; then the three above, and the limits
     limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
     misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
+    elapsed: FloatArray | None = None  # periods since the last tick, where a safety chain takes them, (1,)
     time: float | None = None  # of the last reading [s]
     cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
 
@@ -128,6 +129,12 @@ class Port:
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
+
+    def begin(self, periods: int) -> None:
+        """Begin a tick so many periods after the last one: nothing is read yet."""
+        self.memory[0] = 0.0
+        if self.elapsed is not None:
+            self.elapsed[0] = periods
 
     def note(self, time: float) -> None:
         """Note the time of a reading: one that is not new is a sample without a new reading."""

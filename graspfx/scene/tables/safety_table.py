@@ -70,8 +70,8 @@ class Safety(Table):
     )
     speed: Positive | None = Field(
         default=None,
-        description="largest speed of a finger [m/s], beyond which forces decay in 20 ms and a fault follows; any if "
-        "not given",
+        description="largest speed of a finger [m/s], by its velocity or by its positions, beyond which forces decay "
+        "in 20 ms and a fault follows; any if not given",
     )
     hold: Count = Field(
         default=3, description="samples in a row without a new reading, after which forces decay in 20 ms"

@@ -274,6 +274,25 @@ def test_too_quick_a_finger_decays_and_is_a_fault() -> None:
     assert not rec.displayed_force[fault.tick :].any()
 
 
+def test_a_step_over_two_samples_is_half_as_quick_for_friction(tmp_path: Path) -> None:
+    """A ledger credits a device's friction with b d^2/t: where each second reading is the last one again, t is 2 T.
+
+    The fingers wave without force, so that nothing but friction stands in the balance, and steps over 2 T cannot take
+    more than those over T do.
+    """
+    loose = {"external": {"stiffness": 1e-6}, "internal": {"stiffness": 1e-6}, "contact": "attached",
+             "passivity": "observe"}  # fmt: skip
+    spent = []
+    for still in ([], [[k, k + 1] for k in range(1, 250, 2)]):
+        scene = odd(tmp_path, {"soft_start": 0.0}, still=still)
+        table = scene.model_dump(exclude_unset=True) | {"coupling": loose}
+        table["finger"] = [each | {"device": table["finger"][0]["device"]} for each in table["finger"]]
+        rec = recorded(gx.Scene(**table), "interpreted", ticks=250)
+        assert not rec.faults
+        spent.append(rec.array("objects/object/energy/balance")[-1].sum())
+    assert 0.9 * spent[0] < spent[1] < spent[0]
+
+
 def test_limits_of_a_finger_stand_for_its_own() -> None:
     """0.1 N for one of three; and the device's own 0.2 N where it has less than the scene, 0.3 N."""
     scene = pinch(safety={"force": 0.3, "soft_start": 0.05}, finger__1__device__force_limit=0.2)
