@@ -173,7 +173,7 @@ class Wirer:
             misses = chain.pace[Pace(chain.pace).misses.offset + i :][:1]
             cause, elapsed = Pace(chain.pace).array(Pace.cause), Pace(chain.pace).array(Pace.elapsed)
         limit = memory[last:] if limited else None
-        self.tick.ports.append(Port(i, *arrays, memory, limit, misses, elapsed, cause=cause))
+        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory, limit, misses, elapsed, cause=cause))
         self.script.memory("port", memory)
         starts = 1, 1 + size, 1 + 2 * size, last if limited else None
         return PortWires(i, memory[:1], self._channels(station, fingers, memory, *starts))

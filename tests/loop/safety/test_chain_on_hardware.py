@@ -64,9 +64,9 @@ def test_positions_are_believed_before_a_velocity_of_zero(tmp_path: Path, freque
     amplitude = 4.0 / (2.0 * np.pi * frequency)
     readings[:, 0, 0, 0] = -0.06 - amplitude * np.cos(2.0 * np.pi * frequency * np.maximum(t - 0.1, 0.0) - 0.5)
     readings[:, 1] = 0.0
-    changes = {"finger.0.device.readings": readings.tolist(), "finger.0.start": readings[0, 0, 0].tolist()}
+    changes: dict[str, Any] = {"finger.0.start": readings[0, 0, 0].tolist(), "safety.speed": limit}
     file = native_runs.driver(tmp_path)
-    _, python, _, native = native_runs.both(file, ticks, **changes, **{"safety.speed": limit})
+    _, python, _, native = native_runs.both(file, ticks, **changes, **{"finger.0.device.readings": readings.tolist()})
     for rec in (python, native):
         [fault] = rec.faults
         assert fault.message.startswith("finger0 was quicker than safety.speed, 0.5 m/s")
@@ -75,8 +75,7 @@ def test_positions_are_believed_before_a_velocity_of_zero(tmp_path: Path, freque
         assert not rec.displayed_force[fault.tick :].any()
     assert python.faults == native.faults
     slower = 0.1 * limit / 4.0 * (readings - readings[0]) + readings[0]
-    changes = {"finger.0.device.readings": slower.tolist(), "finger.0.start": readings[0, 0, 0].tolist()}
-    for rec in native_runs.both(file, ticks, **changes, **{"safety.speed": limit})[1::2]:
+    for rec in native_runs.both(file, ticks, **changes, **{"finger.0.device.readings": slower.tolist()})[1::2]:
         assert not rec.faults
 
 
