@@ -94,10 +94,16 @@ def separate(words: Sequence[str]) -> Iterator[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Parse KEY=VALUE: the value is TOML where it reads as TOML, else the text itself."""
+    """Parse KEY=VALUE: the value is TOML where it reads as TOML, else the text itself.
+
+    Raises:
+        ArgumentTypeError: no key, a value that is too deep, or more than one.
+    """
     import tomllib
 
+    from graspfx.errors import InputError
     from graspfx.scene.budget import excess
+    from graspfx.scene.overrides import toml_value
 
     key, equals, value = text.partition("=")
     if not key.strip() or not equals:
@@ -105,6 +111,8 @@ def override(text: str) -> tuple[str, Any]:
     try:
         if fault := excess(text):
             raise ArgumentTypeError(f"{text[:40]}...: {fault.message}")
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+        return key.strip(), toml_value(value, SET)
     except tomllib.TOMLDecodeError:
         return key.strip(), value
+    except InputError as error:
+        raise ArgumentTypeError(f"{key.strip()} takes {error.expected}: {error.do}; given {text!r}") from None

@@ -97,13 +97,13 @@ def _quick(guest: Guest) -> Exchange:
 
 
 def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
-    """Settle what guests were told in tick k, the last one.
+    """Settle what guests were told in the last tick: a fault is one of the tick that would follow.
 
     Args:
         guests: numbers of their movers.
         movers: of the scene.
         servo: memory of the tick.
-        k: the tick.
+        k: the tick that would follow.
     """
     for i in guests:
         code = 0 if servo.stuck_bodies[i] else movers[i].body.take()

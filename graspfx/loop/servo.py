@@ -178,7 +178,7 @@ class Servo:
             self._run_native(self.native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
-        settle_guests(self._tick.guests, self.movers, self._own, self.ticks - 1)
+        settle_guests(self._tick.guests, self.movers, self._own, self.ticks)
         self._notice(recorder)
         for part in self.objects:
             part.grasped.check_activity()
@@ -317,14 +317,18 @@ class Servo:
             engine.begin(k)
             if not is_over:
                 self._display(k)
+            is_stopped = self._own.faulted
             engine.end(k, row)
         else:
+            is_stopped = True  # no device is written to
             engine.run(k, 1, row)
         self._exchange()
         for i in tick.bodies:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
+        if self._own.faulted and not is_stopped:  # what has moved cannot go on: its forces end now
+            self._stop()
         self._finish_tick(1, recorder)
 
     def _finish_tick(self, count: int, recorder: RowTaker | None) -> None:
@@ -361,7 +365,7 @@ class Servo:
                 self.movers[i].body.step(self.period)
             except GraspFXError as error:
                 self._own.stuck_bodies[i] = 1.0
-                self._tell(k, f"{object_names(self.parts, i)}: {error}")
+                self._tell(k + 1, f"{object_names(self.parts, i)}: {error}")
 
     def _advance(self, k: int, j: int) -> None:
         m = self.plants[j]
@@ -370,7 +374,7 @@ class Servo:
                 m.plant.advance(np.concatenate([d.effort for d in m.devices]), m.hand, self.period)
             except GraspFXError as error:
                 self._own.stuck_plants[j] = 1.0
-                self._tell(k, f"{finger_names(self.parts, j)}: {error}")
+                self._tell(k + 1, f"{finger_names(self.parts, j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""

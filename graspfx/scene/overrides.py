@@ -28,6 +28,25 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
     return {str(key): value for key, value in values.items()}
 
 
+def toml_value(text: str, argument: str) -> Any:
+    """Read a value as TOML.
+
+    Args:
+        text: of the value; it may take several lines.
+        argument: in messages.
+
+    Raises:
+        InputError: other keys follow the value on lines of their own.
+        TOMLDecodeError: no TOML.
+    """
+    import tomllib
+
+    table = tomllib.loads(f"value = {text}")
+    if len(table) > 1:
+        raise InputError(argument, text, "one value", "give each KEY=VALUE as an argument of its own")
+    return table["value"]
+
+
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
     """Copy nested tables with values replaced; list the replaced keys, and a fault for each that leads nowhere.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.scene.budget import excess
+from graspfx.scene.overrides import toml_value
 
 MOST = 10_000_000  # values of a range, and variants of a sample
 FORM = "FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas, as in object.viscosity=0.8:1.5:15"
@@ -74,11 +75,11 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
     if fault := excess(f"value = [{text}]"):
         raise InputError(argument, text, FORM, fault.message)
     try:
-        values: list[Any] = tomllib.loads(f"value = [{text}]")["value"]
+        values: list[Any] = toml_value(f"[{text}]", argument)
     except tomllib.TOMLDecodeError:
         if any(letter in text for letter in "[]{}\"'"):
             raise InputError(argument, text, FORM, "no value of a list is whole TOML, or a word") from None
-        values = [_value(part.strip()) for part in text.split(",")]
+        values = [_value(part.strip(), argument) for part in text.split(",")]
     if not values:
         raise InputError(argument, text, FORM)
     return values
@@ -125,8 +126,8 @@ def _range(text: str, argument: str) -> Range | None:
     return Range(first, last, count, log)
 
 
-def _value(text: str) -> Any:
+def _value(text: str, argument: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return toml_value(text, argument)
     except tomllib.TOMLDecodeError:
         return text

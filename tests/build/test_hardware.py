@@ -25,6 +25,7 @@ from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
 from graspfx.loop.tick import engine as engines
 from graspfx.loop.tick.programs import Interpreted
+from tests.support import foreign_parts
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
 
@@ -493,3 +494,20 @@ def test_displayed_forces_do_not_scale_with_the_period() -> None:
     assert np.abs(forces[0]).min() > 0.05
     assert forces[1] == pytest.approx(forces[0], rel=1e-6)
     assert forces[2] == pytest.approx(forces[0], rel=1e-6)
+
+
+def test_a_body_that_cannot_go_on_ends_the_force_at_once(tmp_path: Path) -> None:
+    """It fails as it moves after tick 20, when that tick's force is displayed: the device is stopped before tick 21.
+
+    Row 20 has the force that was displayed, and the fault is one of tick 21, the first without force.
+    """
+    file = driver(tmp_path)
+    body = foreign_parts.write(tmp_path)["breaking"]
+    rec = gx.run(cart(file, -0.021, **ramp(), **{"object.dynamics": body}), real_time=True)
+    [fault] = rec.faults
+    assert fault.tick == 21 and "the object broke" in fault.message
+    assert rec.displayed_force[20].any() and not rec.displayed_force[21:].any()
+    fake = fakes(file)[-1]
+    assert max(tick for tick, _ in fake.forces) == 20
+    stops = [reads - SETTLING - 1 for reads, what in fake.log if isinstance(what, str) and what == "stop"]
+    assert min(tick for tick in stops if tick >= 0) == 20

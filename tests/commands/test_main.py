@@ -77,6 +77,22 @@ def test_an_override_needs_a_key_and_a_value(text: str, capsys: pytest.CaptureFi
     assert "is not of the form KEY=VALUE" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "value", ["0.2\nobject.viscosity=0.1", "0.2\n[finger]", "[0.1,\n 0.2]\nperiod = 0.1", '"""a\nb"""\nx=1']
+)
+def test_an_override_is_one_value(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """What stands on a line of its own after the value was lost in silence."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["check", "reference-1dof", "--set", f"object.mass={value}"])
+    assert "object.mass takes one value: give each KEY=VALUE as an argument of its own" in capsys.readouterr().err
+
+
+def test_a_value_of_several_lines_is_whole() -> None:
+    assert override("object.free=[true,\n false]") == ("object.free", [True, False])
+    assert override("title=two\nlines") == ("title", "two\nlines")
+    assert override("object.mass=0.2\n# [kg]\n") == ("object.mass", 0.2)
+
+
 def test_a_run_writes_what_it_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "reference-1dof", "--duration", "0.1", "--out", "here"]) == 0
     printed = capsys.readouterr().out

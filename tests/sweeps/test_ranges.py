@@ -57,6 +57,8 @@ def test_ends_are_exact() -> None:
         "a=1:2:99999999999",
         "a=[1,2",
         "a=b,[1",
+        "a=1]\nother = [2",
+        "a=1\nother = 2, 3",
     ],
 )
 def test_others_are_refused(text: str) -> None:

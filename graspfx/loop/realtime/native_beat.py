@@ -116,7 +116,10 @@ def turn(beat: NativeBeat, k: int) -> None:
         run(beat.table, beat.begin, k, 0)
         display(beat, k)
     head = peek(beat.words, beat.head)
+    before = beat.faulted[0]
     run(beat.table, beat.end, k, head % beat.span)
+    if before == 0.0 and beat.faulted[0] != 0.0:  # what has moved cannot go on: its forces end now
+        stop_all(beat, k)
     publish(beat.words, beat.head, head + 1)
     publish(beat.words, beat.skips, int(beat.skipped[0]))
     count_tick(beat.clock, now(beat.table) - began)

@@ -81,7 +81,7 @@ def take(scene: Wiring, k: int) -> None:
                 if body.stuck[0] == 0.0:
                     code = body.taking(part.body, part.guest, scene.period[0])
                     if code != 0:
-                        latch(scene.servo, k - 1, MOVER, body.index, code)
+                        latch(scene.servo, k, MOVER, body.index, code)
                         body.stuck[0] = 1.0
 
 
@@ -263,7 +263,11 @@ def record(scene: Wiring, k: int, r: int, rows: FloatArray) -> None:
 
 @stage
 def move(scene: Wiring, k: int) -> None:
-    """Move the bodies; tell other software the wrenches on those that it moves."""
+    """Move the bodies; tell other software the wrenches on those that it moves.
+
+    The force of tick k is displayed and recorded by now: a body that cannot go on is a fault of tick k + 1, the first
+    one without force, and so is a plant.
+    """
     for body in scene.bodies:
         if body.stuck[0] == 0.0:
             if isinstance(body, GuestWires):
@@ -272,7 +276,7 @@ def move(scene: Wiring, k: int) -> None:
             else:
                 code = body.stepping(body.state, body.floor, scene.period[0])
                 if code != 0:
-                    latch(scene.servo, k, MOVER, body.index, code)
+                    latch(scene.servo, k + 1, MOVER, body.index, code)
                     body.stuck[0] = 1.0
 
 
@@ -289,7 +293,7 @@ def advance(scene: Wiring, k: int) -> None:
                 look_up(plant, plant.hand, k)
             code = plant.kernel(plant.state, 0)
             if code != 0:
-                latch(scene.servo, k, PLANT, plant.index, code)
+                latch(scene.servo, k + 1, PLANT, plant.index, code)
                 plant.stuck[0] = 1.0
 
 
