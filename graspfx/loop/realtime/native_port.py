@@ -69,7 +69,7 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
         code: that `read` returned.
         periods: that have passed since the one before.
     """
-    if code < 0:
+    if code < 0 or code > REPEAT:
         return fail(port, NO_READ, code)
     raw, last = port.raw, port.sample
     half = port.entries

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device_calls import FRESH, REPEAT, Calls
 from graspfx.loop.device_exchange import ZERO, DevicePort
 from graspfx.loop.realtime import native_port as at
 from graspfx.loop.realtime.native_clock import ClockState
@@ -31,7 +31,9 @@ def stop_text(port: DevicePort, state: PortState, calls: Calls) -> str:
 
 
 def call_text(port: DevicePort, calls: Calls, code: int) -> str:
-    """Say what a code below zero of a C function means: by the device's `fault_text`, by the adapter's, or as it is."""
+    """Say what the code of a failure means: by the device's `fault_text`, by the adapter's, or as it is."""
+    if code > 0:
+        return f"its C function returned {code}, expected {FRESH} (new sample), {REPEAT} (none) or less than 0 (fault)"
     for owner in (port.device, calls.keep):
         text = getattr(owner, "fault_text", None)
         if callable(text):

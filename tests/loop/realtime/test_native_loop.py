@@ -78,6 +78,20 @@ def test_recordings_are_those_of_pythons_loop(tmp_path: Path, kind: str) -> None
         assert np.isnan(later).all()  # nobody is written to after a fault
 
 
+@pytest.mark.parametrize("code", [2, 7, 1 << 40])
+def test_a_code_of_no_meaning_is_a_fault(tmp_path: Path, code: int) -> None:
+    """A `read` that returns neither 0 nor 1 has said nothing about its block: it counted as a new sample."""
+    session = Session(scene(driver(tmp_path), TICKS, native=True, codes=[0] * 140 + [code] * 5))
+    session.run(TICKS)
+    rec = session.finish()
+    [fault] = rec.faults
+    assert fault.tick == 140
+    assert (
+        f"finger0 (Scripted) cannot be read: its C function returned {code}, expected 0 (new sample)" in fault.message
+    )
+    assert rec.displayed_force[139].any() and not rec.displayed_force[140:].any()
+
+
 def test_forces_keep_within_the_limit_of_the_device(tmp_path: Path) -> None:
     """The loop limits what it tells C functions, as a driver's `write` does; a recording has what came before."""
     session = Session(scene(driver(tmp_path), TICKS, native=True, dimensions=2, **{"safety.force": 2.0}))
