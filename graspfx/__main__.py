@@ -8,7 +8,7 @@ import sys
 import warnings
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib import import_module
 from typing import NoReturn
 
@@ -49,6 +49,7 @@ NEW = 20_000  # objects between two looks for cycles: imports make as many that 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    limit = _memory_limit()  # now: without memory nothing is imported any more
     try:
         options = parse(words)
         trust = granted(getattr(options, "trust", False))
@@ -64,7 +65,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except (MemoryError, ImportError, OSError, SystemError, RuntimeError) as error:  # where memory ends, any of these
+        if not limit or (isinstance(error, RuntimeError) and "thread" not in str(error)):
+            raise
+        said = f"the memory of this process is limited to {limit}, which does not suffice: lift the limit"
+        print(said, type(error).__name__, str(error)[:200], sep="; ", file=sys.stderr)
+        return WRONG
     return code
+
+
+def _memory_limit() -> str:
+    """Name the limit on the memory of this process, as a shell sets it; empty without one."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        for name, flag in (("RLIMIT_AS", "-v"), ("RLIMIT_DATA", "-d")):
+            most, _ = resource.getrlimit(getattr(resource, name))
+            if most != resource.RLIM_INFINITY:
+                return f"{most / 1e6:.0f} MB ({name}, `ulimit {flag}`)"
+    return ""
 
 
 def parse(words: Sequence[str]) -> Namespace:

@@ -11,9 +11,9 @@ class Calls(NamedTuple):
     """Addresses of C functions `int64 f(void *context, double *block)`: 0 fresh, 1 held, less than zero a fault.
 
     The block of `ask` and `read` has room for positions (k, d) [m], then velocities (k, d) [m/s]: a `read` that returns
-    0 has filled both, and any other number than these is a fault. That of `write` and `stop` has the forces (k, d) [N]; `write` is told finite ones within
-    `features.peak_force` only. `stop` is zero force, whatever stands in the block. A function that waits makes the loop
-    wait.
+    0 has filled both, and any other number than these is a fault. That of `write` and `stop` has the forces (k, d) [N];
+    `write` is told finite ones within `features.peak_force` only. `stop` is zero force, whatever stands in the block. A
+    function that waits makes the loop wait.
 
     Attributes:
         ask: sends the request that the next `read` takes the answer of; 0 for a device that is not asked.

@@ -93,6 +93,25 @@ def test_a_value_of_several_lines_is_whole() -> None:
     assert override("object.mass=0.2\n# [kg]\n") == ("object.mass", 0.2)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="limits as Linux has them")
+@pytest.mark.parametrize(
+    ("limit", "flag", "megabytes"), [("RLIMIT_AS", "-v", 300), ("RLIMIT_DATA", "-d", 50)], ids=["space", "data"]
+)
+def test_too_little_memory_is_a_sentence(limit: str, flag: str, megabytes: int) -> None:
+    """A library that does not load for want of memory was a traceback of that library's."""
+    resource = pytest.importorskip("resource")
+
+    def restrict() -> None:
+        resource.setrlimit(getattr(resource, limit), (megabytes * 10**6, megabytes * 10**6))
+
+    command = [sys.executable, "-m", "graspfx", "check", "reference-1dof"]
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, preexec_fn=restrict, env=alone, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert f"limited to {megabytes} MB ({limit}, `ulimit {flag}`), which does not suffice" in done.stderr
+
+
 def test_a_run_writes_what_it_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "reference-1dof", "--duration", "0.1", "--out", "here"]) == 0
     printed = capsys.readouterr().out

@@ -32,6 +32,12 @@ class Logged:
         os.write(self.log, f"{{time.monotonic()}} {{what}} {{size}}\\n".encode())
     def open(self, period):
         self.note("open")
+        while self.how in ("hangs in open", "deaf in open"):
+            try:
+                time.sleep({LONG})
+            except BaseException:
+                if self.how == "hangs in open":
+                    raise
         with open(self.file + ".pid", "w") as number:
             number.write(str(os.getpid()))
     def read(self):
@@ -149,6 +155,14 @@ class Entry(NamedTuple):
     size: float
 
 
+def write_logged(folder: Path, how: str) -> Path:
+    """Write the driver and a scene with it; give the scene's path."""
+    (folder / "logged.py").write_text(DEVICE)
+    scene = folder / "cart.toml"
+    scene.write_text(SCENE.format(file=str(folder / "log"), how=how))
+    return scene
+
+
 class LoggedRun:
     """A run in a process of its own.
 
@@ -161,8 +175,7 @@ class LoggedRun:
 
     def __init__(self, folder: Path, how: str = "", *, hangs: bool = False, options: Sequence[str] = ()) -> None:
         self.folder, self.out = folder, folder / "out"
-        (folder / "logged.py").write_text(DEVICE)
-        (folder / "cart.toml").write_text(SCENE.format(file=str(folder / "log"), how=how))
+        write_logged(folder, how)
         if not hangs:
             self.free_disk()
         self.process = subprocess.Popen(

@@ -26,6 +26,7 @@ PAUSE = 20  # between two looks [ms]
 PATIENCE = 0.5  # for a servo to rest that was asked to [s]
 MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
 LONGER = 0.25  # then, until the next step [s]
+OPENING = 30.0  # for a device to open, and for all to come to rest [s]
 CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
 STEPS = (process_end.ASK, process_end.KILL)
 DEATH = "death"  # message of the guard's own: the process has ended
@@ -35,7 +36,7 @@ class Guard(Thread):
     """A thread that begins a servo's process, and ends with it.
 
     It waits on the process, so that it quenches the hardware within milliseconds of a death without rest. A servo that
-    was asked to rest and does not, or that runs and does no tick, is ended by signals: it may hang in a driver.
+    was asked to rest and does not, that runs and does no tick, or whose hardware does not open, is ended by signals: it may hang in a driver.
 
     Args:
         ring: shared with the process.
@@ -49,6 +50,8 @@ class Guard(Thread):
         relay: of the rows, from the moment on that there is one.
         failure: of the relay; then the servo is asked to rest.
         report: how the quenching went, a sentence each; empty without.
+        is_settled: whether the hardware has told that it is open and at rest.
+        is_overdue: whether it has not, in time, and was ended.
     """
 
     def __init__(self, ring: Ring, devices: Sequence[Quencher], period: float, clock: Clock | None = None) -> None:
@@ -60,6 +63,7 @@ class Guard(Thread):
         self.relay: Relay | None = None
         self.failure: BaseException | None = None
         self.report: list[str] = []
+        self.is_settled = self.is_overdue = False
         self.process: Popen[bytes] | None = None
         self._line: Connection | None = None
         self._watched = -1  # descriptor of the process
@@ -151,7 +155,11 @@ class Guard(Thread):
         try:
             if not self._line.poll():
                 return False
-            self.messages.put(self._line.recv())
+            message = self._line.recv()
+            self.is_settled = self.is_settled or message[0] == "settled"
+            if not self.is_settled:
+                self._since = self._clock.now()  # another device has opened
+            self.messages.put(message)
         except (EOFError, OSError):
             return False
         except Exception as error:  # noqa: BLE001 - such as a class that only the process knows
@@ -177,17 +185,22 @@ class Guard(Thread):
             self.lock.release()
 
     def _hurry(self) -> None:
-        """End a servo that does not rest, or does nothing: first by a signal that a driver's call gives way to."""
+        """End a servo that does not open its hardware, does not rest, or does nothing.
+
+        First by a signal that a driver's call gives way to.
+        """
         words, now = self._ring.words, self._clock.now()
         head, phase = int(words[Word.HEAD]), int(words[Word.PHASE])
         is_running, is_told = phase == Phase.RUNNING, bool(words[Word.STOP])
-        if phase >= Phase.RESTED or not (is_running or is_told):
+        is_opening = phase == Phase.OPEN and not (self.is_settled or is_told)
+        if phase >= Phase.RESTED or not (is_running or is_told or is_opening):
             self._since, self._step = now, 0
             return
         halt = int(words[Word.HALT])
         if head != self._head or (halt and head >= halt - 1 and not is_told):  # a pause is no standstill
             self._head, self._since, self._step = head, now, 0
-        wait = CLOSING if not is_running else PATIENCE if is_told else self._still
+        wait = OPENING if is_opening else CLOSING if not is_running else PATIENCE if is_told else self._still
         if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:
+            self.is_overdue = self.is_overdue or is_opening
             self._signal(STEPS[self._step])
             self._step += 1

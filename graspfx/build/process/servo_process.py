@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspfx import log
 from graspfx.build.process.errand import Errand
-from graspfx.build.process.guard import DEATH, Guard
+from graspfx.build.process.guard import DEATH, OPENING, Guard
 from graspfx.build.process.quenching import quenchers
 from graspfx.build.process.relay import Relay
 from graspfx.errors import DeviceError
@@ -60,7 +60,7 @@ class ServoProcess:
         self._ticks: int | None = None
         self._result: dict[str, Any] = {}
         self.error: BaseException | None = None
-        self._waits = ExitStack()
+        self._waits, self._doing = ExitStack(), ""  # waits that are shown, and the last one's text
         self.relay: Relay | None = None
 
     @property
@@ -157,7 +157,8 @@ class ServoProcess:
                 if log.is_heard(rest[0]):
                     logging.getLogger(log.NAME).log(rest[0], "%s", rest[1])
             case "begin":
-                self._waits.enter_context(waiting(rest[0]))
+                self._doing = rest[0]
+                self._waits.enter_context(waiting(self._doing))
             case "end":
                 self._waits.pop_all().close()
             case "rested":
@@ -183,7 +184,11 @@ class ServoProcess:
         """
         while True:
             message = self._take(0.05)
-            if message is not None and message[0] == "failed":
+            if self._has_ended and self.guard.is_overdue:
+                report = "".join(f"; {text}" for text in self.guard.report)
+                do = "see that it is switched on, plugged in, and that no other program has it"
+                raise DeviceError(f"{self._doing} took more than {OPENING:g} s and was ended{report}; {do}")
+            if message is not None and message[0] == "failed" and not self.guard.is_overdue:
                 if self.exits.numbers:
                     raise Interruption(self.exits.cause)
                 raise message[1] from None

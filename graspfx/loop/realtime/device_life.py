@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import DeviceExchange
+from graspfx.progress import waiting
 
 
 @contextmanager
@@ -26,7 +27,8 @@ def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
             begun.ports.append(each)
             devices.exits.inside = True
             try:
-                text = each.open(period)
+                with waiting(f"opening {each.name}"):
+                    text = each.open(period)
             finally:
                 devices.exits.inside = False
             if text:

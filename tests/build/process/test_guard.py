@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.process import guard as guard_module
 from graspfx.build.process import quenching
-from graspfx.build.process.guard import CLOSING, LONGER, MOST_STILL, PATIENCE, STEPS, Guard
+from graspfx.build.process.guard import CLOSING, LONGER, MOST_STILL, OPENING, PATIENCE, STEPS, Guard
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError, RecordingError
@@ -27,7 +28,7 @@ from graspfx.loop.recording import sink
 from graspfx.loop.recording.record import Recording
 from graspfx.testing.wire import DiyWire
 from tests.support.hardware import VirtualClock, driver
-from tests.support.logged import LoggedRun
+from tests.support.logged import LoggedRun, write_logged
 from tests.support.servo_wires import BUSY, PATIENT, PRESSED, SMALL, Assault, board, boards_scene, servo_of, settled
 from tests.support.waiting import wait_until
 
@@ -111,6 +112,17 @@ def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> No
     assert "the servo's process was ended by SIGKILL" in messages
 
 
+@pytest.mark.parametrize("how", ["hangs in open", "deaf in open"])
+def test_a_device_that_never_opens_is_ended_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """One that a signal breaks off, and one that swallows every exception: it had no bound."""
+    monkeypatch.setattr(guard_module, "OPENING", 0.3)
+    scene = write_logged(tmp_path, how)
+    with pytest.raises(DeviceError, match=r"opening the device of finger0 \(Logged\) took more than .* and was ended"):
+        gx.run(scene, real_time=True)
+
+
 @pytest.mark.parametrize(
     ("phase", "told", "halt", "patience"),
     [
@@ -118,10 +130,11 @@ def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> No
         (Phase.RUNNING, 1, 0, PATIENCE),
         (Phase.RUNNING, 0, 5, math.inf),
         (Phase.OPEN, 1, 0, CLOSING),
-        (Phase.OPEN, 0, 0, math.inf),
+        (Phase.OPEN, 0, 0, OPENING),
+        (Phase.STARTING, 0, 0, math.inf),
         (Phase.RESTED, 1, 0, math.inf),
     ],
-    ids=["no tick", "no rest", "paused", "not armed", "not begun", "at rest"],
+    ids=["no tick", "no rest", "paused", "not armed", "not open", "not begun", "at rest"],
 )
 def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, patience: float) -> None:
     """A signal that a driver's call gives way to, and one that nothing withstands a quarter of a second later."""
@@ -140,7 +153,7 @@ def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, p
             guard._hurry()
             clock.sleep(0.9 * PATIENCE)
         began = clock.now() - 0.9 * PATIENCE
-        for _ in range(500):
+        for _ in range(3200):
             guard._hurry()
             clock.sleep(0.01)
     finally:
