@@ -36,7 +36,8 @@ class Guard(Thread):
     """A thread that begins a servo's process, and ends with it.
 
     It waits on the process, so that it quenches the hardware within milliseconds of a death without rest. A servo that
-    was asked to rest and does not, that runs and does no tick, or whose hardware does not open, is ended by signals: it may hang in a driver.
+    was asked to rest and does not, that runs and does no tick, or whose hardware does not open, is ended by signals: it
+    may hang in a driver.
 
     Args:
         ring: shared with the process.
