@@ -16,6 +16,7 @@ from graspfx.protocols import DeviceError, Features, InputError, SerialPort, Vel
 FloatArray = NDArray[np.float64]
 
 FASTEST = 30.0  # of a link, 2 m/s of its tip: an angle that asks for more is a bit changed on the way [rad/s]
+HARDEST = 5000.0  # of a link, 350 m/s^2 of its tip: likewise, where no hand and no motor brings it [rad/s^2]
 LONGEST = 5.0  # samples for which a link is believed to have turned so
 SILENCE = 20  # readings without an answer, one after another, until the board counts as gone
 BLOCKED = 1.0  # a board that waits for the rest of a frame waits so long [s]
@@ -29,7 +30,8 @@ class Haply2Diy:
     The board answers a frame of torques with its angles. `ask` repeats the last torques for that, so that a reading is
     as old as one exchange; the answer to `write` is thrown away. Torques beyond the limit are scaled down together, so
     that the force keeps its direction. An answer of the wrong length, of another device, or further from the last one
-    than a link can turn, is none: the line is flushed, the last sample stands, and the next reading asks again.
+    than a link can turn or be accelerated, is none: the line is flushed, the last sample stands, and the next reading
+    asks again.
     """
 
     def __init__(
@@ -94,6 +96,7 @@ class Haply2Diy:
         self._estimator = VelocityEstimator(period, (2,), math.pi / self.counts, self._window)
         self._began = self._asked_at = self.port.now()
         self._waiting, self._silent, self._answers, self._time = False, 0, 0, 0.0
+        self._rates, self._last, self._count = (0.0, 0.0), 0.0, math.tau / self.counts
         self._follow(*self._angles)
 
     def ask(self) -> None:
@@ -193,15 +196,23 @@ class Haply2Diy:
         return data
 
     def _can_be(self, angles: tuple[float, float], since: float) -> bool:
-        """Tell whether links can have turned so far since the last sample."""
-        most = FASTEST * min(max(since, self._period), LONGEST * self._period) + 4.0 * math.tau / self.counts
-        return all(abs(new - old) <= most for new, old in zip(angles, self._angles, strict=True))
+        """Tell whether links can have turned so far since the last sample, and so far off the way that they had."""
+        time = min(max(since, self._period), LONGEST * self._period)
+        step, off = FASTEST * time, HARDEST * time * time
+        for new, old, rate in zip(angles, self._angles, self._rates, strict=True):
+            if abs(new - old) > step + 4.0 * self._count:
+                return False
+            if abs(new - old - rate * time) > off + (2.0 + 2.0 * time / self._period) * self._count:
+                return False
+        return True
 
     def _follow(self, first: float, second: float) -> None:
         """Take the next angles, at the time of their reading."""
         assert self._estimator is not None
         rate = self._estimator.update((first, second), self._time)
-        self._angles = first, second
+        passed = max(self._time - self._last, self._period)
+        self._rates = (first - self._angles[0]) / passed, (second - self._angles[1]) / passed
+        self._angles, self._last = (first, second), self._time
         self._raw[:] = first, second
         self._turn(first, second)
         self._velocity[0] = self._J @ rate

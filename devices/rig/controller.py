@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
@@ -10,10 +11,12 @@ from graspfx.devices.rig.rig_frames import (
     AXES,
     FAULTS,
     VERSION,
+    About,
     Kind,
     Mode,
     State,
     about_in,
+    long_frame,
     run_frame,
     short_frame,
     state_in,
@@ -42,6 +45,7 @@ class Controller:
         self.port, self.timeout = port, timeout
         self._number = 0  # of the last RUN: it alone counts, or commands would look old after many questions
         self._question = 0  # number of the last POLL
+        self._session = 0  # as the controller has named it
         self._buffer = b""
         self._deadline: float | None = None  # of the answer that is on its way
         self._armed = False
@@ -55,7 +59,7 @@ class Controller:
         self.close()
         self.port.open()
         try:
-            about = self._exchange(Kind.HELLO, about_in)
+            about = self._meet()
             if about.version != VERSION or about.axes != AXES:
                 text = f"version {about.version} with {about.axes} axes; this driver speaks {VERSION} with {AXES}"
                 raise DeviceError(f"the controller at {self.port.path} has {text}: load the firmware beside the driver")
@@ -67,7 +71,8 @@ class Controller:
                     f"the controller at {self.port.path} waits {about.watchdog:g} s for torques: too long"
                 )
             self._armed = True
-            state = self._exchange(Kind.ARM, state_in)
+            self._session = about.session
+            state = self._exchange(Kind.ARM, lambda: long_frame(Kind.ARM, about.session), state_in)
             if state.mode != Mode.ARMED:
                 raise DeviceError(f"the controller at {self.port.path} does not arm; {self._fault(state)}")
         except DeviceError:
@@ -101,13 +106,13 @@ class Controller:
     def run(self, torques: tuple[float, ...]) -> None:
         """Send torques of the motors, (4,) [N m]."""
         self._number += 1
-        self.port.send(run_frame(self._number, torques))
+        self.port.send(run_frame(self._number, self._session, torques))
 
     def rest(self) -> None:
         """Reach the controller afresh and switch its motors off, whoever had switched them on."""
         self.close()
         self.port.open()
-        self._exchange(Kind.STOP, state_in)
+        self._exchange(Kind.STOP, lambda: short_frame(Kind.STOP), state_in)
 
     def close(self) -> None:
         """Zero torque, motors off, and let go of the port; returns also with the hardware gone, and twice."""
@@ -120,9 +125,25 @@ class Controller:
         self.port.close()
         self._buffer, self._deadline = b"", None
 
-    def _exchange(self, kind: Kind, reading: Callable[[bytes], T | None]) -> T:
+    def _meet(self) -> About:
+        """Begin a session; each try has a nonce of its own, by which an answer that is late is known."""
+        nonce = 0
+
+        def hello() -> bytes:
+            nonlocal nonce
+            nonce = secrets.randbits(32)
+            frame: bytes = long_frame(Kind.HELLO, nonce)
+            return frame
+
+        def answer(message: bytes) -> About | None:
+            about = about_in(message)
+            return about if about is not None and about.nonce == nonce else None
+
+        return self._exchange(Kind.HELLO, hello, answer)
+
+    def _exchange(self, kind: Kind, question: Callable[[], bytes], reading: Callable[[bytes], T | None]) -> T:
         for _ in range(TRIES):
-            self.port.send(b"\0" + short_frame(kind))  # the zero ends whatever another program left
+            self.port.send(b"\0" + question())  # the zero ends whatever another program left
             for message in self._messages(self.port.now() + PATIENCE):
                 answer = reading(message)
                 if answer is not None:

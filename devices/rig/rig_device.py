@@ -122,7 +122,12 @@ class Rig:
                 text = f"gave no answer to {self._silent} readings in a row"
                 raise DeviceError(f"the controller at {self.controller.port.path} {text}")
             return self._position, self._velocity, self._time
-        since = 1e-6 * ((state.microseconds - self._clock) % WRAP)
+        step = (state.microseconds - self._clock) % WRAP
+        if step >= WRAP // 2:
+            self._abandon()
+            back = 1e-6 * (WRAP - step)
+            raise DeviceError(f"the clock of the controller at {self.controller.port.path} ran back by {back:g} s")
+        since = 1e-6 * step
         self._clock, self._silent, self._heard = state.microseconds, 0, self.controller.port.now()
         self._time += since
         try:

@@ -7,11 +7,12 @@ import struct
 from enum import IntEnum
 from typing import NamedTuple
 
-VERSION, AXES = 1, 4
+VERSION, AXES = 2, 4
 
-ABOUT = struct.Struct("<BBBBi4i")
+ABOUT = struct.Struct("<BBBBi4iII")
 STATE = struct.Struct("<BHBBI8i")
-RUN = struct.Struct("<BH4i")
+RUN = struct.Struct("<BHI4i")
+LONG = struct.Struct("<BHI")
 SHORT = struct.Struct("<BH")
 
 
@@ -38,7 +39,7 @@ class Mode(IntEnum):
 
 FAULTS = (
     "no fault",
-    "watchdog: no torques came for 5 ms",
+    "watchdog: no torques came for 5 ms, or for 5 s after the motors were switched on",
     "overspeed: a joint turned faster than the controller allows",
     "overcurrent: a motor driver has switched itself off",
     "encoder: a sensor gives no counts",
@@ -55,6 +56,8 @@ class About(NamedTuple):
     mode: int
     watchdog: float  # [s]
     limits: tuple[float, ...]  # of the motors [N m]
+    nonce: int  # of the HELLO that it answers
+    session: int  # that ARM and RUN have to name
 
 
 class State(NamedTuple):
@@ -96,21 +99,26 @@ def unframed(frame: bytes) -> bytes | None:
 
 
 def short_frame(kind: Kind, number: int = 0) -> bytes:
-    """Write HELLO, ARM, STOP or POLL."""
+    """Write STOP or POLL."""
     return framed(SHORT.pack(kind, number & 0xFFFF))
 
 
-def run_frame(number: int, torques: tuple[float, ...]) -> bytes:
-    """Write RUN with the motors' torques, (4,) [N m]."""
-    return framed(RUN.pack(Kind.RUN, number & 0xFFFF, *(round(1e6 * torque) for torque in torques)))
+def long_frame(kind: Kind, word: int) -> bytes:
+    """Write HELLO with a nonce, or ARM with a session."""
+    return framed(LONG.pack(kind, 0, word))
+
+
+def run_frame(number: int, session: int, torques: tuple[float, ...]) -> bytes:
+    """Write RUN with the session and the motors' torques, (4,) [N m]."""
+    return framed(RUN.pack(Kind.RUN, number & 0xFFFF, session, *(round(1e6 * torque) for torque in torques)))
 
 
 def about_in(message: bytes) -> About | None:
     """Read ABOUT; None for another message."""
     if len(message) != ABOUT.size or message[0] != Kind.ABOUT:
         return None
-    _, version, axes, mode, watchdog, *limits = ABOUT.unpack(message)
-    return About(version, axes, mode, 1e-6 * watchdog, tuple(1e-6 * limit for limit in limits))
+    _, version, axes, mode, watchdog, *limits, nonce, session = ABOUT.unpack(message)
+    return About(version, axes, mode, 1e-6 * watchdog, tuple(1e-6 * limit for limit in limits), nonce, session)
 
 
 def state_in(message: bytes) -> State | None:

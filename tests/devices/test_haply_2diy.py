@@ -163,6 +163,42 @@ def test_an_angle_that_no_link_can_have_turned_to_is_not_taken(wire: DiyWire) ->
         assert read_often(device, 1)[0] > now
 
 
+@pytest.mark.parametrize("period", [0.0005, 0.001])
+def test_flipped_bits_move_the_handle_no_further_than_a_hand_does(
+    wire: DiyWire, monkeypatch: pytest.MonkeyPatch, period: float
+) -> None:
+    """The line has no checksum: every bit of an answer is changed once, at rest and on the way at 0.5 m/s.
+
+    A link is accelerated by 5000 rad/s^2 at most, so that a bit moves the handle by
+    0.12 (5000 T^2 + 4 counts) at most, with 0.12 m of lever. Without that bound it was 2.3 mm at 1 ms.
+    """
+    answers, bit = Line.receive, [-1]
+
+    def receive(line: Line, deadline: float) -> bytes:
+        data = bytearray(answers(line, deadline))
+        if bit[0] >= 0 and len(data) == 9:
+            data[bit[0] // 8] ^= 1 << bit[0] % 8
+        return bytes(data)
+
+    monkeypatch.setattr(Line, "receive", receive)
+    taken = worst = 0.0
+    with connect(wire) as device:
+        device.open(period)
+        for speed in (0.0, 7.0):  # [rad/s]
+            for k in range(4 * 72):
+                turned = math.degrees(0.1 * (1.0 - math.cos(speed / 0.1 * k * period)))
+                wire.place(np.array([168.0 - turned, 12.0 + turned]))
+                bit[0] = k // 4 if k % 4 == 0 else -1
+                device.port.sleep(period)
+                before = device._time
+                position = device.read()[0].copy()
+                if bit[0] >= 0 and device._time > before:
+                    taken += 1
+                    worst = max(worst, float(np.linalg.norm(position - wire.position)))
+    assert taken > 0
+    assert worst < 0.12 * (5000.0 * period**2 + 4.0 * math.tau / 4880)
+
+
 def test_a_cut_frame_blocks_the_board_with_its_torques_on_and_quench_takes_them_away(wire: DiyWire) -> None:
     """A program dies between two bytes of a frame; the board takes what comes next for the rest of it."""
     module = driver("haply-2diy")

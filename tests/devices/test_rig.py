@@ -15,7 +15,17 @@ import pytest
 from graspfx.devices import rig
 from graspfx.devices.rig import rig_frames
 from graspfx.devices.rig.controller import Controller
-from graspfx.devices.rig.rig_frames import FAULTS, Kind, Mode, framed, run_frame, short_frame, state_in, unframed
+from graspfx.devices.rig.rig_frames import (
+    FAULTS,
+    Kind,
+    Mode,
+    framed,
+    long_frame,
+    run_frame,
+    short_frame,
+    state_in,
+    unframed,
+)
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SpringHand
@@ -32,11 +42,13 @@ SLOW = 4.0  # a watchdog of 20 ms, for a line that loses many commands
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 GOLDEN = {
-    "02 01 01 03 ac fb 00": short_frame(Kind.HELLO),
-    "02 02 01 03 fc a2 00": short_frame(Kind.ARM),
+    "02 01 01 07 78 56 34 12 55 99 00": long_frame(Kind.HELLO, 0x12345678),
+    "02 02 01 07 78 56 34 12 d7 41 00": long_frame(Kind.ARM, 0x12345678),
     "02 03 01 03 cc 95 00": short_frame(Kind.STOP),
     "03 11 07 03 58 21 00": short_frame(Kind.POLL, 7),
-    "03 10 01 03 e8 03 01 05 18 fc ff ff 01 01 01 01 01 01 01 03 d0 4f 00": run_frame(1, (0.001, -0.001, 0.0, 0.0)),
+    "03 10 01 07 78 56 34 12 e8 03 01 05 18 fc ff ff 01 01 01 01 01 01 01 03 6f c7 00": run_frame(
+        1, 0x12345678, (0.001, -0.001, 0.0, 0.0)
+    ),
 }
 
 
@@ -243,11 +255,77 @@ def test_an_old_or_repeated_command_never_acts(wire: RigWire) -> None:
     controller.open(0.06, 0.005)
     for number, torque, expected in ((5, 0.01, 0.01), (5, 0.02, 0.01), (4, 0.03, 0.01), (6, 0.04, 0.04)):
         taken = wire.page.good
-        port.send(run_frame(number, (torque,) * 4))
+        port.send(run_frame(number, controller._session, (torque,) * 4))
         assert wire.page.good > taken
         assert wire.torque.tolist() == pytest.approx([expected] * 4)
     controller.close()
     assert not wire.torque.any()
+
+
+def test_recorded_frames_never_act_again(wire: RigWire, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that a program sent, sent once more as it was: the controller has another session by then."""
+    port, sent = Line(wire), list[bytes]()
+    send, controller = port.send, Controller(port, 0.0005)
+
+    def note(frame: bytes) -> None:
+        sent.append(frame)
+        send(frame)
+
+    monkeypatch.setattr(port, "send", note)
+    controller.open(0.06, 0.005)
+    for _ in range(5):
+        controller.run((0.02,) * 4)
+        assert wire.torque.tolist() == [0.02] * 4
+    controller.close()
+    port.open()
+    for frame in sent:
+        taken = wire.page.good
+        send(frame)
+        assert wire.page.good > taken or not frame.strip(b"\0")
+        assert not wire.torque.any() and not wire.page.enabled
+    assert wire.page.state == Mode.IDLE
+
+
+@pytest.mark.parametrize("fault", [1, 6], ids=["late", "noisy"])
+def test_a_joint_that_turns_too_fast_in_a_decay_switches_the_motors_off(wire: RigWire, device, fault: int) -> None:
+    """The decay goes on for 20 ms; a hand lets go and the arm is flung round: off at once, and the fault says so."""
+    tick(device, 0.3)
+    if fault == 6:
+        for _ in range(10):
+            device.controller.port.send(b"\x05\x01\x02\x03\x00")
+    else:
+        device.controller.port.sleep(0.0052)
+    assert wire.page.state == Mode.FAULT and wire.page.fault == fault and wire.torque.any()
+    wire.page.speed[0] = 60.0
+    device.controller.port.sleep(0.001)
+    assert FAULTS[wire.page.fault].startswith("overspeed")
+    assert not wire.torque.any() and not wire.page.enabled
+
+
+def test_motors_that_were_switched_on_for_nothing_go_off_after_5_s(wire: RigWire) -> None:
+    port = Line(wire)
+    controller = Controller(port, 0.0005)
+    controller.open(0.06, 0.005)
+    port.sleep(4.9)
+    assert wire.page.state == Mode.ARMED and wire.page.enabled
+    port.sleep(0.2)
+    assert wire.page.state == Mode.FAULT and not wire.page.enabled
+    with pytest.raises(DeviceError, match="5 s after the motors were switched on"):
+        controller.answer()
+
+
+@pytest.mark.parametrize("step", [1e-5, 0.002, 3.0])
+def test_a_clock_that_steps_back_is_a_fault(wire: RigWire, device, step: float) -> None:
+    """Microseconds modulo 2^32 were 4295 s forward, and velocities none; the controller is late for that, too."""
+    tick(device, 0.3, 5)
+    now = device._time
+    VirtualClock.time -= step
+    device.ask()
+    with pytest.raises(DeviceError, match="ran back by"):
+        device.read()
+    assert device._time == now
+    device.controller.port.sleep(0.03)
+    assert wire.page.state == Mode.FAULT and not wire.page.enabled and not wire.torque.any()
 
 
 def test_many_questions_do_not_make_the_next_command_old(wire: RigWire, device) -> None:
@@ -276,14 +354,13 @@ def test_a_command_that_is_cut_at_any_byte_does_not_act_and_the_next_question_is
     wire: RigWire, device
 ) -> None:  # fmt: skip
     line = device.controller.port
-    frame = run_frame(1, (0.01, -0.02, 0.03, 0.04))
+    frame = run_frame(1, device.controller._session, (0.01, -0.02, 0.03, 0.04))
     for cut in range(1, len(frame) - 1):
         line.send(frame[:cut] + b"\0")
         before = device._time
         assert tick(device)[2] > before and not wire.torque.any()
-        line.send(short_frame(Kind.HELLO))  # damaged frames are counted, and ten in a row are a fault of a run
-        line.send(short_frame(Kind.ARM))
-        line.flush()
+        device.open(PERIOD)  # damaged frames are counted, and ten in a row are a fault of a run
+        frame = run_frame(1, device.controller._session, (0.01, -0.02, 0.03, 0.04))
     line.send(frame)
     assert wire.torque.tolist() == pytest.approx([0.01, -0.02, 0.03, 0.04])
 

@@ -77,7 +77,7 @@ static void step(double *a, double *w, const double *rest_angle, double K, doubl
 
 static void move(double until)
 {
-    double dt = until - last > 0.05 ? 0.05 : until - last;
+    double dt = until - last > 0.05 ? 0.05 : until < last ? 0.0 : until - last; /* 0: the clock stepped back */
     int count = (int)(dt / 5e-5) + 1;
     for (int k = 0; k < count; k++)
         for (int arm = 0; arm < RIG_AXES; arm += 2) {

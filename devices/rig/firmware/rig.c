@@ -2,8 +2,8 @@
 #include "rig.h"
 
 #define STATE_SIZE (9 + 8 * RIG_AXES)
-#define ABOUT_SIZE (8 + 4 * RIG_AXES)
-#define RUN_SIZE (3 + 4 * RIG_AXES)
+#define ABOUT_SIZE (16 + 4 * RIG_AXES)
+#define RUN_SIZE (7 + 4 * RIG_AXES)
 
 uint16_t rig_crc(const uint8_t *bytes, size_t count)
 {
@@ -88,12 +88,13 @@ static void rest(rig *r)
 
 static void fail(rig *r, uint8_t fault, uint32_t now)
 {
-    if (r->state == RIG_FAULT)
-        return;
+    int decays = fault == RIG_LATE || fault == RIG_NOISY;
+    if (r->state == RIG_FAULT && (decays || (r->fault != RIG_LATE && r->fault != RIG_NOISY)))
+        return; /* the first fault stays, but for one in its decay that ends it */
     r->state = RIG_FAULT;
     r->fault = fault;
     r->failed = now;
-    if (fault != RIG_LATE && fault != RIG_NOISY)
+    if (!decays)
         rest(r);
 }
 
@@ -121,7 +122,7 @@ static void tell_state(rig *r, const uint8_t *question, uint32_t now)
     send(r, m, sizeof m);
 }
 
-static void tell_about(rig *r)
+static void tell_about(rig *r, const uint8_t *question)
 {
     uint8_t m[ABOUT_SIZE];
     m[0] = RIG_ABOUT;
@@ -131,6 +132,8 @@ static void tell_about(rig *r)
     put32(m + 4, RIG_WATCHDOG_US);
     for (int i = 0; i < RIG_AXES; i++)
         put32(m + 8 + 4 * i, RIG_LIMIT_UNM);
+    put32(m + 8 + 4 * RIG_AXES, (uint32_t)get32(question + 3));
+    put32(m + 12 + 4 * RIG_AXES, r->session);
     send(r, m, sizeof m);
 }
 
@@ -141,10 +144,10 @@ static void run(rig *r, const uint8_t *m, uint16_t number, uint32_t now)
         tell_state(r, m, now);
         return;
     }
-    if (step == 0 || step >= 0x8000) /* an old or repeated command never acts */
+    if ((uint32_t)get32(m + 3) != r->session || step == 0 || step >= 0x8000) /* a recorded, an old or repeated command never acts */
         return;
     for (int i = 0; i < RIG_AXES; i++) {
-        int32_t torque = get32(m + 3 + 4 * i);
+        int32_t torque = get32(m + 7 + 4 * i);
         r->goal[i] = torque > RIG_LIMIT_UNM ? RIG_LIMIT_UNM : torque < -RIG_LIMIT_UNM ? -RIG_LIMIT_UNM : torque;
     }
     r->number = number;
@@ -157,7 +160,7 @@ static void run(rig *r, const uint8_t *m, uint16_t number, uint32_t now)
 static int act(rig *r, const uint8_t *m, size_t count, uint32_t now)
 {
     uint16_t number;
-    if (count != (m[0] == RIG_RUN ? RUN_SIZE : 3))
+    if (count != (m[0] == RIG_RUN ? RUN_SIZE : m[0] == RIG_HELLO || m[0] == RIG_ARM ? 7 : 3))
         return 0;
     number = (uint16_t)(m[1] | m[2] << 8);
     switch (m[0]) {
@@ -165,13 +168,15 @@ static int act(rig *r, const uint8_t *m, size_t count, uint32_t now)
         rest(r);
         r->state = RIG_IDLE;
         r->fault = RIG_FINE;
-        tell_about(r);
+        r->session = (r->session + (uint32_t)get32(m + 3) + now) * 1664525u + 1013904223u;
+        tell_about(r, m);
         return 1;
     case RIG_ARM:
-        if (r->state == RIG_IDLE && r->board.health() == RIG_FINE) {
+        if (r->state == RIG_IDLE && (uint32_t)get32(m + 3) == r->session && r->board.health() == RIG_FINE) {
             rest(r);
             r->board.enable(1);
             r->number = number;
+            r->fed = now;
             r->state = RIG_ARMED;
         }
         tell_state(r, m, now);
@@ -199,7 +204,7 @@ void rig_init(rig *r, const rig_board *board)
     r->state = RIG_IDLE;
     r->fault = RIG_FINE;
     r->number = 0;
-    r->fed = r->failed = r->good = r->bad = 0;
+    r->session = r->fed = r->failed = r->good = r->bad = 0;
     r->length = r->overflow = r->noise = 0;
     rest(r);
 }
@@ -232,21 +237,24 @@ void rig_byte(rig *r, uint8_t byte, uint32_t now)
 
 void rig_tick(rig *r, uint32_t now)
 {
-    if (r->state == RIG_ARMED || r->state == RIG_RUNNING) {
+    int decays = r->state == RIG_FAULT && (r->fault == RIG_LATE || r->fault == RIG_NOISY)
+                 && now - r->failed < RIG_DECAY_US;
+    if (r->state == RIG_ARMED || r->state == RIG_RUNNING || decays) {
         int32_t count[RIG_AXES], rate[RIG_AXES];
         int health = r->board.health();
         r->board.counts(count, rate);
+        for (int i = 0; i < RIG_AXES; i++)
+            if (health == RIG_FINE && (rate[i] > RIG_OVERSPEED || rate[i] < -RIG_OVERSPEED))
+                health = RIG_TOO_FAST;
         if (health != RIG_FINE)
             fail(r, (uint8_t)health, now);
-        for (int i = 0; i < RIG_AXES; i++)
-            if (rate[i] > RIG_OVERSPEED || rate[i] < -RIG_OVERSPEED)
-                fail(r, RIG_TOO_FAST, now);
-        if (r->state == RIG_RUNNING && now - r->fed > RIG_WATCHDOG_US)
+        else if (r->state != RIG_FAULT
+                 && now - r->fed > (r->state == RIG_ARMED ? RIG_ARMED_US : RIG_WATCHDOG_US))
             fail(r, RIG_LATE, now);
     }
     if (r->state == RIG_FAULT && (r->fault == RIG_LATE || r->fault == RIG_NOISY)) {
         uint32_t since = now - r->failed;
-        if (since >= RIG_DECAY_US || r->board.health() != RIG_FINE)
+        if (since >= RIG_DECAY_US)
             rest(r);
         else
             torques(r, RIG_DECAY_US - since, RIG_DECAY_US);

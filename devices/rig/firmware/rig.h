@@ -8,16 +8,21 @@
  * (u8), a number that counts up (u16), and what the kind asks for; all numbers are little-endian, torques in uN m at
  * the motor's shaft, encoders in counts since power came on, rates in counts a second.
  *
- *   HELLO 01 number               -> ABOUT 81 version u8, axes u8, state u8, watchdog us i32, torque limit i32 x axes
- *   ARM   02 number               -> STATE; IDLE becomes ARMED: motors on, at zero torque
+ *   HELLO 01 number nonce u32     -> ABOUT 81 version u8, axes u8, state u8, watchdog us i32, torque limit i32 x axes,
+ *                                    nonce u32 of this HELLO, session u32
+ *   ARM   02 number session u32   -> STATE; IDLE becomes ARMED: motors on, at zero torque
  *   STOP  03 number               -> STATE; motors off, IDLE
- *   RUN   10 number torque i32 x axes       no answer, unless the state is neither ARMED nor RUNNING
+ *   RUN   10 number session u32 torque i32 x axes       no answer, unless the state is neither ARMED nor RUNNING
  *   POLL  11 number               -> STATE 90 number of the message that it answers, state u8, fault u8, time us u32,
  *                                    (count i32, rate i32) x axes
  *
  * IDLE -> ARMED -> RUNNING -> FAULT -> (HELLO) IDLE. Only a RUN that acts feeds the watchdog, and one acts whose number
- * is newer than that of ARM or the last RUN. When a watchdog or noise is the fault, torques decay to zero, and the
- * motors are off at the end; any other fault switches them off at once.
+ * is newer than that of ARM or the last RUN. ARM and RUN act only with the session of the last HELLO, which is another
+ * one each time: frames that were recorded before do nothing when they are sent again. (It keeps out accidents, such as
+ * the buffer of a program that died; it is no secret from somebody who listens.) ARMED without a RUN ends in a fault.
+ *
+ * When a watchdog or noise is the fault, torques decay to zero, and the motors are off at the end; any other fault
+ * switches them off at once, also during the decay. A clock that steps back is late: the difference wraps around.
  */
 #ifndef RIG_H
 #define RIG_H
@@ -25,11 +30,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define RIG_VERSION 1
+#define RIG_VERSION 2
 #define RIG_AXES 4
 #define RIG_FRAME 64 /* bytes of the longest frame, without its end */
 
 #define RIG_WATCHDOG_US 5000u    /* between two RUN that act */
+#define RIG_ARMED_US 5000000u    /* from ARM to the first RUN: other devices are opened meanwhile */
 #define RIG_DECAY_US 20000u      /* from the torque of the last RUN to zero */
 #define RIG_LIMIT_UNM 60000      /* of a motor [uN m] */
 #define RIG_OVERSPEED 400000     /* [counts/s]: 42 rad/s of a joint with 60 000 counts */
@@ -57,7 +63,8 @@ typedef struct {
     rig_board board;
     uint8_t state, fault;
     uint16_t number;               /* of the last RUN that acted, or of ARM */
-    uint32_t fed, failed;          /* times of the last RUN that acted and of the fault [us] */
+    uint32_t session;              /* of the last HELLO */
+    uint32_t fed, failed;          /* times of the last RUN that acted, or of ARM, and of the fault [us] */
     int32_t goal[RIG_AXES];        /* torques of the last RUN, within the limit */
     uint8_t frame[RIG_FRAME], length, overflow, noise;
     uint32_t good, bad;            /* frames since power came on */
