@@ -8,6 +8,7 @@ from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 
 ROUNDING = 1e-15  # of a diagonal entry: a pivot up to that is nothing
+SETTLED = 1e-24  # of |t|^2: what is left of t'A'A t by rounding
 PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # a pivot on the diagonal over an entry off it, at least
 
 
@@ -57,16 +58,65 @@ def lower(L: Table, x: Floats, size: int) -> None:
 
 
 @kernel
-def invert_lower(L: Table, size: int) -> None:
-    """Replace a lower triangular L without a zero on its diagonal by its inverse."""
+def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
+    """Replace M >= 0 by the inverse of as many of its rows and columns as are independent, zeros elsewhere.
+
+    The largest pivot comes first; where none is above `least` what is left is rounding. `kept` is room for the search.
+    """
     for i in range(size):
-        inverse = 1.0 / L[i, i]
-        for j in range(i):
-            total = 0.0
-            for k in range(j, i):
-                total -= L[i, k] * L[k, j]
-            L[i, j] = inverse * total
-        L[i, i] = inverse
+        kept[i] = 0.0
+    for _ in range(size):
+        p = -1
+        top = least
+        for i in range(size):
+            if kept[i] == 0.0 and M[i, i] > top:
+                p = i
+                top = M[i, i]
+        if p < 0:
+            break
+        kept[p] = 1.0
+        inverse = 1.0 / top
+        for i in range(size):
+            factor = M[i, p] * inverse
+            if i != p:
+                for k in range(size):
+                    if k != p:
+                        M[i, k] -= factor * M[p, k]
+        for i in range(size):
+            M[i, p] *= inverse
+            M[p, i] = M[i, p]
+        M[p, p] = -inverse
+    for i in range(size):
+        for k in range(size):
+            M[i, k] *= -kept[i] * kept[k]
+
+
+@kernel
+def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
+    """Change A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's update of a square root); t is changed.
+
+    With a rest of zero A t is zero then, and what rounding leaves of it is no motion for the next call.
+    """
+    own = square = 0.0
+    for i in range(size):
+        total = 0.0
+        for j in range(size):
+            total += A[i, j] * t[j]
+        along[i] = total
+        own += t[i] * t[i]
+        square += total * total
+    if not square > SETTLED * own:
+        return
+    share = 1.0 / (square + rest)
+    share /= 1.0 + math.sqrt(rest * share)
+    for j in range(size):
+        total = 0.0
+        for i in range(size):
+            total += A[i, j] * along[i]
+        t[j] = share * total
+    for i in range(size):
+        for j in range(size):
+            A[i, j] -= along[i] * t[j]
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Columns of the law with damping: modes and levers of the fingers that touch, their sums, and what is lacking."""
+"""Columns of the law with damping: modes and levers of the fingers that touch, and their sums."""
 
 from __future__ import annotations
 
@@ -110,26 +110,3 @@ def mirror(square: Table, count: int) -> None:
     for j in range(count):
         for k in range(j):
             square[k, j] = square[j, k]
-
-
-@kernel
-def find_lack(grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float) -> None:
-    """Compute I - Q'Q and I - Q'R Q of the coordinates that carry force, from those that do not: no digits are lost."""
-    state, p = grasp.recoil, grasp.mode_count
-    for j in range(p):
-        for k in range(p):
-            state.elastic_lack[j, k] = 0.0
-            state.damping_lack[j, k] = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        free = problem.contacts[i].status < 0
-        part = damping_part(grasp, finger, kid) if soft else 1.0
-        for a in range(grasp.coordinates):
-            carries = not free and a < d
-            if carries and not soft:
-                continue
-            for j in range(p):
-                left = component(finger, motion_of(grasp.modes[j], i, grasp.width), a)
-                for k in range(p):
-                    both = left * component(finger, motion_of(grasp.modes[k], i, grasp.width), a)
-                    state.elastic_lack[j, k] += 0.0 if carries else both
-                    state.damping_lack[j, k] += (1.0 - part) * both if carries else both

@@ -18,16 +18,20 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
-from graspfx.cones.factors import eliminate_rows, factor_definite, invert_lower, lower, solve_factored
+from graspfx.cones.factors import eliminate_rows, factor_definite, invert_part, lower, solve_factored, take_square
 from graspfx.cones.friction import ASSOCIATED, friction_force_flexible
 from graspfx.cones.problem import FrictionProblem, leading, tangent_of
-from graspfx.coupling.damping_columns import add_up, damping_part, find_lack, mirror, write_columns
-from graspfx.coupling.depth import is_whole
+from graspfx.coupling.damping_columns import add_up, damping_part, mirror, write_columns
+from graspfx.coupling.depth import compliance, is_whole
 from graspfx.coupling.flexibility import combine_modes, factor
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.implicit import LEAST
+from graspfx.coupling.law import normal_force
 from graspfx.coupling.recoil import damping_share, find_levers, inertia
+from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import component
 from graspfx.spatial import NOTHING, dot
+
+SINGULAR = 1e-12  # of a mode: what S has of a motion that no contact with force has is rounding
 
 
 @kernel
@@ -53,8 +57,7 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
     find_levers(grasp, True)
     state, per = grasp.recoil, 1.0 / grasp.period
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
-    most = max(grasp.external_damping, grasp.internal_damping)
-    ked, kid = max(grasp.external_damping, LEAST * most), max(grasp.internal_damping, LEAST * most)
+    ked, kid = grasp.external_damping, grasp.internal_damping
     soft = grasp.gradual and not is_whole(grasp)
     turns, p = grasp.freedom.turns, grasp.mode_count
     near = p + (turns if state.twisted else 0)
@@ -63,10 +66,8 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
     base = kip + per * kid
     write_columns(grasp, problem, d, soft, kip, kid, slipped)
     add_up(grasp, problem, d, soft, kid, near, far, count, base)
-    if kep > kip or ked > kid:
-        find_lack(grasp, problem, d, soft, kid)
-    condense(grasp, state.near, state.elastic_lack, kep, kip, state.elastic_part)
-    condense(grasp, state.far, state.damping_lack, ked, kid, state.damping_part)
+    condense(grasp, problem, d, state.near, kep, kip, False, state.elastic_part)
+    condense(grasp, problem, d, state.far, per * ked, per * kid, soft, state.damping_part)
     clear(grasp, count)
     twisted, distant = state.twisted, state.distant
     add_branch(grasp, state.near, state.elastic_part, state.elastic_share, state.stretch, kip, 1.0, near, 0, 0, twisted)
@@ -95,31 +96,64 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
 
 
 @kernel
-def condense(grasp: GraspState, gram: Table, lack: Table, external: float, internal: float, out: Table) -> None:
-    """Compute E of a branch, of the contacts that carry force: (Y^-1 + S)^-1, or where it is negative (X^-1 - R)^-1.
+def condense(
+    grasp: GraspState, problem: FrictionProblem, d: int, gram: Table, external: float, internal: float, soft: bool,
+    out: Table,
+) -> None:  # fmt: skip
+    """Compute k_i E of a branch, of the contacts that carry force; a gain of zero is one, no small number.
 
-    S = Q'Q and R = I - S, Y = k_i / kappa - 1 and X = 1 - kappa / k_i: either way a sum of positive matrices. With the
-    root D of Y or -X and L L' = I + D S D, or I + D R D, it is D L'^-1 L^-1 D or the negative of that.
+    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of what carries force, and P = I - S summed up from what does not,
+
+        k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
+              = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),
+
+    B the modes' shares beta. The first bracket is singular only for motions that no contact with force has. Of the
+    second a factor of the inverse is kept, which each coordinate without force changes: k_i = 0 makes it a projector.
     """
-    p, A, D = grasp.mode_count, grasp.recoil.work, grasp.recoil.row
-    for j in range(p):
-        beta = grasp.modes[j, 0]
-        kappa = internal + (external - internal) * beta
-        D[j] = math.sqrt(abs(internal - external) * beta / (kappa if external <= internal else internal))
+    p, A = grasp.mode_count, grasp.recoil.work
+    gap = abs(external - internal)
+    if external <= internal:
+        for j in range(p):
+            for k in range(p):
+                A[j, k] = gap / internal * math.sqrt(grasp.modes[j, 0] * grasp.modes[k, 0]) * gram[j, k]
+            A[j, j] += 1.0 - gap / internal * grasp.modes[j, 0]
+        invert_part(A, grasp.recoil.signs, p, SINGULAR)
+    else:
+        for j in range(p):
+            for k in range(p):
+                A[j, k] = 1.0 if j == k else 0.0
+        release_modes(grasp, problem, d, external, internal, soft)
     for j in range(p):
         for k in range(j + 1):
-            A[j, k] = D[j] * D[k] * (gram[j, k] if external <= internal else lack[j, k])
-        A[j, j] += 1.0
-    factor_definite(A, p)
-    invert_lower(A, p)
-    sign = 1.0 if external <= internal else -1.0
-    for j in range(p):
-        for k in range(j + 1):
-            total = 0.0
-            for i in range(j, p):
-                total += A[i, j] * A[i, k]
-            out[j, k] = sign * D[j] * D[k] * total
+            total = A[j, k]
+            if external > internal:
+                total = 0.0
+                for i in range(p):
+                    total -= A[i, j] * A[i, k]
+            out[j, k] = gap * math.sqrt(grasp.modes[j, 0] * grasp.modes[k, 0]) * total
     mirror(out, p)
+
+
+@kernel
+def release_modes(
+    grasp: GraspState, problem: FrictionProblem, d: int, external: float, internal: float, soft: bool
+) -> None:  # fmt: skip
+    """Take from A'A in `work`, the inverse of 1 + ..., what coordinates without force or with a compliance let go of.
+
+    Each takes A'A t t'A'A / (r + t'A'A t) off, t its part of the modes; A changes by Potter's update of square roots.
+    """
+    t, along = grasp.recoil.row, grasp.recoil.signs
+    for i, finger in enumerate(grasp.fingers):
+        free = problem.contacts[i].status < 0
+        yields = 0.0 if free or not soft else grasp.period * compliance(grasp, finger, normal_force(finger))
+        for a in range(grasp.coordinates):
+            carries = not free and a < d
+            if carries and yields <= 0.0:
+                continue
+            for j in range(grasp.mode_count):
+                t[j] = math.sqrt(grasp.modes[j, 0]) * component(finger, motion_of(grasp.modes[j], i, grasp.width), a)
+            resistance = internal + (1.0 / yields if carries else 0.0)
+            take_square(grasp.recoil.work, t, along, resistance / (external - internal), grasp.mode_count)
 
 
 @kernel
@@ -143,15 +177,15 @@ def add_branch(
     grasp: GraspState, gram: Table, part: Table, share: Table, vector: Floats, gain: float, unit: float, size: int,
     first: int, rest: int, beyond: bool,
 ) -> None:  # fmt: skip
-    """Add one branch, gain (R - R Q E Q'R): to E, to its levers J', to N, and its force to the right sides.
+    """Add one branch, gain R - R Q part Q'R: to E, to its levers J', to N, and its force to the right sides.
 
     Args:
         grasp: the block.
         gram: of its own columns.
-        part: E.
+        part: E times the gain.
         share: T of its levers, where they are sums of modes.
         vector: V'e or V'e' of all columns.
-        gain: in front of it.
+        gain: k_i of it.
         unit: what its displacement is multiplied by.
         size: how many columns it has.
         first: its first mode's place among all columns.
@@ -188,9 +222,10 @@ def add_branch(
             else:
                 for k in range(p):
                     total += share[k, u] * products[k, v]
+            total *= gain
             for k in range(p):
                 total -= products[k, u] * turned[k, v]
-            state.system[u, v] += gain * total
+            state.system[u, v] += total
     for j in range(size):
         at = first + j if j < p else rest + j
         value = unit * vector[at]
@@ -202,16 +237,17 @@ def add_branch(
                 total = 1.0 if j == p + u - shifts else 0.0
             elif j < p:
                 total = share[j, u]
+            total *= gain
             if j < p:
                 total -= turned[j, u]
-            state.levers[at, u] += gain * total
-            state.motion[u] += gain * total * value
+            state.levers[at, u] += total
+            state.motion[u] += total * value
     for j in range(p):
         total = 0.0
         for k in range(p):
-            state.whole[first + j, first + k] += gain * part[j, k]
+            state.whole[first + j, first + k] += part[j, k]
             total += part[j, k] * vector[first + k]
-        state.row[first + j] += gain * unit * total
+        state.row[first + j] += unit * total
 
 
 @kernel

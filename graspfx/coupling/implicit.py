@@ -9,8 +9,6 @@ from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.recoil import inertia, lever
 
-LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
-
 
 @kernel
 def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condensed: bool) -> None:
@@ -94,17 +92,12 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
     n, c = grasp.count, grasp.coordinates
     m, B = n * c, grasp.part
     if not elastic and grasp.gradual:
-        if grasp.singular:
-            for p in range(m):
-                B[p, p] *= 1.0 + LEAST
         for i, finger in enumerate(grasp.fingers):
             write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
         soften(grasp, B, None, per)
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
             p = i * c + a
-            if not elastic and grasp.singular and not grasp.gradual:
-                B[p, p] *= 1.0 + LEAST
             grasp.diagonal[p] = B[p, p]
             grasp.marks[p] = 0.0 if carries(grasp, finger, a) else 1.0
     release(B, grasp.rest, m, grasp.marks, grasp.diagonal)

@@ -26,10 +26,8 @@ class RecoilState(Record):
     rate: Floats = floats("most")  # V'e'
     near: Table = table("most", "most")  # V'V of the elastic columns
     far: Table = table("most", "most")  # V'R^-1 V of the damping's
-    elastic_lack: Table = table("6", "6")  # I - Q'Q: what coordinates have of the modes that carry no force
-    damping_lack: Table = table("6", "6")  # I - Q'R Q
     gram: Table = table("most", "most")  # V'A^-1 V
-    elastic_part: Table = table("most", "most")  # E of the stiffness, and the damping
+    elastic_part: Table = table("most", "most")  # k_i E of the stiffness, and the damping
     damping_part: Table = table("most", "most")
     whole: Table = table("most", "most")  # E of both, the object's motion eliminated
     levers: Table = table("most", "6")  # K G' + D H' / T in the columns

@@ -10,10 +10,12 @@ from graspfx.coupling.contacts import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.conventional import damp_alone, separate
 from graspfx.coupling.depth import is_whole, soften
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.implicit import LEAST, assemble_implicitly, carries
+from graspfx.coupling.implicit import assemble_implicitly, carries
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
 from graspfx.coupling.recoil import recoil
 from graspfx.spatial import NOTHING
+
+LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
 
 
 @kernel

@@ -10,9 +10,10 @@ from graspfx.cones.factors import (
     eliminate_rows,
     factor_definite,
     factor_signed,
-    invert_lower,
+    invert_part,
     lower,
     solve_factored,
+    take_square,
 )
 
 
@@ -39,13 +40,41 @@ def test_systems_of_a_definite_matrix() -> None:
     M, b = B @ B.T, rng.normal(size=6)
     L = table(M)
     factor_definite(L, 6)
-    x, y, inverse = Floats(b.copy()), Floats(b.copy()), table(L.array(6))
+    x, y = Floats(b.copy()), Floats(b.copy())
     solve_factored(L, x, 6)
     lower(L, y, 6)
-    invert_lower(inverse, 6)
     np.testing.assert_allclose(np.asarray(x.buffer), np.linalg.solve(M, b), rtol=1e-11)
     np.testing.assert_allclose(np.asarray(y.buffer), np.linalg.solve(L.array(6), b), rtol=1e-12)
-    np.testing.assert_allclose(np.tril(inverse.array(6)), np.linalg.inv(L.array(6)), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 4, 6])
+def test_inverse_of_any_rank(rank: int) -> None:
+    """M X M = M, with as many rows of X as the rank; columns that are none but for rounding do not count."""
+    rng = np.random.default_rng(rank)
+    for k in range(50):
+        B = rng.normal(size=(6, rank))
+        B[k % 6] *= 1e-9
+        M = B @ B.T
+        X = table(M)
+        invert_part(X, Floats(np.zeros(6)), 6, 1e-12)
+        found = X.array(6)
+        np.testing.assert_allclose(M @ found @ M, M, rtol=0.0, atol=1e-11 * max(np.abs(M).max(), 1.0))
+        assert np.count_nonzero(found.any(axis=0)) <= rank
+
+
+@pytest.mark.parametrize("rest", [0.0, 1e-3, 2.0])
+def test_squares_taken_off_an_inverse(rest: float) -> None:
+    """A'A = (I + T'T / rest)^-1, for a rest of zero the projector beside T; the same row twice is no new one."""
+    rng = np.random.default_rng(3)
+    for count in (1, 3, 8):
+        T = rng.normal(size=(count, 6))
+        T[1:3] = T[0] * np.array([[1.0], [-2.0]])[: count - 1]
+        A = table(np.eye(6))
+        for t in T:
+            take_square(A, Floats(t.copy()), Floats(np.zeros(6)), rest, 6)
+        found = A.array(6).T @ A.array(6)
+        expected = np.linalg.inv(np.eye(6) + T.T @ T / rest) if rest else np.eye(6) - np.linalg.pinv(T, rcond=1e-10) @ T
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 if rest == 1e-3 else 1e-14)
 
 
 @pytest.mark.parametrize("kind", ["full", "no diagonal", "low rank", "nothing", "graded"])

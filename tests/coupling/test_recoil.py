@@ -42,6 +42,8 @@ GAINS = {  # kep, kip, ked, kid
     "kep < kip": (40.0, 160.0, 0.2, 0.6),
     "kep > kip": (160.0, 40.0, 0.6, 0.2),
     "mixed": (160.0, 40.0, 0.2, 0.6),
+    "ked = 0": (40.0, 160.0, 0.0, 0.6),
+    "kid = 0": (57.0, 54.0, 1.92, 0.0),
     "no damping": (40.0, 160.0, 0.0, 0.0),
 }
 
@@ -78,7 +80,8 @@ def square_sample(g: GraspedObject) -> tuple[int, GraspState]:
 @pytest.mark.parametrize("gains", GAINS)
 @pytest.mark.parametrize("case", CASES)
 def test_forces_are_those_of_the_square(case: str, gains: str) -> None:
-    """Fingers that touch, that hover and that slip, objects light or heavy: 1e-12 of the largest force."""
+    """Fingers that touch, that hover and that slip, objects light or heavy: 1e-12 of the largest force, 1e-9 with a
+    damping of zero beside another one."""
     rng = np.random.default_rng([*map(ord, case + gains)])
     count = 0
     for k in (0, 1, 5):
@@ -101,7 +104,8 @@ def test_forces_are_those_of_the_square(case: str, gains: str) -> None:
             if "friction" in CASES[case] and state.law != g.state.law:
                 continue  # Coulomb's law was found by one of them alone
             f, expected = g.array(FingerState.local), state.fingers.array(FingerState.local)
-            np.testing.assert_allclose(f, expected, rtol=0.0, atol=1e-12 * max(np.abs(expected).max(), 1e-300))
+            near = 1e-9 if gains.endswith("= 0") else 1e-12  # what frees a motion only just has its digits alone
+            np.testing.assert_allclose(f, expected, rtol=0.0, atol=near * max(np.abs(expected).max(), 1e-300))
             np.testing.assert_array_equal(g.touching, state.fingers.array(FingerState.touching))
             count += bool(np.abs(expected).max() > 0.0)
     assert count >= 4
@@ -166,7 +170,7 @@ def test_where_the_modes_do_not_settle_the_square_is_asked(friction: float, monk
     assert calls and expected.any()
 
 
-def test_a_gain_of_damping_that_is_zero_counts_as_little_of_the_other() -> None:
+def test_a_gain_of_damping_that_is_zero_is_the_limit_of_small_ones() -> None:
     """kid = 0, two of four fingers touch: the forces are those of kid = 1e-8 ked to 1e-7, and all is finite."""
     rng = np.random.default_rng(6)
     p, v = np.array([[-0.024, 0.0], [0.024, 0.004], [0.0, 0.05], [0.01, -0.06]]), 0.1 * rng.normal(size=(4, 2))
