@@ -28,7 +28,7 @@ from graspfx.spatial import Matrix, Vector
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
 CLOSE = 1e-13  # what is taken where rounding ends the descent earlier
-LEAST = 1e-6  # of the larger gain: what any smaller one counts as
+LEAST = 1e-6  # of the larger gain: what a smaller one counts as; scenes have none but a damping of zero
 STEPS = 100  # evaluations before Coulomb's law starts from elsewhere
 DESCENT = 1000  # the same for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
 SHORTEST = 1e-2  # fraction of a Newton step before Coulomb's law starts from elsewhere

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.records import numbers, size_for, size_of, start_of
+from graspfx.cones.friction import LEAST
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
@@ -89,6 +90,12 @@ class Grip:
                 "stiffness", f"external {kep}, internal {kip} N/m", "both above zero",
                 "unilateral contact shares a push between them; attach the contacts to study a zero",
             )  # fmt: skip
+        for quantity, pair in ("stiffness", (kep, kip)), ("damping", (self.gains[1], self.gains[3])):
+            if not (self.matrices or rules.attached) and 0.0 < min(pair) < LEAST * max(pair):
+                raise InputError(
+                    quantity, f"external {pair[0]}, internal {pair[1]}", f"neither below {LEAST:g} of the other one",
+                    "a push is solved to that part of the larger gain",
+                )  # fmt: skip
         if self.soft and self.shape is None:
             raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
         if self.shape is None and not rules.attached:

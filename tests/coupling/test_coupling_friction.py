@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from graspfx.certificate.plan import plan
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.errors import SceneError
+from graspfx.errors import InputError, SceneError
 from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import INERTIA, SHARP, grasped, law, respond
@@ -75,6 +76,54 @@ def test_forces_are_those_of_the_public_law(d: int, integrator: str) -> None:
             assert status == list(touch.status)
         seen.update(status)
     assert seen >= ({"free", "stick"} if d == 1 else {"free", "stick", "slide"})
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize(("kep", "kip"), [(100.0, 1e-4), (1e-4, 100.0)])
+def test_gains_as_far_apart_as_they_may_be(mu: float, kep: float, kip: float) -> None:
+    """f = K (e + s) and f's = 0 at a millionth of the other gain, in 50 digits: 1e-6 of the force; less is refused."""
+    rng = np.random.default_rng(8)
+    out = rng.normal(size=(3, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    gains = law(kep, kip)
+    g = held(3, 3, gains, mu, Sphere(0.03))
+    respond(g, 0.028 * out)
+    p = 0.027 * out + 1e-3 * rng.normal(size=(3, 3))
+    f = respond(g, p)
+    e = p - g.contact_position
+    with mp.workdps(50):
+        K = exact_stiffness(g.contact_position, mp.mpf(gains.external.stiffness), mp.mpf(gains.internal.stiffness))
+        w = K**-1 * mp.matrix(f.ravel().tolist())  # e + s
+        slip = np.array([float(a - b) for a, b in zip(w, e.ravel().tolist(), strict=True)]).reshape(3, 3)
+    inward = g.inward()
+    across = slip - (slip * inward).sum(axis=1, keepdims=True) * inward
+    pushes = (f * inward).sum(axis=1)
+    assert (pushes >= 0.0).all() and pushes.max() > 0.0
+    size = np.abs(e).max()
+    for i in range(3):
+        if pushes[i] > 0.0:
+            lift = mu * np.linalg.norm(across[i]) if g.block[at.LAW] else 0.0  # that of the associated law
+            assert slip[i] @ inward[i] == pytest.approx(lift, abs=1e-6 * size)
+            tangent = f[i] - pushes[i] * inward[i]
+            if np.linalg.norm(tangent) < (1.0 - 1e-9) * mu * pushes[i]:
+                assert np.linalg.norm(across[i]) <= 1e-6 * size
+            elif mu:
+                assert across[i] @ tangent <= -(1.0 - 1e-6) * np.linalg.norm(across[i]) * np.linalg.norm(tangent)
+        else:
+            assert slip[i] @ inward[i] >= -1e-6 * size
+    for name in ("stiffness", "damping"):
+        values = (1e-5, 100.0, 1.0, 1.0) if name == "stiffness" else (1.0, 1.0, 1e-7, 1.0)
+        with pytest.raises(InputError, match=f"{name}.*neither below 1e-06 of the other one"):
+            held(3, 3, law(*values), mu, Sphere(0.03))
+
+
+def exact_stiffness(c: np.ndarray, kep: Any, kip: Any) -> Any:
+    """kip I + (kep - kip) G'(G G')^-1 G of hard contacts in space."""
+    rows = [[mp.mpf(int(a == b)) for _ in c for b in range(3)] for a in range(3)]
+    for p, q in ((1, 2), (2, 0), (0, 1)):
+        rows.append([mp.mpf(-r[q] if b == p else r[p] if b == q else 0.0) for r in c.tolist() for b in range(3)])
+    G = mp.matrix(rows)
+    return kip * mp.eye(3 * len(c)) + (kep - kip) * G.T * (G * G.T) ** -1 * G
 
 
 def test_no_coefficient_for_a_finger_is_no_friction_for_it() -> None:

@@ -219,6 +219,19 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (space, "object.inertia", [1, 2], "object.inertia: expected a number or 3 numbers"),
     (plane, "object.inertia", -1.0, "object.inertia: expected more than 0"),
     (plane, "coupling.internal.stiffness", 0.0, "coupling.internal.stiffness: unilateral contact expects more than 0"),
+    (
+        plane,
+        "coupling.internal.stiffness",
+        1e-9,
+        "coupling.internal.stiffness: unilateral contact expects at least 1e-06 of coupling.external.stiffness",
+    ),
+    (
+        plane,
+        "coupling",
+        {"external": {"stiffness": 30.0, "damping": 1e-7}, "internal": {"stiffness": 30.0, "damping": 0.5}},
+        "coupling.external.damping: unilateral contact expects at least 1e-06 of coupling.internal.damping, "
+        "5e-07 N s/m, or 0; given 1e-07",
+    ),
     (plane, "coupling.fade", [0.01, 0.01], "coupling.fade: expected [h1, h2] with 0 <= h1 < h2"),
     (plane, "coupling.blend", [0.0, 0.01], "coupling.blend: expected [l1, l2] with 0 < l1 < l2"),
     (line, "finger.0.object", "objct", "finger.0.object: no [[object]] has the name 'objct'; did you mean 'object'?"),

@@ -30,6 +30,7 @@ from graspfx.build.checks.viscosity import may_turn, viscosity_faults
 from graspfx.build.placement import placement_faults
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import wiring_faults
+from graspfx.cones.friction import LEAST
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
@@ -104,6 +105,8 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
             yield _gain(scene, share, quantity)
         yield _stiff(scene, share)
         yield contact_axes_faults(scene, share)
+    for quantity in ("stiffness", "damping"):
+        yield _ratio(scene, quantity)
     yield record_faults(scene)
     yield _fade(scene)
     yield _blend(scene)
@@ -298,6 +301,22 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
         yield (
             ("coupling", share, "stiffness"),
             f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
+        )
+
+
+def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
+    if scene.coupling.contact != "unilateral":
+        return
+    gains = {share: np.asarray(getattr(getattr(scene.coupling, share), quantity)) for share in ("external", "internal")}
+    if any(gain.ndim for gain in gains.values()):
+        return
+    small, large = sorted(gains, key=lambda share: float(gains[share]))
+    if 0.0 < gains[small] < LEAST * gains[large]:
+        unit, instead = ("N/m", "") if quantity == "stiffness" else ("N s/m", ", or 0")
+        yield (
+            ("coupling", small, quantity),
+            f"unilateral contact expects at least {LEAST:g} of coupling.{large}.{quantity}, "
+            f"{LEAST * gains[large]:.6g} {unit}{instead}; given {gains[small]:.6g} (contact = 'attached' takes any)",
         )
 
 
