@@ -26,6 +26,13 @@ MOST = 8  # fingers on a card
 
 Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]
+LAWS: dict[Law, str] = {
+    "frictionless": "frictionless: normal forces only",
+    "stick": "stick: a finger that pushes holds in every direction",
+    "coulomb": "Coulomb's",
+    "associated": "associated: no answer to Coulomb's law was found, and fingers that slide lift off (s_n = mu |s_t|)",
+}
+SOLVED = 1e-6  # of the forces: a larger residual is no answer
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +60,7 @@ class Touch(Carded):
         rest = [f"and {len(self.status) - MOST} more"] if len(self.status) > MOST else []
         return Card(
             f"Forces of {counted(len(self.status), 'finger')} that only push, on the object",
-            [("fingers", "\n".join([*lines, *rest])), ("law", self.law), ("residual", f"{self.residual:.3g} N")],
+            [("fingers", "\n".join([*lines, *rest])), ("law", LAWS[self.law]), ("residual", f"{self.residual:.3g} N")],
             ".force (m,) [N], .status, .law, .residual",
         )
 
@@ -80,11 +87,12 @@ def unilateral_force(
         stiffness: K, (m, m) [N/m], m = n d; its symmetric part positive semidefinite.
         displacement: e = p - c, (m,) [m].
         normals: (n, d), into the object; scaled to unit length.
-        friction: None or 0 (normal forces only), "stick", or mu: one coefficient or one per finger. With mu, a singular
-            K is raised by 1e-6 of its largest eigenvalue.
+        friction: None or 0 (normal forces only), "stick", or mu: one coefficient or one per finger. With mu, a K in
+            which no answer is found is raised by 1e-6 of its largest eigenvalue, if these forces solve K as it is.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a negative coefficient, a K without an answer.
+        InputError: shapes that do not fit, values that are not finite, a negative coefficient, a K without an answer,
+            or one so ill-conditioned that the forces found leave a residual above 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
@@ -112,16 +120,21 @@ def unilateral_force(
         F[i * d : (i + 1) * d, i * d : (i + 1) * d] = np.reshape(list(numbers(frame)), (3, 3))[:d, :d]
     K_f, e_f = F @ K @ F.T, F @ e
     if mu.any():
-        raised = LEAST * values[-1] if values[0] < LEAST * values[-1] else 0.0
-        force, status, left, law = slipping(K_f, raised, e_f, mu, d)
-        return Touch(F.T @ force, status, left, law)
-    f, unresolved = pushing(K_f, e_f, Contacts(n, d, stick))
-    if unresolved:
-        raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
-    pushes = f[:, 0] > 0.0
-    touching: Status = "stick" if stick else "slide"
-    status = tuple(touching if p else "free" for p in pushes)
-    return Touch(F.T @ f.ravel(), status, residual(K_f, e_f, f, stick), "stick" if stick else "frictionless")
+        force, status, left, law = slipping(K_f, LEAST * values[-1], e_f, mu, d)
+    else:
+        f, unresolved = pushing(K_f, e_f, Contacts(n, d, stick))
+        touching: Status = "stick" if stick else "slide"
+        force, status = f.ravel(), tuple(touching if push > 0.0 else "free" for push in f[:, 0])
+        left, law = np.inf if unresolved else residual(K_f, e_f, f, stick), "stick" if stick else "frictionless"
+    size = float(max(np.abs(force).max(), np.abs(K_f @ e_f).max()))
+    if not left <= SOLVED * size:
+        found = f"leave a residual of {left:.3g} N of {size:.3g} N" if np.isfinite(left) else "were not found"
+        raise InputError(
+            "stiffness", K, "a matrix for which the contact forces are unique and can be computed",
+            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: bring them nearer to one "
+            "another, by more compliance of the contacts",
+        )  # fmt: skip
+    return Touch(F.T @ force, status, left, law)
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
@@ -160,25 +173,32 @@ def coefficients(friction: object, n: int) -> FloatArray:
 def slipping(
     K: FloatArray, raised: float, e: FloatArray, mu: FloatArray, d: int
 ) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
-    """Solve for forces in contact frames with friction cones, their status, residual and law."""
+    """Solve for forces in contact frames with friction cones, their status, residual (inf if none are found) and law.
+
+    K as it is comes first; only where that has no answer K + raised I.
+    """
     n, m = len(mu), len(e)
-    problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
-    contacts = problem.contacts
-    contacts.array(ConeContact.coefficient)[:] = mu
-    contacts.array(ConeContact.displacement)[:, :d] = e.reshape(n, d)
-    square = Table(memoryview((K + raised * np.eye(m)).ravel()), 0, m)
     symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
-    answer = friction_force_square(problem, d, square, symmetric, True, RESTARTS)
-    if answer.law == UNRESOLVED:
-        raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
+    for more in (0.0, raised):
+        problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
+        contacts = problem.contacts
+        contacts.array(ConeContact.coefficient)[:] = mu
+        contacts.array(ConeContact.displacement)[:, :d] = e.reshape(n, d)
+        square = Table(memoryview((K + more * np.eye(m)).ravel()), 0, m)
+        answer = friction_force_square(problem, d, square, symmetric, True, RESTARTS)
+        if answer.law != UNRESOLVED:
+            break
+    law: Law = "associated" if answer.law == ASSOCIATED else "coulomb"
     f = contacts.array(ConeContact.force)[:, :d].ravel()
     s = contacts.array(ConeContact.slip)[:, :d].ravel()
     names: dict[int, Status] = {STICK: "stick", SLIDE: "slide"}
     status = tuple(names.get(int(k), "free") for k in contacts.array(ConeContact.status))
+    if answer.law == UNRESOLVED:
+        return f, status, np.inf, law
     gap = np.abs(K @ (e + s) - f).max()
     c = np.abs(K).max()
     back = returned(f - c * s, mu, d, answer.law == ASSOCIATED)
-    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if answer.law == ASSOCIATED else "coulomb"
+    return f, status, float(max(gap, np.abs(back - f).max())), law
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
@@ -205,4 +225,10 @@ def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
     if stick:
         return float(gap)
     pull = np.maximum(-s.reshape(n, d)[:, 0], 0.0) * np.diag(K).reshape(n, d)[:, 0]
+    if pull.max() > gap:  # a singular K has many s: is there one that lets go?
+        from scipy.optimize import lsq_linear
+
+        low = np.where(np.arange(n * d) % d == 0, 0.0, -np.inf)[free]
+        s[free] = lsq_linear(K[np.ix_(free, free)], -(K @ e)[free], (low, np.inf), tol=1e-15).x
+        return float(min(max(gap, pull.max()), np.abs(K @ (e + s) - f.ravel()).max()))
     return float(max(gap, pull.max()))

@@ -171,17 +171,17 @@ def test_where_the_modes_do_not_settle_the_square_is_asked(friction: float, monk
 
 
 def test_a_gain_of_damping_that_is_zero_is_the_limit_of_small_ones() -> None:
-    """kid = 0, two of four fingers touch: the forces are those of kid = 1e-8 ked to 1e-7, and all is finite."""
+    """kid = 0, two of four fingers touch: the forces are those of kid = 1e-6 ked to 1e-5, and all is finite."""
     rng = np.random.default_rng(6)
     p, v = np.array([[-0.024, 0.0], [0.024, 0.004], [0.0, 0.05], [0.01, -0.06]]), 0.1 * rng.normal(size=(4, 2))
     for ked, kid in ((0.5, 0.0), (0.0, 0.5)):
         forces = []
-        for low in (0.0, 1e-8 * 0.5):
+        for low in (0.0, 1e-6 * 0.5):
             gains = law(40.0, 160.0, max(ked, low), max(kid, low))
             g = grasped(4, 2, gains, Rules(friction=0.5, fade=None), shape=Box((0.05, 0.05)), integrator="implicit")
             NativeBody(g.body_state).free_motion(0.005)
             forces.append(respond(g, p, v))
-        np.testing.assert_allclose(forces[0], forces[1], rtol=0.0, atol=1e-7 * np.abs(forces[1]).max())
+        np.testing.assert_allclose(forces[0], forces[1], rtol=0.0, atol=1e-5 * np.abs(forces[1]).max())
         assert forces[1].any()
 
 

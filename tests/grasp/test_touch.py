@@ -9,6 +9,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
+from graspfx.grasp.touch import Touch
+from tests.support.families import efforts
 
 
 def every_subset(K: np.ndarray, e: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -257,3 +259,56 @@ def test_singular_stiffness_with_friction() -> None:
 def test_bad_input_says_what_is_wrong(arguments: tuple[object, ...], says: str) -> None:
     with pytest.raises(InputError, match=says):
         gx.unilateral_force(*arguments)  # type: ignore[arg-type]
+
+
+def stack(levels: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """W = H M^-1 H' and -H v of so many boxes on one another, four contacts each, the third of three axes upwards."""
+    rows = []
+    for k in range(levels):
+        for x, y in ((-0.05, -0.05), (-0.05, 0.05), (0.05, -0.05), (0.05, 0.05)):
+            for axis in np.eye(3):
+                row = np.zeros((levels, 6))
+                row[k] = [*axis, *np.cross([x, y, -0.025], axis)]
+                if k:
+                    row[k - 1] = [*-axis, *-np.cross([x, y, 0.025], axis)]
+                rows.append(row.ravel())
+    H = np.array(rows)
+    inertia = np.array([0.0125, 0.0125, 0.02]) / 12.0
+    velocity = 0.02 * rng.normal(size=(levels, 6)) + np.array([0.005, 0.0, -0.05, 0.0, 0.0, 0.0])
+    return H / np.tile([1.0, 1.0, 1.0, *inertia], levels) @ H.T, -H @ velocity.ravel()
+
+
+@pytest.mark.parametrize("mu", [None, 0.5])
+@efforts(short=4, full=12)
+def test_stacks_of_boxes_are_solved_or_refused(cases: int, mu: float | None) -> None:
+    """K = (W + d I)^-1 of singular W, four contacts a box, d down to 1e-12 of the largest eigenvalue.
+
+    f and s = W f - e are checked by themselves: f on the cone where the law's return map puts f - s / |W|, to 1e-5 of
+    the largest force for d as small as 1e-10, or the error says which eigenvalues are too far apart.
+    """
+    refused = {}
+    for k, delta in enumerate((1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-13)):
+        W, e = stack(cases, np.random.default_rng(k))
+        W += delta * np.linalg.eigvalsh(W)[-1] * np.eye(len(W))
+        K = np.linalg.inv(W)
+        try:
+            touch = gx.unilateral_force(0.5 * (K + K.T), e, np.tile([0.0, 0.0, 1.0], (4 * cases, 1)), mu)
+        except InputError as error:
+            refused[delta] = str(error)
+            continue
+        f = touch.force.reshape(-1, 3)
+        t = f - (W @ touch.force - e).reshape(-1, 3) / np.abs(np.diag(W)).max()
+        sideways, up = np.linalg.norm(t[:, :2], axis=1), np.maximum(t[:, 2], 0.0)
+        if touch.law == "associated":  # the nearest point of the cone
+            inside, edge = sideways <= 0.5 * t[:, 2], np.maximum((t[:, 2] + 0.5 * sideways) / 1.25, 0.0)
+            up = np.where(inside, t[:, 2], edge)
+        share = np.minimum(1.0, (mu or 0.0) * up / np.maximum(sideways, 1e-300))
+        assert np.abs(np.column_stack([share[:, None] * t[:, :2], up]) - f).max() <= 1e-5 * np.abs(f).max()
+    assert refused and max(refused) < 1e-9 and all("its eigenvalues are" in text for text in refused.values())
+
+
+def test_the_card_says_which_law_holds() -> None:
+    """Where Coulomb's law was asked for and another one holds, the repr says so."""
+    touch = Touch(np.array([0.1, 0.2]), ("slide",), 1e-17, "associated")
+    assert "associated: no answer to Coulomb's law was found" in repr(touch)
+    assert "Coulomb's" in repr(gx.unilateral_force(np.eye(2), [0.1, 0.0], [[1.0, 0.0]], friction=0.5))
