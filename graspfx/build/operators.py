@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.operator import Operator
+from graspfx.loop.operator import NOISE, Operator
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.hands import Moving
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PARTS = ("limb", "stiffening", "reaction", "noise")  # of a hand's table, that make an operator of it
-NOISE = 3  # last word of the seed of noise: those of a tremor's axes are 0 to 2
 
 
 def is_operated(table: object) -> bool:

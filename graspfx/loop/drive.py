@@ -1,4 +1,4 @@
-"""Intended motion of a scene's hands, read from the table that a recording holds: is a motion theirs?"""
+"""Motion that a scene's hands excite, intended or as tremor and noise, read from the table of a recording."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError
 from graspfx.loop.motion import motion as motions
+from graspfx.loop.motion.tremor import Tremor
+from graspfx.loop.operator import NOISE, Operator
 
 FloatArray = NDArray[np.float64]
 
@@ -22,21 +24,40 @@ CLOSE = 0.05  # of a frequency
 
 @dataclass(frozen=True)
 class Drive:
-    """The intended motions of the hands that hold some fingers.
+    """The motions that hands excite some fingers with.
 
     Attributes:
-        parts: each motion, and by what its offset is multiplied to be metres at the fingertips.
+        parts: each intended motion, and by what its offset is multiplied to be metres at the fingertips.
         frequencies: of its sines [Hz].
         complete: False where a hand's motion stands in no table, or a person moves the device.
+        tremors: of the hands, which nobody intends.
+        noises: operators whose muscles' forces have noise in proportion to them.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]
     frequencies: tuple[float, ...]
     complete: bool
+    tremors: tuple[Tremor, ...] = ()
+    noises: tuple[Operator, ...] = ()
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """Compute all offsets at times (M,), (M, c) [m]."""
+        """Compute all intended offsets at times (M,), (M, c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
+        return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
+
+    def tremor(self, times: NDArray[Any]) -> FloatArray:
+        """Compute the offsets of all tremors at times (M,), (M, c) [m]."""
+        return np.concatenate([np.zeros((len(times), 1)), *(each.over(times) for each in self.tremors)], axis=1)
+
+    def noise(self, times: NDArray[Any], depth: float) -> FloatArray:
+        """Compute the offsets that noise of the muscles' forces comes to at times (M,), (M, c) [m].
+
+        Args:
+            times: [s].
+            depth: displacement of the fingers against the object [m]. The muscles' forces make it, so that a share of
+                them moves a finger by this share of it.
+        """
+        columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
@@ -66,14 +87,20 @@ def drive(
     if any(i >= len(rows) for i in fingers):
         return Drive((), (), False)
     by_name = {hand.get("name"): hand for hand in table.get("hand") or []}
-    hands: dict[str, Mapping[str, Any] | None] = {}
+    hands: dict[int, Mapping[str, Any] | None] = {}  # by the first finger of all that they hold
+    held: dict[int, list[int]] = {}
     for i in fingers:
         hand = rows[i].get("hand")
-        hands[hand if isinstance(hand, str) else f"{i}"] = by_name.get(hand) if isinstance(hand, str) else hand
+        named = isinstance(hand, str)
+        first = next(k for k, row in enumerate(rows) if row.get("hand") == hand) if named else i
+        hands[first] = by_name.get(hand) if named else hand
+        held.setdefault(first, []).append(i)
     parts: list[tuple[motions.Motion, float]] = []
     sines: list[float] = []
+    tremors: list[Tremor] = []
+    noises: list[Operator] = []
     complete = all(_is_simulated(table, rows[i]) for i in fingers)
-    for hand in hands.values():
+    for first, hand in hands.items():
         if hand is None:  # nobody's, and nothing moves it
             continue
         if "kind" in hand:  # a plug-in's, which moves as it likes
@@ -86,7 +113,15 @@ def drive(
             complete = False
         tables = [*_listed(hand.get("motion")), *_listed(hand.get("turn"))]
         sines += [float(each["frequency"]) for each in tables if each.get("kind") == "sine"]
-    return Drive(tuple(parts), tuple(sines), complete)
+        if (own := hand.get("tremor")) is not None:
+            band = (own["amplitude"], own.get("frequency", 10.0), own.get("width", 4.0))
+            seed = (own.get("seed", 0), first)
+            tremors.append(Tremor(*band, len(centre), seed, own.get("begin", 0.0), own.get("ramp", 0.5)))
+        if (own := hand.get("noise")) is not None:
+            seeds = [(own.get("seed", 0), i, NOISE) for i in held[first]]
+            noises.append(Operator(len(seeds)))
+            noises[-1].set_noise(own["share"], own["cutoff"], own["lag"], seeds)
+    return Drive(tuple(parts), tuple(sines), complete, tuple(tremors), tuple(noises))
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:

@@ -15,6 +15,7 @@ from graspfx.spatial import Vector
 FloatArray = NDArray[np.float64]
 
 WAVES = 24  # sines of the noise of one finger
+NOISE = 3  # last word of the seed of noise: those of a tremor's axes are 0 to 2
 
 
 class FingerOperator(Record):
@@ -86,6 +87,16 @@ class Operator:
             frequency, phase = random_sines(seed, 0.0, cutoff, WAVES)
             finger.array(FingerOperator.frequency)[:] = 2.0 * math.pi * frequency
             finger.array(FingerOperator.phase)[:] = phase
+
+    def noise(self, times: FloatArray) -> FloatArray:
+        """Compute share x(t) of each finger at times (M,), (M, n): its noise as a share of the muscle's force."""
+        columns = []
+        for i in range(len(self.numbers)):
+            finger = self.finger(i)
+            frequency, phase = finger.array(FingerOperator.frequency), finger.array(FingerOperator.phase)
+            waves = np.sin(np.outer(times, frequency) + phase).sum(axis=1)
+            columns.append(finger.share * math.sqrt(2.0 / WAVES) * waves)
+        return np.stack(columns, axis=1)
 
     @property
     def reach(self) -> float:

@@ -12,6 +12,7 @@ from graspfx.compile.records import size_for
 from graspfx.errors import InputError
 from graspfx.loop.motion.motion import Part, _Parts
 from graspfx.loop.motion.state import TREMOR, TremorPart
+from graspfx.loop.motion.targets import step
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +64,15 @@ class Tremor(_Parts):
             part.array(TremorPart.frequency).reshape(dimensions, count)[a] = 2.0 * math.pi * f
             part.array(TremorPart.phase).reshape(dimensions, count)[a] = phi
         super().__init__(dimensions, [Part(part.buffer)])
+
+    def over(self, times: FloatArray) -> FloatArray:
+        """Compute the offsets at many times (M,) at once, (M, d) [m]: those of `at`, but for rounding."""
+        part = TremorPart(self.parts[0].entries)
+        frequency = part.array(TremorPart.frequency).reshape(part.dimensions, part.count)
+        phase = part.array(TremorPart.phase).reshape(part.dimensions, part.count)
+        fade = np.array([step(t - part.begin, part.ramp)[0] if t >= part.begin else 0.0 for t in times.tolist()])
+        waves = [np.sin(np.outer(times, w) + phi).sum(axis=1) for w, phi in zip(frequency, phase, strict=True)]
+        return np.asarray(part.amplitude * fade[:, None] * np.stack(waves, axis=1))
 
 
 def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:

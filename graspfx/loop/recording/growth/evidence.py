@@ -22,6 +22,8 @@ FAR = 20.0  # of log amplitude
 NEW = 1.0  # of log amplitude, above all that was before
 CERTAIN = 4.5  # of log amplitude: noise takes a mode so far once in 1e4 independent windows, not along a line
 SMALL = 0.1  # of the displacement at rest
+FLAGGING = 0.6  # of the first half's rate that the second half keeps; t^k exp(-s t) that rises by e^2 keeps less
+BENDING = 0.6  # rad: second difference of the phases of three thirds, which one frequency has none of
 OVER_DRIVE = 30.0  # times what the hands mean at the pole: a resonance that is driven stays below
 DRIVE_SAMPLES = 2048
 
@@ -63,6 +65,25 @@ def _grows(z: complex, growth: float, count: int) -> bool:
     return agrees and turn > INSIDE * math.pi and turn * count / (2.0 * math.pi) >= LEAST_CYCLES
 
 
+def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> bool:
+    """Tell whether a stretch keeps its rate and its frequency.
+
+    A transient t^k exp(-s t) grows ever slower, and the frequency of a chirp through a resonance goes on.
+    """
+    if stretch.growth > 2.0 * CERTAIN:  # no resonance is passed so slowly, and two modes that grow may beat
+        return True
+    part = logs[stretch.first : stretch.first + stretch.length]
+    half = len(part) // 2
+    first, second = (float(np.polyfit(np.arange(len(each)), each, 1)[0]) for each in (part[:-half], part[half:]))
+    if second < FLAGGING * first:
+        return False
+    y = octave.windows(stretch.first, stretch.length)
+    size = len(y) // 3
+    thirds = [amplitudes(y[k * size : (k + 1) * size], z) * z ** (-k * size) for k in range(3)]
+    early, late = np.vdot(thirds[0], thirds[1]), np.vdot(thirds[1], thirds[2])
+    return abs(float(np.angle(late * np.conj(early)))) < BENDING
+
+
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
     """Tell whether growth is faster than half the octave's samples can tell: it is as large in the octave above.
 
@@ -84,7 +105,9 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Tell whether a motion that has grown a little stops at a small size although nothing limits it, as noise lets it.
+    """Tell whether a motion that has grown a little stops although nothing limits it.
+
+    It stops at a small size, as noise lets it, or it dies away again, as a transient does.
 
     Args:
         grasp: whose motion it is.
@@ -92,14 +115,16 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
         end_time: when the stretch ends [s].
         size: of the motion then [m].
     """
-    after = logs[stretch.first + stretch.length :][: stretch.length]
+    rest = logs[stretch.first + stretch.length :]
+    after = rest[: stretch.length]
     end = float(logs[stretch.first + stretch.length - 1])
     if stretch.growth > CERTAIN or len(after) < stretch.length or float(after.max()) > end + NEW:
         return False
+    dies = float(np.median(rest[len(rest) // 2 :])) < end - NEW
     period = grasp.recording.row_period
     rows = slice(round(end_time / period), grasp.rows)
     on = grasp.recording.touching[rows, grasp.fingers]
-    return bool((on == on[0]).all()) and size < SMALL * grasp.depth(rows.start, rows.stop)
+    return bool((on == on[0]).all()) and (dies or size < SMALL * grasp.depth(rows.start, rows.stop))
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:

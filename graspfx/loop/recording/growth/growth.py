@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from graspfx.loop.drive import Drive
 from graspfx.loop.recording.growth.divergence import Divergence, divergences
-from graspfx.loop.recording.growth.evidence import OVER_DRIVE, coherent_pole, is_alias, is_driven, stands_out, stops
+from graspfx.loop.recording.growth.evidence import (
+    OVER_DRIVE,
+    coherent_pole,
+    is_alias,
+    is_driven,
+    is_steady,
+    stands_out,
+    stops,
+)
 from graspfx.loop.recording.growth.octaves import (
     LEAST_GROWTH,
     WINDOW,
@@ -33,6 +41,7 @@ MOST_GROWTH = 600.0  # of log amplitude: numbers go no further
 LASTING = 8  # windows in which what has grown goes on
 ALIKE = 0.2  # of a frequency
 MOST_OF_IT = 0.6  # of the largest growth
+SHAKEN_ROWS = 1 << 16  # in which the content of tremor and noise is sought
 
 
 @dataclass(frozen=True)
@@ -109,6 +118,7 @@ def growths(recording: History) -> list[Growth]:
 def _grown(grasp: GraspView) -> Growth | None:
     period = grasp.recording.row_period
     candidates: list[Growth] = []
+    steady: list[Growth] = []
     hands: Drive | None = None
     above: Octave | None = None
     for octave in octaves(grasp.displacement, grasp.rows, period):
@@ -123,21 +133,30 @@ def _grown(grasp: GraspView) -> Growth | None:
                 if stops(grasp, logs, stretch, growth.end, growth.last):
                     continue
                 hands = hands or grasp.drive()
-                if not is_driven(octave, stretch, z, hands):
+                if not is_driven(octave, stretch, z, hands) and not _shaken(grasp, growth, hands):
                     candidates.append(growth)
+                    steady += [growth] if is_steady(octave, logs, stretch, z) else []
         for away in divergences(octave):
             hands = hands or grasp.drive()
             growth = _divergence(grasp, away)
-            if growth.last > LEAST_SIZE and hands.complete and not _led(away, hands):
+            if growth.last > LEAST_SIZE and hands.complete and not _led(grasp, away, hands):
                 candidates.append(growth)
+                steady.append(growth)
         above = octave
+    # of a motion whose frequency changes as arms move, a shorter stretch is steady
+    candidates = [each for each in candidates if any(_is_alike(each, other) for other in steady)]
     if not candidates:
         return None
     # an alias or a harmonic of a motion is smaller than itself, and what comes of contacts that let go grows less
     strongest = max(candidates, key=lambda each: math.log(each.last) + each.growth)
-    least, near = MOST_OF_IT * strongest.growth, ALIKE * strongest.frequency
-    alike = [each for each in candidates if each.growth > least and abs(each.frequency - strongest.frequency) <= near]
+    least = MOST_OF_IT * strongest.growth
+    alike = [each for each in candidates if each.growth > least and _is_alike(each, strongest)]
     return max(alike, key=lambda each: each.rate)  # a stretch that reaches into the end of growth is slower
+
+
+def _is_alike(growth: Growth, other: Growth) -> bool:
+    """Tell whether two growths may be of one mode."""
+    return abs(growth.frequency - other.frequency) <= ALIKE * other.frequency
 
 
 def _rung(grasp: GraspView) -> Growth | None:
@@ -156,8 +175,28 @@ def _rung(grasp: GraspView) -> Growth | None:
         if hands.swings(frequency, 1.5 / (end - begin)) or size < OVER_DRIVE * _content(intent, ring.turn):
             continue
         name = grasp.mode(ring.swing, ring.first, ring.stop)
-        return Growth(grasp.name, name, 0.0, frequency, first * period, stop * period, size, size, True)
+        growth = Growth(grasp.name, name, 0.0, frequency, first * period, stop * period, size, size, True)
+        if not _shaken(grasp, growth, hands):
+            return growth
     return None
+
+
+def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
+    """Tell whether tremor or noise of the hands may do it, by the size in the end, however little it grew from.
+
+    A grasp answers a tremor, behind the hand's spring, as it does what hands mean. Noise is force at the fingertip: in
+    N cycles an oscillation without damping, driven at its own frequency, grows by pi N times its drive.
+    """
+    turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
+    tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))
+    return growth.last < max(OVER_DRIVE * tremor, max(OVER_DRIVE, math.pi * cycles) * noise)
+
+
+def _shaking(grasp: GraspView, hands: Drive, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Compute tremor and noise of the hands from row to row, (r, c) each [m]; of a long time its end."""
+    period = grasp.recording.row_period
+    times = (begin + period * np.arange(max(math.ceil((end - begin) / period), 1)))[-SHAKEN_ROWS:]
+    return hands.tremor(times), hands.noise(times, grasp.depth(0, grasp.rows))
 
 
 def _content(x: FloatArray, turn: float) -> float:
@@ -177,12 +216,17 @@ def _divergence(grasp: GraspView, away: Divergence) -> Growth:
     return Growth(grasp.name, mode, rate, 0.0, away.begin, away.end, first, last, False)
 
 
-def _led(away: Divergence, hands: Drive) -> bool:
-    """Tell whether the hands may mean it."""
+def _led(grasp: GraspView, away: Divergence, hands: Drive) -> bool:
+    """Tell whether the hands may mean it, or shake so much."""
     step = away.octave.step
     times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
     intent = np.diff(hands.at(times), 2, axis=0)
-    return float(np.abs(away.last).max()) < OVER_DRIVE * float(np.abs(intent).max())
+    largest = float(np.abs(intent).max())
+    shaking = np.concatenate(_shaking(grasp, hands, away.begin, away.end), axis=1)
+    for octave in octaves(lambda first, stop: shaking[first:stop], len(shaking), grasp.recording.row_period):
+        if octave.step == step:  # without what is faster, as the motion is
+            largest = max(largest, float(np.abs(np.diff(octave.samples(), 2, axis=0)).max()))
+    return float(np.abs(away.last).max()) < OVER_DRIVE * largest
 
 
 def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
