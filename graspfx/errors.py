@@ -46,6 +46,10 @@ class KernelError(InputError):
     """A fault of a kernel by which machine code would read or write what is not its own; it names the file and line."""
 
 
+class NoRestError(InputError):
+    """A grasp for which no rest was found: nothing is known of its stability."""
+
+
 class UnknownNameError(GraspFXError, KeyError):
     """A name that nothing answers to, with the names that come close."""
 

@@ -93,6 +93,7 @@ def certify(
     Raises:
         InputError: both `quick` and a recording, a recording of another scene, or a device that does not tell its mass
             or friction.
+        NoRestError: a grasp for which no rest is found, or a recording that ends without one.
         SceneError: of a scene that is loaded.
         RecordingError: a path that leads to no recording.
     """

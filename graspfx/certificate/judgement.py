@@ -18,7 +18,7 @@ from graspfx.certificate.hand_load import HandCourse, grip_of, hand_course
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
 from graspfx.certificate.rest.place import NotGraspingError
-from graspfx.errors import InputError
+from graspfx.errors import InputError, NoRestError
 from graspfx.scene.model import Scene
 
 TINY = 1e-15  # [J]: a squeeze that is rounding
@@ -44,8 +44,9 @@ class Judgement:
 
     Attributes:
         values: by dotted key, that were replaced.
-        stable: whether each object's loop is, as `Certificate.stable`.
-        spectral_radius: of the loop that is nearest to instability; inf where no finger touches an object.
+        stable: whether each object's loop is known to be, as `Certificate.stable`; False where there is no rest.
+        spectral_radius: of the loop that is nearest to instability; inf where there is no rest, or no finger touches an
+            object.
         limits: of the modes of all objects, and of what they stand on.
         pushing: of fingers that push alone; none unless asked for.
         grip: squeeze over the least one that holds the load (`hand_load.grip_of`), the least of all objects.
@@ -54,7 +55,8 @@ class Judgement:
         force: of the finger that presses most, at rest [N]; nan without a rest.
         displayed: stiffness of the squeeze at rest, pads in series: |f_i|^2/(f_i.e), e from contact to fingertip [N/m];
             nan without a rest.
-        at: "squeezed"; "start" where some object's hands come to no rest, "apart" where no finger touches one.
+        at: "squeezed"; "start" where a finger does not touch at rest, "" where no rest was found, "apart" where no
+            finger touches an object.
         assumed: what the certificates take for granted.
         scene: with the values.
     """
@@ -130,6 +132,8 @@ class Judge:
         except NotGraspingError as error:
             why, scene = (str(error),), self.scene.replace(values)
             return Judgement(dict(values), False, math.inf, (), grip=0.0, at="apart", assumed=why, scene=scene)
+        except NoRestError as error:
+            return Judgement(dict(values), False, math.inf, (), at="", assumed=(" ".join(str(error).split()),))
         rows, pushes, radius = [], [], 0.0
         for loop in loops:
             name = loop.objects[0]

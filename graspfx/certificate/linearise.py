@@ -27,7 +27,7 @@ from graspfx.certificate.rest.resting import Grip
 from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, contact_axes, force_directions
 from graspfx.certificate.worst_lateness import lateness_ends, less_stable
 from graspfx.coupling import block as at
-from graspfx.errors import InputError, UnknownNameError
+from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
 from graspfx.loop.parts import GraspedPart
@@ -135,7 +135,8 @@ def linearise(
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
-    meet the object at first, without any force; it stands in where no rest is found, and `assumed` says so.
+    meet the object at first, without any force; it stands in where a finger does not touch at rest, and `assumed` says
+    so.
     "provisional" is squeezed by one linear step from the start, "recorded" the last row of a recording. A contact that
     touches counts as sticking wherever it has slid to, also on the edge of its friction cone.
 
@@ -147,6 +148,7 @@ def linearise(
     Raises:
         InputError: a device that does not tell its mass or damping; objects with different integrators together; an
             object that no finger touches (`NotGraspingError`), unless at the start.
+        NoRestError: a grasp for which no rest is found.
         UnknownNameError: no such object.
     """
     if at not in WHERE:
@@ -185,7 +187,12 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
         place = recorded(scene, index, grip, fingers, recording, ground)
     elif where != "start":
         standing = ground_under(parts, index, grip, lower=LOW)
-        place = {"squeezed": squeezed, "provisional": provisional}[where](parts, index, grip, fingers)
+        try:
+            place = {"squeezed": squeezed, "provisional": provisional}[where](parts, index, grip, fingers)
+        except NoRestError:
+            grip.changing[:] = initial
+            require_contact(parts, index, grip, fingers)
+            raise
     if place.stiffness is None:
         grip.changing[:] = initial
         if where in ("squeezed", "provisional"):

@@ -16,12 +16,13 @@ from graspfx.build.build import build
 from graspfx.build.resolve import resolve
 from graspfx.build.run_header import header_of
 from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.judgement import Judge
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import mode_limits
 from graspfx.certificate.rest.cone_edge import released, sliding_notes
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
-from graspfx.errors import InputError
+from graspfx.errors import InputError, NoRestError
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
@@ -528,6 +529,50 @@ def test_a_recording_may_be_a_path_and_has_to_be_of_the_scene(tmp_path: Path) ->
     (found,) = gx.certify(scene, recording=apart)
     assert not found.stable and found.gap == pytest.approx(float(np.array(apart.gap)[-1].min()))
     assert found.verdict.startswith("not grasping: ") and found.verdict.endswith("at the end of the recording")
+
+
+def disc(kep: float, depth: float = 0.0) -> gx.Scene:
+    """Two unequal fingers that stick to a disc, and squeeze it by hands of 474 N/m."""
+    fingers = [
+        {
+            "device": {"name": "simulated", "mass": mass, "damping": 0.2},
+            "hand": {"stiffness": 474.0, "damping": 0.5, "squeeze": 0.005},
+            "start": [x, 0.0],
+        }
+        for mass, x in ((0.181, -0.03), (0.087, 0.03))
+    ]
+    thing = {"mass": 0.2, "viscosity": 0.5, "rotational_viscosity": 4e-4, "shape": {"kind": "sphere", "radius": 0.03}}
+    coupling = {
+        "friction": "stick",
+        "damping_depth": depth,
+        "external": {"stiffness": kep, "damping": 1.5},
+        "internal": {"stiffness": 113.0, "damping": 1.0},
+    }
+    table = {"dimensions": 2, "period": 0.002, "object": thing | {"integrator": "semi-implicit"}, "coupling": coupling}
+    return gx.Scene(**table, finger=fingers, duration=4.0)
+
+
+@pytest.mark.parametrize("depth", [0.0, 5e-4])
+@pytest.mark.parametrize("kep", [1301.0, 1640.0, 3000.0])
+def test_a_rest_is_found_where_one_finger_throws_the_object_at_the_other(kep: float, depth: float) -> None:
+    """The search ended without a rest; at the start dampers by depth are soft, and the radius was up to 1.025."""
+    scene = disc(kep, depth)
+    recording = gx.run(scene)
+    (squeezed,), (at_its_end,) = gx.certify(scene), gx.certify(scene, recording=recording)
+    assert squeezed.at == "squeezed" and squeezed.stable and recording.summary()["growth"] == []
+    assert squeezed.spectral_radius == pytest.approx(at_its_end.spectral_radius, abs=1e-9)
+
+
+def test_what_has_no_rest_is_not_judged() -> None:
+    """A disc that slips out of its fingers was called stable, by its contacts at the start."""
+    scene = disc(300.0).replace({"gravity": [0.0, -9.81], "coupling.friction": 0.2})
+    assert gx.run(scene, duration=0.5).objects["object"].position[-1, 1] < -0.3
+    with pytest.raises(NoRestError, match=r"with still hands .* run the scene until it rests"):
+        gx.certify(scene)
+    report = gx.check(scene)
+    assert report.verdict.startswith("not judged: object: ") and not report.ok and report.certificates == ()
+    judged = Judge(scene).judge({})
+    assert not judged.stable and judged.margin == 0.0 and judged.at == ""
 
 
 def test_soft_fingers_keep_their_torsion() -> None:

@@ -138,12 +138,13 @@ class OperatorCertificate(Carded):
         weakest = min(self.worst.pushing, key=lambda row: row.limit.margin, default=None)
         if weakest is not None:
             yield f"  in the worst hands, {weakest.text}"
-        strayed = sum(one.at == "start" for one in self.population)
-        if strayed:
-            yield f"  {strayed} of {self.share.total} come to no rest: judged at the start, not squeezed"
-        apart = sum(one.at == "apart" for one in self.population)
+        loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
+        if loose:
+            yield f"  {loose} of {self.share.total} rest without touching: judged at the start"
+        if restless:
+            yield f"  {restless} of {self.share.total} come to no rest: they count as not stable"
         if apart:
-            yield f"  {apart} of {self.share.total} bring no finger to an object: counted as not stable"
+            yield f"  {apart} of {self.share.total} bring no finger to an object: they count as not stable"
         yield f"  {self.guarantee}"
 
     @property

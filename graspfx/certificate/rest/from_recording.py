@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.certificate.rest.ground import Ground, bearers
-from graspfx.certificate.rest.place import NotGraspingError, Place, about, unforced
+from graspfx.certificate.rest.place import NotGraspingError, Place, about, restless
 from graspfx.certificate.rest.resting import Grip
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
@@ -51,12 +51,15 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
 def recorded(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> Place:  # fmt: skip
-    """Put the grip where the recording's last row has it; the start, and why, where a finger does not touch there.
+    """Put the grip where the recording's last row has it.
 
     Contacts, fingers and the object's pose are those of the row; forces follow from them by the scene's own gains, and
     `assumed` says where they are others than the recorded ones, or where the recording is not at rest.
+
+    Raises:
+        NoRestError: a finger does not touch there.
     """
-    g = grip.grasped
+    g, name = grip.grasped, scene.object[index].name
     place = Place("recorded", None, np.full(grip.n, np.nan))
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
         gaps = recording.gap  # a selection of columns may leave it out
@@ -67,17 +70,19 @@ def recorded(
         )
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
         apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
-        return unforced(place, f"at the end of the recording {apart} do not touch")
-    set_pose(grip, recording, scene.object[index].name)
+        raise restless(name, f"at the end of the recording {apart} do not touch")
+    set_pose(grip, recording, name)
     set_contacts(grip, recording, fingers)
     if g.soft:
         set_torsions(grip, recording, fingers)
     with grip.frozen():
         now = grip.forces()
     if now is None:
-        return unforced(place, "at the end of the recording the forces of a sample do not settle")
+        raise restless(name, "at the end of the recording the forces of a sample do not settle")
     place.assumed += differences(scene, index, grip, fingers, recording, ground)
-    return about(grip, place, "at the end of the recording a finger pulls")
+    if not g.touching.all():
+        raise restless(name, "at the end of the recording a finger pulls")
+    return about(name, grip, place)
 
 
 def set_pose(grip: Grip, recording: Recording, name: str) -> None:

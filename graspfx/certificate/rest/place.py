@@ -14,7 +14,7 @@ from graspfx.certificate.rest.cone_edge import grip_margins
 from graspfx.certificate.rest.ground import bearers
 from graspfx.certificate.rest.resting import SHIFT, STEPS, Grip, settle
 from graspfx.coupling.grasp_state import FingerState
-from graspfx.errors import InputError
+from graspfx.errors import InputError, NoRestError
 from graspfx.objects import integrators as body
 from graspfx.scene.model import Scene
 
@@ -114,9 +114,12 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
-    """Bring the grip to rest; the place has no stiffness, and says why, where there is no rest.
+    """Bring the grip to rest; the place has no stiffness, and says why, where a finger does not touch there.
 
     Hands that grip makes stiffer are as stiff as the forces at rest make them, which is looked for by repetition.
+
+    Raises:
+        NoRestError: none was found.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     place = _squeezed(parts, index, grip, fingers, force)
@@ -128,7 +131,7 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
             return place
         grip.changing[:] = first
         place = _squeezed(parts, index, grip, fingers, force)
-    return unforced(place, "the grip and the stiffness that it gives the hands do not settle")
+    raise restless(parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle")
 
 
 def _stiffens(parts: Parts, finger: int) -> bool:
@@ -139,7 +142,7 @@ def _stiffens(parts: Parts, finger: int) -> bool:
 
 def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> Place:
     """Bring the grip to rest in hands as stiff as these forces make them."""
-    scene, start = parts.scene, parts.start[fingers]
+    scene, start, name = parts.scene, parts.start[fingers], parts.objects[index].table.name
     place = Place("squeezed", None, np.full(grip.n, np.nan))
     load = load_of(parts, index, grip, fingers, place, force)
     grip.grasped.finger_position[:] = start
@@ -156,18 +159,20 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        return unforced(place, "on the way to rest the forces of a sample do not settle")
+        raise restless(name, "on the way to rest the forces of a sample do not settle")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
-        why = (
-            f"with still hands {', '.join(slipping)} still slide"
+        raise restless(
+            name,
+            f"with still hands {', '.join(slipping)} still slide after {result.steps} steps"
             if slipping
-            else "with still hands the grasp does not come to rest"
+            else f"with still hands forces do not balance after {result.steps} steps",
         )
-        return unforced(place, f"{why} after {result.steps} steps" if slipping else why)
     if result.slid.any():
         place.assumed.append(SLID)
-    return about(grip, place, untouching(parts.scene, grip, fingers))
+    if not grip.grasped.touching.all():
+        return unforced(place, untouching(scene, grip, fingers))
+    return about(name, grip, place)
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
@@ -180,7 +185,7 @@ def bent(course: FloatArray, start: FloatArray) -> bool:
 
 def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
     """Squeeze the grip by one linear step from its contacts at the start, as if they stuck; no search for a rest."""
-    place = Place("provisional", None, np.full(grip.n, np.nan))
+    place, name = Place("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
     load = load_of(parts, index, grip, fingers, place)
     g = grip.grasped
     # just inside, so that quotients find every finger touching
@@ -189,17 +194,19 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         now = grip.forces()
         J = None if now is None else grip.stiffness(grip.lengths(), both=False)
         if now is None or J is None:
-            return unforced(place, "the forces of a sample do not settle")
+            raise restless(name, "the forces of a sample do not settle")
         A = np.vstack([J[: grip.m], -J[grip.m :]])
         A[: grip.m, : grip.m] += load.hands
         pull = load.hands @ (load.course[-1] - g.finger_position.ravel()) - now[: grip.m]
         grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
         if grip.forces() is None:
-            return unforced(place, "the forces of a sample do not settle")
+            raise restless(name, "the forces of a sample do not settle")
     place.assumed.append(
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
-    return about(grip, place, untouching(parts.scene, grip, fingers))
+    if not grip.grasped.touching.all():
+        return unforced(place, untouching(parts.scene, grip, fingers))
+    return about(name, grip, place)
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
@@ -225,17 +232,21 @@ def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
     return f"with the hands closed {apart} do not touch the object"
 
 
-def about(grip: Grip, place: Place, otherwise: str) -> Place:
-    """Give the place its stiffness and margins as the grip is now; the start, where a finger does not touch."""
-    if not grip.grasped.touching.all():
-        return unforced(place, otherwise)
+def about(name: str, grip: Grip, place: Place) -> Place:
+    """Give the place of an object its stiffness and margins as the grip is now."""
     place.margins = grip_margins(grip.grasped)
     with grip.frozen():
         J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
-        return unforced(place, "the forces have no derivative at rest")
+        raise restless(name, "the forces have no derivative at rest")
     place.stiffness = J
     return place
+
+
+def restless(name: str, why: str) -> NoRestError:
+    """Make the error of an object's grasp that has no rest: no other state stands in for it."""
+    do = f"{why}; run the scene until it rests, and certify its recording"
+    return NoRestError("object", name, "a grasp that comes to rest", do)
 
 
 def unforced(place: Place, why: str) -> Place:

@@ -27,6 +27,7 @@ SETTLING = 40  # further steps, each longer than the last
 SLIDING = 1500  # steps after those, where contacts slid
 SETTLED = 1e-9  # of the largest force: what may be left unbalanced
 REFRESH = 16  # of those steps for one stiffness
+MEETING = 8  # steps after a finger has begun or ceased to touch, in which nothing moves far
 DISTRUST = 8  # steps of frozen contacts after one of sliding contacts that has not helped
 ROUGH = 1e3  # times its coefficient: that of a frozen contact
 RATE = 1e-5  # of a difference quotient [rad/s]
@@ -162,10 +163,13 @@ def settle(grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray
     """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
 
     The hands close along `course`, then the weight comes on: implicit steps of a motion that friction alone resists,
-    its time step growing until they are Newton's. Contacts keep what a run would keep: faces, anchors, what has
-    slipped. Each step is that of contacts frozen where they are, and the forces left over are the
-    true ones: where contacts slide they shrink in proportion only, by k/(k + k_h) a step or so. So after a while steps
-    are those of contacts that slide on, as long as that helps.
+    its time step growing until they are Newton's. A step knows nothing of contacts that are not there yet: where one
+    begins or ends, the next steps are resisted as by the stiffest one, or an object would be thrown from finger to
+    finger.
+
+    Contacts keep what a run would keep: faces, anchors, what has slipped. Each step is that of contacts frozen where
+    they are, and the forces left over are the true ones: where contacts slide they shrink in proportion only, by
+    k/(k + k_h) a step or so. So after a while steps are those of contacts that slide on, as long as that helps.
 
     Args:
         course: intended positions r (STEPS, m) [m], the last ones from then on.
@@ -180,6 +184,7 @@ def settle(grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray
     p, status = grip.grasped.finger_position, grip.grasped.rows[:, at.STATUS]
     slid = np.zeros(grip.n, dtype=bool)
     J: FloatArray | None = None
+    touching, met, stiffest = grip.grasped.touching.copy(), 0, drag
     end, trusted = STEPS + SETTLING, STEPS
     before = np.inf
     for k in range(end + SLIDING):
@@ -211,6 +216,11 @@ def settle(grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray
         A = np.vstack([tangent[:m], -tangent[m:]])
         A[:m, :m] += hands
         slow = drag * (1.0 if k < STEPS else 10.0 ** -(min(k - STEPS, 24) / 3.0))
+        stiffest = max(stiffest, float(np.abs(np.diag(J)[:m]).max(initial=0.0)))
+        if not np.array_equal(touching, grip.grasped.touching):
+            touching, met = grip.grasped.touching.copy(), k + MEETING
+        if k < met:
+            slow = max(slow, grip.n * stiffest)
         step = np.linalg.solve(A + slow * np.diag(scale), left)
         longest = float(np.abs(step * SHIFT / lengths).max(initial=0.0))
         grip.move(step * min(1.0, 1e-3 / longest) if longest > 1e-3 else step)
