@@ -1,8 +1,9 @@
 """All that a driver, a hand or a body of another's imports: protocols, kernels and records, numbers, and errors.
 
 A driver is a module with `connect(**settings) -> Device`, a hand one with `hold(**settings) -> Hand`, dynamics one with
-`create(state) -> Body`. Each is whole with the first protocol of its kind; the others are for devices that are
-simulated, tell a limit that changes, or show their blocks and kernels, so that they become part of the compiled tick.
+`create(state) -> Body`, whose module tells certificates its step: `INTEGRATOR = "semi-implicit"` or another. Each is
+whole with the first protocol of its kind; the others are for devices that are simulated, tell a limit that changes, or
+show their blocks and kernels, so that they become part of the compiled tick.
 """
 
 from __future__ import annotations

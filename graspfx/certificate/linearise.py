@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.build.fading import set_fade
@@ -35,10 +36,12 @@ from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
+from graspfx.scene.tables.part_tables import Object
 
 FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start", "provisional", "recorded")
+TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # of a plug-in; implicit ones are solved with their forces
 STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
 
 
@@ -200,12 +203,35 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
             grip.changing[:] = initial
         grasped.finger_position[:] = start[fingers]
         ground = None
-    return _matrices(scene, part, grip, place, ground, standing)
+    return _matrices(parts, part, grip, place, ground, standing)
+
+
+def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
+    """Name the step of an object's body; of a plug-in's the one that its module tells, or an assumption.
+
+    Raises:
+        InputError: a plug-in tells one that no body of its kind has.
+    """
+    if table.dynamics == "native":
+        return table.integrator
+    if own := dynamics_of(table.dynamics).integrator:
+        return own
+    module = plugins.load_blaming("dynamics", table.dynamics, parts.folder)
+    told = getattr(module, "INTEGRATOR", None)
+    if told is None:
+        assumed.append(
+            f"the dynamics {table.dynamics} do not tell their integrator: semi-implicit (`INTEGRATOR` of their module)"
+        )
+        return "semi-implicit"
+    if told not in TOLD:
+        raise InputError(f"INTEGRATOR of the dynamics {table.dynamics}", told, f"one of {', '.join(TOLD)}")
+    return str(told)
 
 
 def _matrices(
-    scene: Scene, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
+    parts: Parts, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
 ) -> _Share:
+    scene = parts.scene
     table, fingers, d, g = part.table, part.fingers, scene.dimensions, grip.grasped
     J, assumed, state = place.stiffness, place.assumed, g.body_state
     n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
@@ -289,7 +315,7 @@ def _matrices(
         N=N,
         inertia=inertia_of(state, R, grip),
         viscosity=viscosity,
-        integrator=dynamics_of(table.dynamics).integrator or table.integrator,
+        integrator=_integrator(parts, table, assumed),
     )
 
 
