@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from argparse import ArgumentParser, Namespace
@@ -25,6 +26,7 @@ EXAMPLE = """  graspfx stream paper-waving
   graspfx stream sphere-three-fingers --goals --rate 90
   graspfx stream paper-waving --lsl"""
 RATE = 60.0  # of states [Hz]
+TOKEN = "GRASPFX_TOKEN"  # of the environment: an argument can be read by everybody on the machine
 LOOK = 0.1  # between two looks whether to end [s]
 
 
@@ -42,7 +44,8 @@ def add_stream(parser: ArgumentParser) -> None:
     """Add --port, --lan, --token and --origin."""
     parser.add_argument("--port", metavar="N", type=int, help="of the stream (the first that is free from 8770 on)")
     parser.add_argument("--lan", action="store_true", help="let programs of other machines in the network in, too")
-    parser.add_argument("--token", metavar="TEXT", help="that clients bring, 16 letters or more (a new one is printed)")
+    secret = f"that clients bring, 16 letters or more; or ${TOKEN}, which others cannot see (a new one is printed)"
+    parser.add_argument("--token", metavar="TEXT", help=secret)
     pages = "let a browser's page from there open the stream, as http://localhost:5000"
     parser.add_argument("--origin", metavar="URL", action="append", default=[], help=pages)
 
@@ -70,8 +73,8 @@ def execute(options: Namespace) -> int:
     guide: Literal["hands", "fingers"] = "hands" if scene.hand else "fingers"
     with interruptible() as stop, ExitStack() as stack:
         stream, address = stream_of(
-            stack, rate=options.rate, goals=options.goals, port=options.port, lan=options.lan, token=options.token,
-            origins=options.origin,
+            stack, rate=options.rate, goals=options.goals, port=options.port, lan=options.lan,
+            token=options.token or os.environ.get(TOKEN) or None, origins=options.origin,
         )  # fmt: skip
         if parts.hardware:
             warn_of_hardware()

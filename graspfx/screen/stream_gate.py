@@ -10,7 +10,7 @@ from http import HTTPStatus
 
 from graspfx.errors import InputError
 from graspfx.screen.own_page import refusal
-from graspfx.screen.touch_gate import BARRED, Admission, Gate, is_same, token_in
+from graspfx.screen.touch_gate import Admission, Gate, is_same, token_in
 
 SHORTEST = 16  # letters of a token that a user chooses
 TOKEN = re.compile(r"[A-Za-z0-9_-]+")
@@ -59,10 +59,6 @@ class StreamGate(Gate):
         own = {name: value for name, value in headers.items() if name != "Origin" or value not in self.origins}
         if reason := refusal(own, is_socket=False, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
-        now = self.clock()
-        if self._is_barred(peer, now):
-            return BARRED
         if is_same(token_in(target), self.token):
             return Admission(HTTPStatus.OK)
-        self._count_wrong(peer, now)
-        return Admission(HTTPStatus.FORBIDDEN, "the address ends in ?token= and the token that the terminal shows")
+        return self._refused(peer, "the address ends in ?token= and the token that the terminal shows")

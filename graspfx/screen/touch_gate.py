@@ -101,27 +101,26 @@ class Gate:
             return Admission(HTTPStatus.FORBIDDEN, reason)
         if not self.locked or self._has_session(headers.get("Cookie", "")):
             return Admission(HTTPStatus.OK)
-        now = self.clock()
-        if self._is_barred(peer, now):
-            return BARRED
         token = "" if is_socket else token_in(target)
-        if token and self._redeem(token, now):
+        if token and self._redeem(token, self.clock()):
             return Admission(HTTPStatus.OK, cookie=self._begin_session())
-        self._count_wrong(peer, now)
-        return Admission(HTTPStatus.FORBIDDEN, "scan the code that the terminal shows; each is good for one screen")
+        return self._refused(peer, "scan the code that the terminal shows; each is good for one screen")
 
-    def _is_barred(self, peer: str, now: float) -> bool:
-        """Tell whether an address has brought too many wrong tokens."""
-        wrong = self._wrong.get(peer)
-        return wrong is not None and wrong.is_empty(now)
+    def _refused(self, peer: str, reason: str) -> Admission:
+        """Answer a wrong token, and count it; after too many of them the address is told to wait.
 
-    def _count_wrong(self, peer: str, now: float) -> None:
-        wrong = self._wrong.get(peer)
+        Tokens are compared before: requests of others from the same address, as of any page that a browser there
+        shows, keep nobody out who has the right one.
+        """
+        now, wrong = self.clock(), self._wrong.get(peer)
+        if wrong is not None and wrong.is_empty(now):
+            return BARRED
         if wrong is None:
             wrong = self._wrong[peer] = Bucket(TRIES / PER, TRIES)
             while len(self._wrong) > MOST_PEERS:
                 del self._wrong[next(iter(self._wrong))]
         wrong.take(now)
+        return Admission(HTTPStatus.FORBIDDEN, reason)
 
     def _has_session(self, header: str) -> bool:
         try:

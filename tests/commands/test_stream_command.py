@@ -23,6 +23,20 @@ def test_it_prints_its_address_and_records(tmp_path: Path, capsys: pytest.Captur
     assert main([*SCENE, "--out", str(tmp_path)]) == 2  # over nothing that is there
 
 
+def test_the_token_may_come_from_the_environment(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An argument can be read by everybody on the machine; where both are given it is the argument's."""
+    monkeypatch.setenv("GRASPFX_TOKEN", "of-the-environment")
+    assert main([*SCENE, "--seconds", "0.1"]) == 0
+    assert "?token=of-the-environment\n" in capsys.readouterr().out
+    assert main([*SCENE, "--seconds", "0.1", "--token", "of-the-command-line"]) == 0
+    assert "?token=of-the-command-line\n" in capsys.readouterr().out
+    monkeypatch.setenv("GRASPFX_TOKEN", "short")
+    assert main(SCENE) == 2
+    assert "16 letters" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
