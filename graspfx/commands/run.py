@@ -90,8 +90,9 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         )  # fmt: skip
     if not recording.outcome.complete:
         simulated, duration = recording.end, options.duration or scene.duration
-        print(f"interrupted after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
         is_asked_for = recording.outcome.cause in ("", *SIGNALS)
+        how = "interrupted" if is_asked_for else "ended"
+        print(f"{how} after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
         return INTERRUPTED if is_asked_for else say_faults(recording) or INTERRUPTED, False
     file = folder / NAME
     if options.json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from graspfx.loop.tick.script import Port
 FloatArray = NDArray[np.float64]
 
 ZERO = "all forces are zero"
+DRIVERS = Exception, SystemExit  # what a driver may raise: a run with hardware does not end by `sys.exit` of a library
+CALLS = "ask", "read", "write", "stop"  # of a device that may hang while a force is there
 
 
 def part_name(kind: str, part: object, names: Iterable[str]) -> str:
@@ -52,6 +55,7 @@ class DevicePort:
         fitting: to the scene.
         readings: in the device's own axes, where the port has them in the scene's.
         log: of what it tells besides, where that is recorded; None without.
+        place: the number of its first call among those of all devices, from 1 on (`call_of`).
         is_gone: whether a call of it has failed: it is not read again.
         is_unstopped: whether it did not let itself be stopped when it was last told to.
         is_up: whether its deadman was up at the last reading.
@@ -65,6 +69,7 @@ class DevicePort:
         self.channels: list[int] = station.fingers.tolist()
         self.fitting = station.fitting
         self.hardware = is_hardware(self.device)
+        self.place = 1 + len(CALLS) * port.station
         self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
         self._since = self.fitting.every - 1  # ticks since it was called
         self.workspace = self.device.features.workspace
@@ -85,7 +90,7 @@ class DevicePort:
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
-        except Exception as error:  # noqa: BLE001 - a driver may raise anything, and each is a fault in words
+        except DRIVERS as error:  # each is a fault in words
             return self._failure("cannot be opened", error)
         self.is_gone = False
         return ""
@@ -95,7 +100,7 @@ class DevicePort:
         try:
             if self._ask is not None and self._since + 1 >= self.fitting.every:
                 self._ask()
-        except Exception as error:  # noqa: BLE001 - as in `open`
+        except DRIVERS as error:
             return self._failure("cannot be asked", error)
         return ""
 
@@ -124,7 +129,7 @@ class DevicePort:
                 text = self._watch(self.device, self.fitting.deadman)
             if self.log is not None and not text:
                 text = self.log.take(self.device, is_fresh=readings.is_fresh)
-        except Exception as error:  # noqa: BLE001 - as in `open`
+        except DRIVERS as error:
             return self._failure("cannot be read", error)
         if text:
             return self._fault(text)
@@ -146,7 +151,7 @@ class DevicePort:
         frame = self.fitting.frame
         try:
             self.device.write(self.port.command if frame is None else frame.pull(self.port.command))
-        except Exception as error:  # noqa: BLE001 - as in `open`
+        except DRIVERS as error:
             return self._failure("cannot be written", error)
         return ""
 
@@ -156,7 +161,7 @@ class DevicePort:
         try:
             self.device.stop()
             self.is_unstopped = False
-        except Exception as error:  # noqa: BLE001 - one that is gone cannot be stopped, and the others must be
+        except DRIVERS as error:  # one that is gone cannot be stopped, and the others must be
             return self._failure("cannot be stopped, and may keep its force: switch it off", error)
         return ""
 
@@ -164,7 +169,7 @@ class DevicePort:
         """Let go of the hardware."""
         try:
             self.device.__exit__(None, None, None)
-        except Exception as error:  # noqa: BLE001 - as in `stop`
+        except DRIVERS as error:
             return self._failure("cannot be closed", error)
         return ""
 
@@ -189,7 +194,7 @@ class DevicePort:
         self.is_gone = True
         return f"{self.name} {text}; {ZERO}"
 
-    def _failure(self, action: str, error: Exception) -> str:
+    def _failure(self, action: str, error: BaseException) -> str:
         """Say that a call has failed; a simulation's own words for it stand alone."""
         self.is_gone = True
         if isinstance(error, DeviceError):
@@ -202,17 +207,19 @@ class DeviceExchange:
 
     Attributes:
         exits: told while a driver has the thread, so that a signal can take it back.
+        call: which call of which device has the thread, 0 for none; one whole number, which another process may see.
     """
 
     def __init__(self, ports: Iterable[DevicePort]) -> None:
         self.ports = list(ports)
         self.exits = Exits()
+        self.call: memoryview | list[int] = [0]
 
     @property
     def hardware(self) -> DeviceExchange:
         """Those devices that are no simulations."""
         part = DeviceExchange(each for each in self.ports if each.hardware)
-        part.exits = self.exits
+        part.exits, part.call = self.exits, self.call
         return part
 
     @property
@@ -227,11 +234,20 @@ class DeviceExchange:
 
     def read(self, periods: int = 1) -> list[str]:
         """Read every device that is not gone, all of them asked before the first is read; list what is wrong."""
+        call, faults = self.call, list[str]()
         self.exits.inside = True
         try:
-            faults = [text for each in self.ports if not each.is_gone and (text := each.ask())]
-            return faults + [text for each in self.ports if (text := each.read(periods))]
+            for each in self.ports:
+                call[0] = each.place
+                if not each.is_gone and (text := each.ask()):
+                    faults.append(text)
+            for each in self.ports:
+                call[0] = each.place + 1
+                if text := each.read(periods):
+                    faults.append(text)
+            return faults
         finally:
+            call[0] = 0
             self.exits.inside = False
 
     def write(self) -> str:
@@ -243,22 +259,41 @@ class DeviceExchange:
         if self.exits.at_once:
             raise Interruption(self.exits.cause)
         self.exits.inside = True
+        call = self.call
         try:
-            return next((text for each in self.ports if (text := each.write())), "")
+            for each in self.ports:
+                call[0] = each.place + 2
+                if text := each.write():
+                    return text
+            return ""
         finally:
+            call[0] = 0
             self.exits.inside = False
 
     def stop(self) -> list[str]:
         """Set the force of every device to zero, those first that still answer; list which of these do not."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
-        texts = _all([each.stop for each in sound])
-        _all([each.stop for each in silent])
+        try:
+            texts = _all([partial(self._stop, each) for each in sound])
+            _all([partial(self._stop, each) for each in silent])
+        finally:
+            self.call[0] = 0
         return texts
+
+    def _stop(self, port: DevicePort) -> str:
+        self.call[0] = port.place + 3
+        return port.stop()
 
     def close(self) -> list[str]:
         """Close every device, the last one first; list which cannot be closed."""
         return _all([each.close for each in reversed(self.ports)])
+
+
+def call_of(place: int, names: Sequence[str]) -> str:
+    """Say which call of which device a number stands for, by the names of all devices; empty for none."""
+    number, call = divmod(place - 1, len(CALLS))
+    return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
 
 def _all(calls: Sequence[Callable[[], str]]) -> list[str]:

@@ -351,6 +351,11 @@ class Servo:
         """Set the force of every device in plain Python to zero, now; nothing comes between a fault and this."""
         self._stop_faults += self._devices.stop()
 
+    def show_calls(self, word: memoryview) -> None:
+        """Show in a word which call of a device in Python has the thread, as `call_of` reads it; before a run."""
+        self._ready()
+        self._devices.call = word
+
     def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:

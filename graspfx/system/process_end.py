@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from contextlib import suppress
+from pathlib import Path
 from subprocess import Popen
 
 from graspfx.system import c_library
@@ -34,6 +35,14 @@ def send(number: int, process: Popen[bytes] | None, descriptor: int) -> None:
             signal.pidfd_send_signal(descriptor, number)
         elif process is not None and process.returncode is None:
             os.kill(process.pid, number)
+
+
+def is_stopped(number: int) -> bool:
+    """Tell whether a process is stopped by a signal, on Linux."""
+    try:
+        return Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[0] in (b"T", b"t")
+    except (OSError, IndexError):
+        return False
 
 
 def ending(code: int) -> str:

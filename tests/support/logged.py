@@ -62,7 +62,7 @@ class Logged:
             self.note("crash")
             ctypes.string_at(0)
         if self.reads == 60 and self.how == "exits":
-            raise SystemExit(7)
+            raise SystemExit(0)
         if self.reads == 60 and self.how == "raises":
             self.note("raise")
             raise OSError("unplugged")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import time
@@ -16,6 +17,7 @@ from typing import Any
 from graspfx.build.process import boot
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.build.process.relay import Relay
+from graspfx.loop.device_exchange import call_of
 from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.loop.realtime.priority import GUARD
 from graspfx.loop.realtime.ring import Phase, Ring, Word
@@ -25,6 +27,8 @@ from graspfx.system.scheduling import set_fifo
 PAUSE = 20  # between two looks [ms]
 PATIENCE = 0.5  # for a servo to rest that was asked to [s]
 MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
+HANGS = 0.1  # for a call of a device to return, and
+WATCHDOGS = 3  # times what the scene's watchdog lets a tick be late
 LONGER = 0.25  # then, until the next step [s]
 OPENING = 30.0  # for a device to open, and for all to come to rest [s]
 CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
@@ -44,6 +48,8 @@ class Guard(Thread):
         devices: that are quenched when the process dies with forces on.
         period: T [s].
         clock: of its patience with a servo that does nothing.
+        names: of all devices of the scene.
+        watchdog: time by which a tick may be late [s].
 
     Attributes:
         messages: of the process, each a tuple that begins with its kind; the last one is DEATH.
@@ -53,18 +59,24 @@ class Guard(Thread):
         report: how the quenching went, a sentence each; empty without.
         is_settled: whether the hardware has told that it is open and at rest.
         is_overdue: whether it has not, in time, and was ended.
+        hang: which call of a device did not return, in words; empty without.
     """
 
-    def __init__(self, ring: Ring, devices: Sequence[Quencher], period: float, clock: Clock | None = None) -> None:
+    def __init__(
+        self, ring: Ring, devices: Sequence[Quencher], period: float, clock: Clock | None = None,
+        *, names: Sequence[str] = (), watchdog: float = math.inf,
+    ) -> None:  # fmt: skip
         super().__init__(name="graspfx-guard", daemon=True)
         self._ring, self._devices, self._clock = ring, devices, clock or WallClock()
         self._still = max(MOST_STILL, 20.0 * period)
+        self._names, self._hung = names, min(self._still, max(HANGS, WATCHDOGS * watchdog))
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self.lock = Lock()
         self.relay: Relay | None = None
         self.failure: BaseException | None = None
         self.report: list[str] = []
         self.is_settled = self.is_overdue = False
+        self.hang = ""
         self.process: Popen[bytes] | None = None
         self._line: Connection | None = None
         self._watched = -1  # descriptor of the process
@@ -200,8 +212,16 @@ class Guard(Thread):
         halt = int(words[Word.HALT])
         if head != self._head or (halt and head >= halt - 1 and not is_told):  # a pause is no standstill
             self._head, self._since, self._step = head, now, 0
+        call = call_of(int(words[Word.CALL]), self._names) if is_running and not is_told else ""
         wait = OPENING if is_opening else CLOSING if not is_running else PATIENCE if is_told else self._still
-        if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:
-            self.is_overdue = self.is_overdue or is_opening
-            self._signal(STEPS[self._step])
-            self._step += 1
+        if is_running and not is_told and (call or self.hang):
+            wait = self._hung
+        if self._step >= len(STEPS) or now - self._since <= wait + self._step * LONGER:
+            return
+        if call and not self.hang:
+            if now - self._since <= self._still and process_end.is_stopped(self.pid):
+                return  # by a signal, not in its driver
+            self.hang = f"{call} has not returned for {now - self._since:.2g} s; all forces are zero"
+        self.is_overdue = self.is_overdue or is_opening
+        self._signal(STEPS[self._step])
+        self._step += 1

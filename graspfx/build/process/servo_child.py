@@ -140,6 +140,7 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
     orders = Orders(ring, servo, recorder, hardware.pacer)
     if isinstance(hardware.pacer, PausingPacer):
         hardware.pacer.orders = orders
+    servo.show_calls(memoryview(ring.memory).cast("q")[Word.CALL : Word.CALL + 1])
     ring.words[Word.PHASE] = Phase.RUNNING
     try:
         hardware.run(errand.ticks, recorder, orders)

@@ -18,7 +18,10 @@ from graspfx.build.process.errand import Errand
 from graspfx.build.process.guard import DEATH, OPENING, Guard
 from graspfx.build.process.quenching import quenchers
 from graspfx.build.process.relay import Relay
+from graspfx.build.scene_guards import guards_of
 from graspfx.errors import DeviceError
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime import carried_errors
 from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
 from graspfx.loop.realtime.priority import REMEDY, RealTimeWarning
@@ -122,14 +125,16 @@ class ServoProcess:
                 except BaseException as error:  # noqa: BLE001 - it is raised by `run`
                     self.guard.failure = error
             self.guard.relay = None
-        if relay is not None and self.guard.report and self.relay is not None:
-            text = f"the servo's process {self.cause}; {'; '.join(self.guard.report)}"
-            relay.note_fault(self.ticks, text)
+        texts = [self.guard.hang] if self.guard.hang else []
+        if self.guard.report:
+            texts += [f"the servo's process {self.cause}", *self.guard.report]
+        if relay is not None and texts:
+            relay.note_fault(self.ticks, "; ".join(texts))
 
     @property
     def outcome(self) -> dict[str, Any]:
         """Entries of the run's `Outcome`."""
-        cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else "")
+        cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else self.guard.hang)
         lost = {} if self.relay is None else {"lost": self.relay.lost}
         result = {"skipped": int(self.ring.words[Word.SKIPPED]), **self._result, **lost}
         return {"engine": self.engine, **result, "cause": cause or self._result.get("cause", "")}
@@ -246,7 +251,9 @@ def servo_process(
     errand.text()
     ring = Ring(create(layout.width, goals), layout.width, every, goals)
     ring.words[Word.BEAT] = time.monotonic_ns()
-    guard = Guard(ring, quenchers(parts), parts.scene.period)
+    names = [device_name(DeviceWiring(w.device, w.fingers), parts.scene.finger_names) for w in parts.wires]
+    period = parts.scene.period
+    guard = Guard(ring, quenchers(parts), period, names=names, watchdog=period * guards_of(parts).late)
     remote = ServoProcess(guard, ring, layout, Exits())
     guard.start()
     try:

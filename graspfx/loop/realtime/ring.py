@@ -47,6 +47,7 @@ class Word(IntEnum):
     GOAL = 88  # number of the last goals of guided hands; the recorder's side
     GOALS = 96  # how often goals were taken; the servo's
     NOTED = 104  # bytes of notes that were read; the recorder's
+    CALL = 112  # of a device in Python that has the thread, as `DevicePort.place`; 0 for none; the servo's
 
 
 class Phase(IntEnum):

@@ -18,7 +18,7 @@ import pytest
 import graspfx as gx
 from graspfx.build.process import guard as guard_module
 from graspfx.build.process import quenching
-from graspfx.build.process.guard import CLOSING, LONGER, MOST_STILL, OPENING, PATIENCE, STEPS, Guard
+from graspfx.build.process.guard import CLOSING, LONGER, MOST_STILL, OPENING, PATIENCE, STEPS, WATCHDOGS, Guard
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError, RecordingError
@@ -109,6 +109,7 @@ def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> No
     hang, quench = ([each.time for each in run.log if each.what == what] for what in ("hang", "quench"))
     assert quench[0] - hang[0] > MOST_STILL
     assert code == 3
+    assert "`read` of the device of finger0 (Logged) has not returned for " in messages
     assert "the servo's process was ended by SIGKILL" in messages
 
 
@@ -124,20 +125,24 @@ def test_a_device_that_never_opens_is_ended_and_named(
 
 
 @pytest.mark.parametrize(
-    ("phase", "told", "halt", "patience"),
+    ("phase", "told", "halt", "call", "patience"),
     [
-        (Phase.RUNNING, 0, 0, MOST_STILL),
-        (Phase.RUNNING, 1, 0, PATIENCE),
-        (Phase.RUNNING, 0, 5, math.inf),
-        (Phase.OPEN, 1, 0, CLOSING),
-        (Phase.OPEN, 0, 0, OPENING),
-        (Phase.STARTING, 0, 0, math.inf),
-        (Phase.RESTED, 1, 0, math.inf),
+        (Phase.RUNNING, 0, 0, 0, MOST_STILL),
+        (Phase.RUNNING, 0, 0, 6, WATCHDOGS * 0.2),
+        (Phase.RUNNING, 1, 0, 6, PATIENCE),
+        (Phase.RUNNING, 0, 5, 0, math.inf),
+        (Phase.OPEN, 1, 0, 0, CLOSING),
+        (Phase.OPEN, 0, 0, 0, OPENING),
+        (Phase.STARTING, 0, 0, 0, math.inf),
+        (Phase.RESTED, 1, 0, 0, math.inf),
     ],
-    ids=["no tick", "no rest", "paused", "not armed", "not open", "not begun", "at rest"],
+    ids=["no tick", "a call", "no rest", "paused", "not armed", "not open", "not begun", "at rest"],
 )
-def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, patience: float) -> None:
-    """A signal that a driver's call gives way to, and one that nothing withstands a quarter of a second later."""
+def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, call: int, patience: float) -> None:
+    """A signal that a driver's call gives way to, and one that nothing withstands a quarter of a second later.
+
+    A call of a device has some times what the scene's watchdog lets a tick be late.
+    """
 
     class Told(Guard):
         def _signal(self, number: int) -> None:
@@ -146,8 +151,8 @@ def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, p
     clock, told_numbers, file = VirtualClock(), dict[int, float](), create(1)
     ring = Ring(file, 1, 1)
     try:
-        guard, words = Told(ring, [], 0.001, clock), ring.words
-        words[Word.PHASE], words[Word.STOP], words[Word.HALT] = phase, told, halt
+        guard, words = Told(ring, [], 0.001, clock, names=["one", "two"], watchdog=0.2), ring.words
+        words[Word.PHASE], words[Word.STOP], words[Word.HALT], words[Word.CALL] = phase, told, halt, call
         for tick in range(4):  # signs of life
             words[Word.HEAD] = tick + 1
             guard._hurry()
@@ -160,6 +165,7 @@ def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, p
         os.close(file)
     assert list(told_numbers) == ([] if math.isinf(patience) else list(STEPS))
     assert list(told_numbers.values()) == pytest.approx([patience, patience + LONGER][: len(told_numbers)], abs=0.011)
+    assert guard.hang.partition(" has")[0] == ("`read` of two" if call and not told else "")
 
 
 def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

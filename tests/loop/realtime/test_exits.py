@@ -110,18 +110,30 @@ def test_a_slow_disk_makes_no_tick_wait(tmp_path: Path) -> None:
     assert rec.outcome.complete
 
 
-@pytest.mark.parametrize(("how", "code", "says"), [("exits", 7, "SystemExit: 7"), ("raises", 3, "")])
-def test_what_a_driver_raises_ends_in_zero_force_first(how: str, code: int, says: str, tmp_path: Path) -> None:
-    """A program that ends itself rests first; an exception is a fault, after which the run goes on without force."""
+@pytest.mark.parametrize(("how", "says"), [("exits", "SystemExit: 0"), ("raises", "OSError: unplugged")])
+def test_what_a_driver_raises_ends_in_zero_force_first(how: str, says: str, tmp_path: Path) -> None:
+    """An exception is a fault, after which the run goes on without force; so is `sys.exit` within a driver."""
     with LoggedRun(tmp_path, how, options=["--duration", "1.5"]) as run:
-        exit_code, _ = run.end()
+        code, _ = run.end()
     rec = Recording.load(run.out)
-    assert exit_code == code
+    assert code == 3
     require_order(run)
-    assert rec.outcome.cause == says
-    assert rec.outcome.complete is not bool(says)
-    if not says:
-        assert "the device of finger0 (Logged) cannot be read: OSError: unplugged" in rec.faults[0].message
+    assert rec.outcome.complete
+    assert f"the device of finger0 (Logged) cannot be read: {says}" in rec.faults[0].message
+
+
+def test_a_driver_that_hangs_is_a_fault(tmp_path: Path) -> None:
+    """It is broken off, every device is stopped, and the fault names device and call: nobody has interrupted."""
+    with LoggedRun(tmp_path, "hangs") as run:
+        code, messages = run.end()
+    rec = Recording.load(run.out)
+    [fault] = rec.faults
+    assert code == 3
+    assert fault.message.startswith("`read` of the device of finger0 (Logged) has not returned for ")
+    assert fault.tick == len(rec)
+    assert fault.message in messages and "interrupted" not in messages
+    assert rec.outcome.cause == fault.message
+    require_order(run)
 
 
 def test_a_servo_that_was_killed_leaves_a_whole_recording(tmp_path: Path) -> None:
