@@ -93,6 +93,8 @@ def parse(words: Sequence[str]) -> Namespace:
         UnknownNameError: no command or option has that name.
         SystemExit: --help, --version, or arguments that do not fit.
     """
+    if not words:
+        words = ["--help"]
     word = next((word for word in words if not word.startswith("-")), None)
     if word is not None and word not in COMMANDS:
         raise UnknownNameError("command", word, COMMANDS, "`graspfx --help` says what each does")

@@ -6,12 +6,14 @@ A handler can only be there once `logging` is loaded, which takes as long as a s
 from __future__ import annotations
 
 import sys
+import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from logging import Logger
 
 NAME = "graspfx"
+OWN = ("graspfx", "contextlib", "functools")  # packages whose lines are nobody's call of ours
 INFO, DEBUG = 20, 10  # as `logging` numbers them
 
 
@@ -23,6 +25,14 @@ def info(text: str, *values: object) -> None:
 def debug(text: str, *values: object) -> None:
     """Log a detail."""
     _log(DEBUG, text, values)
+
+
+def warn(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line that called GraspFX: the nearest one outside of it."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in OWN:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
 
 
 def is_heard(level: int = INFO) -> bool:

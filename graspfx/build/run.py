@@ -6,7 +6,6 @@ import math
 import os
 import shutil
 import sys
-import warnings
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from os import PathLike
@@ -78,7 +77,7 @@ def run(
         if duration is not None:
             raise InputError("overrides", overrides, "values by dotted key", "the duration has been given by its name")
         note = f"a number after the scene is taken for its duration: write run(scene, duration={overrides})"
-        warnings.warn(note, FutureWarning, stacklevel=2)
+        log.warn(note, FutureWarning)
         overrides, duration = None, overrides
     if not isinstance(real_time, bool):
         raise InputError("real_time", real_time, "True for the wall's clock, or False for the scene's own")
@@ -148,7 +147,7 @@ def warn_of_axes(parts: Parts) -> None:
     from graspfx.grasp.impedance import ActiveCouplingWarning
 
     for text in axes_notes(parts):
-        warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
+        log.warn(text, ActiveCouplingWarning)
 
 
 def ticks_of(duration: float, period: float) -> int:

@@ -27,7 +27,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.calibration.device_calibration import calibrate
+    from graspfx.build.calibration.device_calibration import calibrate, require_hardware
+    from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")
@@ -35,6 +36,7 @@ def execute(options: Namespace) -> int:
         raise InputError("out", str(file), "a file that is not there yet", "take another name, or --overwrite")
     with waiting(f"reading {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    require_hardware(resolve(scene))
     if not options.yes:
         if not sys.stdin.isatty():
             raise InputError("yes", False, "--yes where nobody sits at the terminal", "or start it in one")

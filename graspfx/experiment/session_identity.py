@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from typing import Any
 
-from graspfx import __version__
+from graspfx import __version__, log
 from graspfx.build.engine_versions import engine_versions
 from graspfx.build.named_files import by_name, file_changes, files_of
 from graspfx.build.scene_changes import scene_changes
@@ -65,7 +64,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
         text = (
             f"was begun by an earlier GraspFX, which did not note what is in files; see that none has changed: {names}"
         )
-        warnings.warn(f"{files.table_description}: {text}", SessionWarning, stacklevel=4)
+        log.warn(f"{files.table_description}: {text}", SessionWarning)
 
 
 def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: Study, mode: str) -> Iterator[str]:

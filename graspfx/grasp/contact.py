@@ -15,6 +15,11 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 
 MODELS = ("frictionless", "hard", "soft", "full")
+ALIASES = {  # names of the literature: Prattichizzo and Trinkle's, Murray, Li and Sastry's, SynGrasp's
+    "pcwof": "frictionless", "pwof": "frictionless", "fpc": "frictionless",
+    "pcwf": "hard", "hf": "hard", "hard finger": "hard", "point": "hard",
+    "sf": "soft", "sfc": "soft", "soft finger": "soft", "full contact": "full",
+}  # fmt: skip
 SELECTION = "selection"  # what a contact is called whose model is a matrix
 Model = str | ArrayLike
 MOMENTS = {1: 0, 2: 1, 3: 3}  # how many moments a wrench has: none on the line, t_z in the plane, three in space
@@ -150,6 +155,7 @@ def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
             expected = f"one of {', '.join(MODELS)}, a selection matrix, or one for each contact"
             raise InputError("model", model, expected) from error
         models = (cast("Model", model),) * n if one else tuple(items)
+    models = tuple(ALIASES.get(name.lower(), name) if isinstance(name, str) else name for name in models)
     for name in models:
         if isinstance(name, str) and name not in MODELS:
             raise UnknownNameError("contact model", name, MODELS)

@@ -34,7 +34,7 @@ class Grasp(Carded, GraspMatrix):
         points: contact points (n, d) or (..., n, d) [m].
         normals: (n, d) or (..., n, d), into the object.
         model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
-            `grasp.contact.Contacts`).
+            `grasp.contact.Contacts`); or by the names of the literature: FPC or PwoF, PCWF or HF, SF.
         frames: (n, d, d) or (..., n, d, d), each contact's axes as columns, the last one the normal; the world's
             axes if None.
         origin: o, to which moments refer, (d,), or one for each set [m]; zero if None.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field
 from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx import log
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.gain import SYMMETRIC, Gain, checked_gain, equal_gains, gain_text, turned_gain
@@ -240,10 +240,9 @@ class Coupling(Carded):
             faults.append(f"its symmetric part has the eigenvalue {lowest:.3g} {unit}")
         if faults:
             self._warned[pair] = worst
-            warnings.warn(
+            log.warn(
                 f"the {pair} of eq. (4) can create energy: {' and '.join(faults)}; form='symmetric' cannot",
                 ActiveCouplingWarning,
-                stacklevel=4,
             )
 
 

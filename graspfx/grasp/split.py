@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx import log
 from graspfx.card import Card, Carded, counted, span
 from graspfx.errors import InputError
 from graspfx.grasp.gain import SYMMETRIC
@@ -315,12 +315,11 @@ class Split(Carded):
                 M = M[self.grasp.finger_of_column]
             moments = self.grasp.torsion_columns.any() and self.grasp.moment_rows.any()
             if moments and (metric is None or per_finger):
-                warnings.warn(
+                log.warn(
                     "contacts with moments and no metric for them: 1 rad of torsion is taken for 1 m, and the split "
                     "depends on the unit of length; pass metric=grasp.metric(torsion_length=...), the radius of a "
                     "contact patch",
                     UnitDependentSplitWarning,
-                    stacklevel=3,
                 )
         if M.shape not in ((m,), (m, m)):
             per = "" if self.grasp is None else f", or {self.grasp.fingers} weights, one per finger"

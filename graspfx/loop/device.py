@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -11,6 +10,7 @@ from typing import NamedTuple, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import log
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError
 from graspfx.loop.operator import Operator
@@ -329,7 +329,7 @@ def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., 
                 now = names[former]
                 if now in settings:
                     raise InputError(former, settings[former], f"{now!r} alone: {former!r} is its former name")
-                warnings.warn(f"{former!r} is called {now!r} now", FutureWarning, stacklevel=2)
+                log.warn(f"{former!r} is called {now!r} now", FutureWarning)
                 settings[now] = settings.pop(former)
             return connect(**settings)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import socket
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import __version__, plugins
+from graspfx import __version__, log, plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
@@ -126,7 +125,7 @@ def sweep(
         size = chunk or _size(len(variants), prospect, crew)
         with _store(folder, parts, size, resume=resume, overwrite=overwrite) as store:
             if store is not None and store.removal:
-                warnings.warn(store.removal, SweepWarning, stacklevel=2)
+                log.warn(store.removal, SweepWarning)
             work = Work(scene_, variants, order, prospect, size if store is None else store.size, store)
             work.recall()
             work.do(crew)
@@ -190,7 +189,7 @@ class Work:
             names = ", ".join(path.name for path in self.store.damaged[:5])
             more = f" and {len(self.store.damaged) - 5} more" if len(self.store.damaged) > 5 else ""
             text = f"{self.store.damaged[0].parent}: damaged, and computed again: {names}{more}"
-            warnings.warn(text, SweepWarning, stacklevel=4)
+            log.warn(text, SweepWarning)
 
     def do(self, crew: Crew) -> None:
         """Compute what is missing.
@@ -221,7 +220,7 @@ class Work:
 
     @staticmethod
     def _note(text: str) -> None:
-        warnings.warn(text, SweepWarning, stacklevel=2)
+        log.warn(text, SweepWarning)
 
     @contextmanager
     def _farewell(self) -> Iterator[None]:

@@ -140,6 +140,17 @@ def _figure(value: float | Sequence[float]) -> str:
     return f"[{', '.join(_figure(each) for each in value)}]"
 
 
+def require_hardware(parts: Parts) -> None:
+    """Require that a device of a scene is hardware.
+
+    Raises:
+        InputError: all are simulations.
+    """
+    if not parts.hardware:
+        remedy = "a simulated device is as its settings say, and has nothing to be measured"
+        raise InputError("scene", parts.scene.source.name, "one with hardware", remedy)
+
+
 def calibrate(
     scene: Scene | str | PathLike[str],
     *,
@@ -171,12 +182,8 @@ def calibrate(
     if not number("pulses", pulses, "a whole number, 1 or more") >= 1:
         raise InputError("pulses", pulses, "a whole number, 1 or more")
     parts = resolve(scene_)
+    require_hardware(parts)
     hardware = [wire for wire in parts.own_wires() if is_hardware(wire.device)]
-    if not hardware:
-        raise InputError(
-            "scene", scene_.source.name, "one with hardware",
-            "a simulated device is as its settings say, and has nothing to be measured",
-        )  # fmt: skip
     figures = tuple(_device(parts, wire, pulses, share, prompt) for wire in hardware)
     return Calibration(scene_.source.name, figures)
 

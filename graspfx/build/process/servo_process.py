@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from queue import Empty
@@ -157,7 +156,7 @@ class ServoProcess:
             return None
         match kind:
             case "warning":
-                warnings.warn(str(rest[0]), rest[1], stacklevel=6)
+                log.warn(str(rest[0]), rest[1])
             case "message":
                 if log.is_heard(rest[0]):
                     logging.getLogger(log.NAME).log(rest[0], "%s", rest[1])
@@ -208,7 +207,7 @@ class ServoProcess:
         (self._header,) = self.expect("settled")
         log.info("the servo runs in process %d: %s", self.guard.pid, dict(self.header.scheduling))
         if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
-            warnings.warn(REMEDY, RealTimeWarning, stacklevel=6)
+            log.warn(REMEDY, RealTimeWarning)
 
     def close(self) -> None:
         """Let the process close its hardware, and end."""

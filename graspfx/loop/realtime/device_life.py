@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from graspfx import log
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import DeviceExchange
 from graspfx.progress import waiting
@@ -39,4 +39,4 @@ def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
             begun.stop()
         finally:
             for text in begun.close():
-                warnings.warn(text, stacklevel=4)
+                log.warn(text)

@@ -5,16 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 from graspfx import plugins
 from graspfx.card import Card, Carded
-from graspfx.errors import InputError
+from graspfx.errors import InputError, closest
 from graspfx.loop.recording.timed_history import TimedHistory
 
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+
+MEANT = {  # what an attribute is looked for by, and what it is called
+    **dict.fromkeys(("force", "forces", "f", "contact_force", "contact_forces"), "finger_force"),
+    **dict.fromkeys(("position", "positions", "p", "x", "finger_positions", "tip", "tips"), "finger_position"),
+    **dict.fromkeys(("velocity", "velocities", "v", "finger_velocities"), "finger_velocity"),
+    **dict.fromkeys(("contacts", "contact", "contact_points"), "contact_position"),
+    **dict.fromkeys(("times", "t", "timestamps"), "time"),
+    **dict.fromkeys(("data", "values", "array"), "rows"),
+    **dict.fromkeys(("normals", "normal"), "contact_normal"),
+    **dict.fromkeys(("depth", "penetration", "gaps", "distance"), "gap"),
+    **dict.fromkeys(("internal", "squeeze", "internal_forces"), "internal_force"),
+    **dict.fromkeys(("external", "external_forces"), "external_force"),
+    **dict.fromkeys(("fault", "errors"), "faults"),
+    **dict.fromkeys(("object", "body", "pose"), "objects[name]"),
+    **dict.fromkeys(("orientation", "wrench", "angular_velocity"), "objects[name].{}"),
+    **dict.fromkeys(("dt", "period", "T"), "header.period"),
+    "dataframe": "to_frame()",
+    "df": "to_frame()",
+    "csv": "to_csv(path)",
+    "show": "plot()",
+    "draw": "plot()",
+}
 
 
 class Drawing(Protocol):
@@ -43,6 +66,23 @@ class Recording(Carded, TimedHistory):
         header: what was known before the run.
         outcome: how it went.
     """
+
+    def __new__(cls, rows: object = None, *args: object, **kwargs: object) -> Self:
+        """Refuse what only `load` reads."""
+        if rows is None or isinstance(rows, str | PathLike):
+            remedy = "gx.Recording.load(path) reads a file, gx.run(scene) makes a recording"
+            raise InputError("Recording", rows, "the rows of a run", remedy)
+        return super().__new__(cls)
+
+    if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_") or hasattr(type(self), name):
+                return super().__getattribute__(name)  # raises what was raised
+            names = [each for each in dir(self) if not each.startswith("_")]
+            meant = MEANT.get(name, "").format(name) or closest(name, names)
+            remedy = f"did you mean {meant}?" if meant else "dir(recording) lists what there is"
+            raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
         """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""

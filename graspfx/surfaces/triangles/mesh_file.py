@@ -19,6 +19,8 @@ MOST_BYTES = 100_000_000
 MOST_TRIANGLES = 500_000
 ENDINGS = (".glb", ".obj", ".off", ".ply", ".stl")
 GEOMETRY = re.compile(rb"^[ \t]*(?:v|f)[ \t].*$", re.MULTILINE)  # what an OBJ has besides names files or costs time
+STL_HEAD, STL_TRIANGLE = 84, 50  # bytes of a binary STL: its head with the count at its end, and each triangle
+LAST_LINE = 1000  # bytes among which the end of an STL in text stands
 LONGEST = 200  # letters of another's error
 
 
@@ -41,6 +43,8 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
         raise InputError("mesh", str(path), "a file that can be read", error.strerror or "") from error
     if len(data) > most_bytes:
         raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes if it is meant")
+    if kind == ".stl" and (missing := _missing_of_stl(data)):
+        raise InputError("mesh", str(path), "a sound stl file", f"it is truncated: {missing}; copy or export it again")
     trimesh = load_trimesh()
     try:
         with warnings.catch_warnings():
@@ -72,11 +76,26 @@ def load_trimesh() -> Any:
         raise MissingPackageError("trimesh", "a shape from a mesh", "pip install trimesh") from error
 
 
+def _missing_of_stl(data: bytes) -> str:
+    """Say what is missing at the end of an STL file; nothing of a whole one."""
+    if _is_text_stl(data):
+        return "" if b"endsolid" in data[-LAST_LINE:] else "it ends without endsolid"
+    if len(data) < STL_HEAD:
+        return f"{len(data)} bytes, shorter than its head of {STL_HEAD}"
+    count = int.from_bytes(data[STL_HEAD - 4 : STL_HEAD], "little")
+    whole = STL_HEAD + STL_TRIANGLE * count
+    return f"{len(data)} bytes, where its {count} triangles take {whole}" if len(data) < whole else ""
+
+
+def _is_text_stl(data: bytes) -> bool:
+    return data.lstrip()[:5] == b"solid" and b"\0" not in data[:STL_HEAD]
+
+
 def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
     """Read the surface in a file's bytes, and count its triangles; empty where there are too many."""
     if kind == "obj":
         data = b"\n".join(GEOMETRY.findall(data))
-    is_text = kind in ("obj", "off") or (kind == "stl" and data.lstrip()[:5] == b"solid" and b"\0" not in data[:84])
+    is_text = kind in ("obj", "off") or (kind == "stl" and _is_text_stl(data))
     content = io.StringIO(data.decode(errors="replace")) if is_text else io.BytesIO(data)
     scene = trimesh.load_scene(
         content, file_type="stl_ascii" if is_text and kind == "stl" else kind, resolver=None, process=False,

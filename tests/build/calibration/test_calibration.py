@@ -73,7 +73,7 @@ def test_a_late_mass_comes_back(settings: dict[str, Any], pulses: int, tmp_path:
 @pytest.mark.usefixtures("virtual")
 def test_measures_go_into_the_scene_and_its_certificate(tmp_path: Path) -> None:
     file = late_driver(tmp_path)
-    scene = square(file, transport=0.002)
+    scene = square(file, transport=0.002).replace({"object.position": [-0.01, 0.0]})  # the finger is on its side
     with pytest.raises(InputError, match="mass and friction"):
         gx.certify(scene)
     result = calibrate(scene, pulses=20)
