@@ -55,7 +55,7 @@ def _width(column: Column, share: int) -> int:
     width = _widest([column.title, *column.cells])
     if not column.folds or width <= share:
         return width
-    return max(share, _widest(word for cell in column.cells for word in cell.split()))
+    return max(share, _widest(word for text in (column.title, *column.cells) for word in text.split()))
 
 
 def _widest(texts: Iterable[str]) -> int:

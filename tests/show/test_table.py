@@ -35,9 +35,9 @@ def test_cells_are_folded_between_words_but_never_cut(width: int) -> None:
     ]
 
 
-def test_a_long_title_is_cut_where_cells_are_short() -> None:
+def test_a_long_title_stays_whole_where_cells_are_short() -> None:
     head = list(lines([Column("", ["x"]), Column("reference-1dof", ["0.25"], right=True, folds=True)], 12))[:-2]
-    assert head == ["  ┃ referenc", "  ┃   e-1dof"]
+    assert head == ["  ┃ reference-1dof"]
 
 
 def test_wide_letters_take_two_columns() -> None:
@@ -46,3 +46,12 @@ def test_wide_letters_take_two_columns() -> None:
 
 def test_a_head_in_bold() -> None:
     assert next(lines(FORCES, 80, bold=True)) == f"{BOLD}      ┃           a/ ┃     {PLAIN}"
+
+
+def test_a_title_is_never_broken_within_a_word() -> None:
+    columns = [
+        Column("what", ["a"]),
+        *(Column(f"coupling.internal.stiffness = {k}", ["1"], folds=True) for k in range(4)),
+    ]
+    head = [line.split("-")[0] for line in lines(columns, 40, rules=ASCII) if "-" not in line][:-1]
+    assert sum(line.count("coupling.internal.stiffness") for line in head) == 4
