@@ -81,6 +81,7 @@ def _arguments(options: Namespace) -> dict[str, Any]:
     """Read what the sweep is to be, before anything is loaded that takes long."""
     from graspfx.batch.batch import MEASURED
     from graspfx.batch.statistics import STATISTICS
+    from graspfx.sweeps.chunk import RUN
     from graspfx.sweeps.ranges import read_over
 
     if not options.over:
@@ -92,15 +93,15 @@ def _arguments(options: Namespace) -> dict[str, Any]:
         raise InputError("--over", ", ".join(options.over), "each key once")
     names = [name.strip() for text in options.measure for name in text.split(",") if name.strip()]
     quantities = dict.fromkeys(_split(name)[0] for name in names)
-    statistics = dict.fromkeys(_split(name)[1] for name in names)
+    statistics = dict.fromkeys(_split(name)[1] for name in names if _split(name)[0] != RUN)
     return {
         "values": values,
         "zip": options.zip,
         "sample": options.sample,
         "seed": options.seed,
         "duration": options.duration,
-        "measure": list(quantities) or MEASURED,
-        "statistics": STATISTICS if not names or "" in statistics else list(statistics),
+        "measure": list(quantities) or (RUN, *MEASURED),
+        "statistics": STATISTICS if not statistics or "" in statistics else list(statistics),
         "executor": _cluster(options.cluster) if options.cluster else options.executor,
         "chunk": options.chunk,
         "resume": options.resume,
@@ -117,9 +118,11 @@ def _cluster(address: str) -> str:
 def _split(name: str) -> tuple[str, str]:
     """Split quantity and statistic; the latter is empty where all are meant."""
     from graspfx.batch.statistics import STATISTICS
+    from graspfx.sweeps.chunk import RUN, VERDICT
 
     quantity, _, statistic = name.rpartition(".")
-    return (quantity, statistic) if quantity and statistic in STATISTICS else (name, "")
+    known = VERDICT if quantity == RUN else STATISTICS
+    return (quantity, statistic) if quantity and statistic in known else (name, "")
 
 
 @contextmanager
@@ -189,6 +192,8 @@ def table(result: SweepResult, measure: str = "") -> Iterator[str]:
     if name.endswith(".growth"):
         grows = int((values > 1.0).sum())
         yield f"growing, above 1: {grows} of {len(result)}"
+    if result.unstable is not None:
+        yield f"NOT STABLE, as a run's own summary says: {int(result.unstable.sum())} of {len(result)}"
     yield f"faults: {faults}; failures: {failures}"
     for text in result.reasons(MOST):
         yield f"  {text}"
@@ -197,7 +202,7 @@ def table(result: SweepResult, measure: str = "") -> Iterator[str]:
 def _unit(result: SweepResult, name: str) -> str:
     quantity, statistic = result.measure_of(name)
     unit = result.column(quantity).unit
-    return "" if statistic == "growth" or unit == "1" else f" [{unit}]"
+    return "" if statistic in ("growth", "unstable") or unit == "1" else f" [{unit}]"
 
 
 def _titles(keys: list[str]) -> list[str]:

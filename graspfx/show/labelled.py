@@ -84,7 +84,7 @@ def batch_labels(batch: Batch) -> Labels:
     for quantity, by_name in batch.measures.items():
         column = batch.column(quantity)
         for name, values in by_name.items():
-            unit = "1" if name == "growth" else column.unit
+            unit = "1" if name in ("growth", "unstable") else column.unit
             about = {"units": unit, "long_name": f"{name} of {quantity}: {column.meaning}"}
             variables[f"{quantity}_{name}".replace("/", "_")] = ((*grid, *column.dimensions), values, about)
     if batch.recordings is not None:

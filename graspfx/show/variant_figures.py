@@ -33,6 +33,7 @@ MANY = 50.0  # times the least number, up to which an axis is linear
 ROUNDING = 1e-6  # of a number: less is not drawn as a change
 SPREAD = 0.02  # of the numbers at either end may be beyond the colours, where they are far out
 BAD = CONTACTS["limit"]
+EDGE = "beyond it runs grow"
 CROSSES = "no number: a failure or a fault"
 WORDS = {  # that a measure's name becomes
     "finger_position": "finger position", "finger_force": "finger force", "object_position": "object position",
@@ -40,11 +41,12 @@ WORDS = {  # that a measure's name becomes
 
 
 class Surface(NamedTuple):
-    """One number for each variant, of the grid's shape: its name, as `finger_force.peak`, and its unit."""
+    """One number for each variant, of the grid's shape: its name, as `finger_force.peak`, its unit, which runs grow."""
 
     name: str
     unit: str
     values: FloatArray
+    unstable: NDArray[np.bool_] | None = None
 
 
 class Axis(NamedTuple):
@@ -129,6 +131,8 @@ def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], w
     for ax, pick in zip(drawing.panels.ravel(), picks, strict=True):
         where = (slice(None), slice(None)) + (() if third is None else (pick, *rest))
         picture = _map(ax, x, y, surface.values[where], bad[where], shades, grows=_grows(surface))
+        if surface.unstable is not None:
+            _edge(ax, x, y, surface.unstable[where])
         if third is not None:
             panel(ax, title=f"{_short(keys[2])} = {plain(_number(third[pick]))}")
     for ax in drawing.panels[:, 0]:
@@ -137,8 +141,10 @@ def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], w
         _words(ax, x, "x")
     panel(drawing.panels[-1, across // 2], x=x.label)
     drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=_label(surface))
-    if bad.any():
-        drawing.legend(0, [_bad_mark()])
+    edged = surface.unstable is not None and surface.unstable.any() and not surface.unstable.all()
+    marks = [*([_bad_mark()] if bad.any() else []), *([_edge_mark()] if edged else [])]
+    if marks:
+        drawing.legend(0, marks)
     return drawing
 
 
@@ -166,6 +172,12 @@ def _map(
     ax.plot(x.places[i], y.places[j], ls="", marker="x", ms=3.0, color=BAD)
     ax.grid(visible=False)
     return picture
+
+
+def _edge(ax: Axes, x: Axis, y: Axis, unstable: NDArray[np.bool_]) -> None:
+    """Draw the line beyond which runs are seen to grow, whatever the map shows."""
+    if min(unstable.shape) > 1 and unstable.any() and not unstable.all():
+        ax.contour(x.places, y.places, unstable.T.astype(float), levels=[0.5], colors=[BAD], linewidths=1.4)
 
 
 def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray[np.bool_], width: str) -> Sheet:
@@ -314,6 +326,12 @@ def _bad_mark() -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], ls="", marker="x", ms=4.0, color=BAD, label=CROSSES)
+
+
+def _edge_mark() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=BAD, lw=1.4, label=EDGE)
 
 
 def _label(surface: Surface) -> str:

@@ -1,4 +1,4 @@
-"""Some variants of a sweep, run together in whatever process: measures, faults, and what failed."""
+"""Some variants of a sweep, run together in whatever process: measures, verdicts, faults, and what failed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
-from graspfx.batch.group_runs import Measures, measured_variants
+from graspfx.batch.group_runs import Measures, Runs, measured_variants
+from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.row_measures import measures_of_recording
 from graspfx.batch.variants import ForeignPartsError, Variants
@@ -22,6 +24,10 @@ from graspfx.build.resolve import resolve
 from graspfx.build.run import run
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
+from graspfx.loop.recording.growth.growth import growths
+from graspfx.loop.recording.layout import Column, Layout
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.vibration import vibration
 from graspfx.sweeps.scene_order import SceneOrder, permitted, take_order
 
 if TYPE_CHECKING:
@@ -33,6 +39,8 @@ IndexArray = NDArray[np.intp]
 COMPILER = "llvmlite"
 _thread = local()  # of each thread the order that it works on, and the memory of its chunks
 ALL = {"columns": [], "every": 1}  # what is recorded of a run that is measured afterwards
+RUN = "run"  # the quantity that a run has as a whole
+VERDICT = ("vibration", "unstable")  # its statistics
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,7 @@ class ChunkResult:
     def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
         """Make the result of variants that have not run."""
         measures = {
-            quantity: {name: np.full((count, *shape), np.nan) for name in statistics}
+            quantity: {name: np.full((count, *shape), np.nan) for name in (VERDICT if quantity == RUN else statistics)}
             for quantity, shape in shapes.items()
         }
         return cls(measures, np.full(count, -1), [""] * count)
@@ -182,6 +190,16 @@ def _batch(
     order: SceneOrder, scene: Scene, chunk: Chunk, members: IndexArray, threads: int, share: float, result: ChunkResult
 ) -> None:
     part = chunk.part(members)
+    if RUN in order.shapes:
+        with plugins.unchanged():
+            variants = Variants(scene.replace({"record": ALL}), part.lists, part.numbers, memory=_thread.memory)
+            groups = variants.groups()
+        runs = Runs(variants.scene, variants, len(members), order.duration, threads, share)
+        each = runs.recorded(groups, lambda recording: _measures(order, recording), whole=False)
+        for k, member in enumerate(members.tolist()):
+            result.put(np.array([member]), each[k], runs.faults[k : k + 1])
+        result.notes += tuple(variants.notes)
+        return
     measures, faults, notes = measured_variants(
         scene, part.lists, part.numbers, order.duration, list(order.shapes), order.statistics, threads, share,
         _thread.memory,
@@ -232,8 +250,30 @@ def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, resul
             names = ", ".join(parts.hardware)
             raise InputError("scene", names, "simulated devices", "a sweep moves no hardware")
         recording = run(variant, duration=order.duration)
-        measures = measures_of_recording(recording, list(order.shapes), order.statistics)
+        measures = _measures(order, recording)
         fault = recording.faults[0].tick if recording.faults else -1
         result.put(np.array([member]), measures, np.array([fault]))
     except Exception as error:  # noqa: BLE001 - others' code may raise anything, and that is this variant's result
         result.failures[member] = reason(error)
+
+
+def _measures(order: SceneOrder, recording: Recording) -> Measures:
+    """Measure a recording, (1, *quantity): its rows, and the run as a whole by the criterion of its own summary."""
+    measures = measures_of_recording(recording, [name for name in order.shapes if name != RUN], order.statistics)
+    if RUN in order.shapes:
+        shaking = vibration(recording.finger_force, recording.row_period)
+        verdict = np.nan if shaking is None else shaking, float(bool(growths(recording)))
+        measures[RUN] = {name: np.array([value]) for name, value in zip(VERDICT, verdict, strict=True)}
+    return measures
+
+
+def column_of(layout: Layout, quantity: str) -> Column:
+    """Look up what a quantity of a sweep is.
+
+    Raises:
+        UnknownNameError: there is no such quantity.
+    """
+    if quantity != RUN:
+        return columns_of(layout, [quantity])[0][quantity]
+    meaning = "RMS over fingers and ticks of what is above 5 Hz in a finger's force; whether the run is seen to grow"
+    return Column(RUN, slice(0, 0), (), (), "N", meaning)

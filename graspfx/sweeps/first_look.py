@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from graspfx.batch.measured_columns import columns_of
 from graspfx.build.build import build
 from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.resolve import resolve
@@ -14,6 +13,7 @@ from graspfx.errors import InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.tick.text import write
+from graspfx.sweeps.chunk import column_of
 from graspfx.sweeps.variant_grid import VariantGrid
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
     ticks = ticks_of(scene.duration if duration is None else duration, scene.period)
     with build(scene) as servo:
         layout = servo.layout
-        columns, _ = columns_of(layout, measure)
+        shapes = {name: column_of(layout, name).shape for name in measure}
         tick = write(servo.parts)
         native = not any((*foreign(servo, tick), *guests(servo, tick), *looked_ahead(servo, tick)))
-    return Prospect(layout, {name: column.shape for name, column in columns.items()}, native, ticks)
+    return Prospect(layout, shapes, native, ticks)
 
 
 def spread(count: int) -> Iterator[int]:

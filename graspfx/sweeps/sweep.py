@@ -25,7 +25,7 @@ from graspfx.build.run_header import source_name
 from graspfx.environment import is_granted
 from graspfx.errors import InputError
 from graspfx.progress import waiting
-from graspfx.sweeps.chunk import Chunk, ChunkResult, forget
+from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, forget
 from graspfx.sweeps.chunk_loop import ChunkLoop
 from graspfx.sweeps.chunk_store import ChunkStore, folder_of, now, open_store, write_whole
 from graspfx.sweeps.crews import Crew, crew_of
@@ -58,7 +58,7 @@ def sweep(
     overwrite: bool = False,
     duration: float | None = None,
     zip: bool = False,
-    measure: Sequence[str] = MEASURED,
+    measure: Sequence[str] = (RUN, *MEASURED),
     statistics: Sequence[str] = STATISTICS,
     sample: str = "",
     seed: int = 0,
@@ -86,7 +86,9 @@ def sweep(
         overwrite: whether a sweep that `out` has already is removed, whatever it is; a warning says what it was.
         duration: instead of the scene's own [s]; rounded to whole periods.
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
-        measure, statistics: as for `run_batch`.
+        measure, statistics: as for `run_batch`; the quantity "run" has statistics of its own: `vibration`, the RMS of
+            what is above 5 Hz in a finger's force [N], and `unstable`, 1 where the run is seen to grow by the criterion
+            of its summary. For these the rows of each variant are looked at, which takes some milliseconds apiece.
         sample: "lhs:N" for N variants of a Latin hypercube: anywhere in a range, of a list each value as often.
         seed: of the sample; it is recorded.
         chunk: variants in a chunk; by default as many as take a second or two. A sweep that goes on has its own.

@@ -16,11 +16,13 @@ from graspfx.card import Card, counted, listed
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.show.labelled import Labels, batch_dataset, batch_labels, grid_of
 from graspfx.show.tabular import batch_frame
+from graspfx.sweeps.chunk import RUN, column_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from graspfx.loop.recording.layout import Column
     from graspfx.show.drawing import Drawing
 
 FloatArray = NDArray[np.float64]
@@ -73,6 +75,21 @@ class SweepResult(Batch):
         return f"{self.seconds[0]:.3g} s, {self.seconds[1]:.3g} s in chunks{again}"
 
     @property
+    def unstable(self) -> NDArray[np.bool_] | None:
+        """Whether each run is seen to grow, of the grid's shape; None where that was not measured."""
+        return np.asarray(self[RUN]["unstable"] == 1.0) if RUN in self.measures else None
+
+    def column(self, quantity: str) -> Column:
+        """Look up what a quantity is: its dimensions, unit and meaning.
+
+        Raises:
+            UnknownNameError: there is no such quantity.
+        """
+        if self.layout is None:
+            raise UnknownNameError("measure", quantity, ())
+        return column_of(self.layout, quantity)
+
+    @property
     def failed(self) -> NDArray[np.bool_]:
         """Whether each variant has no measures, of the grid's shape."""
         return np.asarray(self.failure.astype(str) != "")
@@ -90,7 +107,8 @@ class SweepResult(Batch):
         """Give one number for each variant, of the grid's shape: of a measure's entries the one of largest magnitude.
 
         Args:
-            measure: as in `finger_force.peak`; by default the growth of the first quantity, else its first statistic.
+            measure: as in `finger_force.peak`; by default the growth of the first quantity, else its first statistic:
+                `run.vibration` unless the sweep measures other quantities, or its runs are too short to tell it.
 
         Returns:
             The measure's whole name, and the numbers; NaN where there is none.
@@ -112,7 +130,8 @@ class SweepResult(Batch):
         """
         names = [f"{quantity}.{name}" for quantity, by_name in self.measures.items() for name in by_name]
         if not measure:
-            first = next(iter(self.measures))
+            told = [name for name in self.measures if name != RUN or np.isfinite(self[RUN]["vibration"]).any()]
+            first = (told or list(self.measures))[0]
             own = self.measures[first]
             return first, "growth" if "growth" in own else next(iter(own))
         if measure not in names:
@@ -193,8 +212,8 @@ class SweepResult(Batch):
         for name in names:
             whole, values = self.scalar(name)
             quantity, statistic = self.measure_of(name)
-            unit = "" if statistic == "growth" else self.column(quantity).unit
-            surfaces.append(Surface(whole, unit, values))
+            unit = "" if statistic in ("growth", "unstable") else self.column(quantity).unit
+            surfaces.append(Surface(whole, unit, values, self.unstable))
         bad = self.failed | (self.fault_tick >= 0)
         sheet = variants_sheet(self.values, surfaces, bad, f"{self.scene}", width, slices, together=self.is_together)
         return Drawing(sheet)
