@@ -29,6 +29,21 @@ def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
     return flow.uses
 
 
+def lost_end(tree: ast.FunctionDef) -> int:
+    """Give the line at which a function that gives values ends without one; 0 where every way out has one.
+
+    A test is taken to go either way: after `if` and `elif` without `else` there is a way on.
+    """
+    returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+    if all(node.value is None for node in returns):
+        return 0
+    for node in returns:
+        if node.value is None:
+            return node.lineno
+    flow = Flow(set())
+    return 0 if flow.block(tree.body, frozenset()) is None else tree.body[-1].end_lineno or tree.lineno
+
+
 class Flow:
     """Ways through a function.
 

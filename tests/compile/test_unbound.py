@@ -1,15 +1,23 @@
-"""Names that may be unbound where they are used, as the flow through a kernel has them."""
+"""Names that may be unbound where they are used, and ends without a value, as the flow through a kernel has them."""
 
 from __future__ import annotations
 
 import ast
+import importlib
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import pytest
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.kernel_checks import check
+from graspfx.compile.machine import compiled
 from graspfx.compile.own_sources import NO_KERNELS, source_folders
-from graspfx.compile.unbound import unbound_names
+from graspfx.compile.unbound import lost_end, unbound_names
+from graspfx.errors import KernelError
 
 FLAWED = {
     "one branch": ("if a > 0:\n    x = 1\nreturn x", [("x", 4)]),
@@ -42,6 +50,21 @@ SOUND = {
 }
 
 
+LOST = {  # line at which a way out has no value
+    "one branch": ("if a > 0:\n    return 1", 3),
+    "no else": ("if a > 0:\n    return 1\nelif a < 0:\n    return 2", 5),
+    "a loop that may have no turn": ("for i in range(a):\n    return i", 3),
+    "a loop that is left": ("while True:\n    if a > 0:\n        break\n    return a", 5),
+    "a bare return": ("if a > 0:\n    return\nreturn a", 3),
+}
+KEPT = {
+    "nothing to give": "S[0] = a",
+    "a bare return and nothing to give": "if a > 0:\n    return\nS[0] = a",
+    "both branches": "if a > 0:\n    return 1\nelse:\n    return 2",
+    "an endless loop": "while True:\n    a -= 1\n    if a < 0:\n        return a",
+}
+
+
 def tree_of(body: str) -> ast.FunctionDef:
     text = "def f(S, a):\n" + "\n".join("    " + line for line in dedent(body).splitlines())
     [tree] = ast.parse(text).body
@@ -59,11 +82,39 @@ def test_ways_on_which_each_name_has_a_value(body: str) -> None:
     assert unbound_names(tree_of(body)) == []
 
 
+@pytest.mark.parametrize(("body", "line"), LOST.values(), ids=LOST)
+def test_ends_without_a_value(body: str, line: int) -> None:
+    assert lost_end(tree_of(body)) == line
+
+
+@pytest.mark.parametrize("body", [*SOUND.values(), *KEPT.values()], ids=[*SOUND, *KEPT])
+def test_ends_with_a_value_or_with_nothing_to_give(body: str) -> None:
+    assert lost_end(tree_of(body)) == 0
+
+
+WAYS: dict[str, Callable[[Any], object]] = {
+    "called": lambda function: kernel(function)(-1.0),
+    "compiled": lambda function: compiled(function)(-1.0),
+    "checked before a run": lambda function: check([function]),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_kernel_that_falls_off_its_end(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error with file and line, where Python gave None and machine code 0.0."""
+    (tmp_path / "falling.py").write_text("def shared(a: float) -> float:\n    if a > 0.0:\n        return a\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "falling", raising=False)
+    with pytest.raises(KernelError, match=r"falling\.py:3: given .*the end of 'shared'.*a value on every way out"):
+        WAYS[way](importlib.import_module("falling").shared)
+
+
 def test_no_kernel_of_ours_has_such_a_name() -> None:
     files = [file for folder in source_folders() for file in Path(folder).rglob("*.py")]
-    ours = [kernel for file in files for kernel in kernels(file)]
+    ours = [each for file in files for each in kernels(file)]
     assert len(ours) > 300
-    assert [name for kernel in ours for name in unbound_names(kernel)] == []
+    assert [name for each in ours for name in unbound_names(each)] == []
+    assert [each.name for each in ours if lost_end(each)] == []
 
 
 def test_rooms_that_caches_leave_out_have_no_kernel() -> None:

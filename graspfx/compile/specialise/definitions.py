@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType
 
-from graspfx.errors import InputError
+from graspfx.compile.unbound import lost_end
+from graspfx.errors import InputError, KernelError
 
 
 @cache
@@ -34,6 +35,7 @@ def definition(function: FunctionType) -> ast.FunctionDef:
 
     Raises:
         InputError: its source is not to be found, or has changed since the function was made from it.
+        KernelError: it gives a value on some ways out only; Python gives None on the others, machine code zero.
     """
     code = function.__code__
     name = f"{function.__module__}.{function.__qualname__}"
@@ -49,4 +51,15 @@ def definition(function: FunctionType) -> ast.FunctionDef:
         code.co_names,
     ):
         raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed since: start anew")
+    line = _lost_end(node)
+    if line:
+        raise KernelError(
+            f"{code.co_filename}:{line}", f"the end of {function.__name__!r}", "a value on every way out",
+            "return one behind the last branch too",
+        )  # fmt: skip
     return node
+
+
+@cache
+def _lost_end(node: ast.FunctionDef) -> int:
+    return lost_end(node)
