@@ -205,6 +205,9 @@ RULES: Numbers = {  # the arguments of `Rules`
         ("coupling.damping_depth",), ("gradual", "damping_depth"),
         lambda scene, fingers, masses: scene.coupling.damping_depth,
     ),
+    "force_bound": Number(
+        ("coupling.force_bound",), ("force_bound",), lambda scene, fingers, masses: scene.coupling.force_bound
+    ),
     "pad": Number(
         ("finger.*.pad", "finger.*.pad.stiffness"), ("padded", "fingers.pad", *KIND),
         lambda scene, fingers, masses: [pad.stiffness if (pad := scene.finger[i].pad) else 0.0 for i in fingers],

@@ -17,6 +17,7 @@ NOT_FINITE = 1  # a finger's motion is NaN or infinite, or its square would be
 UNRESOLVED = 2  # the projection did not settle
 LOST = 3  # the object's motion or a force is not finite
 AGAIN = 4  # a contact point has moved: the split and the forces are asked for once more
+EXCESSIVE = 5  # a finger's force by the law is above `force_bound`
 LARGEST = 1e150  # of which the square is still a number; NaN compares false with it
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.compile.records import numbers, size_for, size_of, start_of
 from graspfx.cones.friction import LEAST
 from graspfx.cones.problem import MODES, problem_size, set_up
+from graspfx.coupling.contacts import LARGEST
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.grasp_state import FingerState, GraspState
@@ -22,6 +23,7 @@ from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
+from graspfx.surfaces.closed_form.proxy import KINDS
 from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 FloatArray = NDArray[np.float64]
@@ -84,6 +86,8 @@ class Grip:
         self._check_pads()
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
+        if not 0.0 < rules.force_bound <= LARGEST:
+            raise InputError("force_bound", rules.force_bound, "a force above zero [N]")
         kep, kip = self.law.external.stiffness, self.law.internal.stiffness
         if not (self.matrices or rules.attached or (kep and kip)):
             raise InputError(
@@ -98,6 +102,8 @@ class Grip:
                 )  # fmt: skip
         if self.soft and self.shape is None:
             raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
+        if self.shape is not None and self.shape.kind not in KINDS:
+            raise InputError("shape", self.shape, "a shape whose kind `closest` knows", "see docs/development/shape.md")
         if self.shape is None and not rules.attached:
             raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
 
@@ -308,6 +314,7 @@ def _fill_rules(grasp: GraspState, grip: Grip) -> None:
     rules = grip.rules
     grasp.attached, grasp.stick, grasp.at_contact = rules.attached, rules.stick, rules.at_contact
     grasp.friction, grasp.rays, grasp.implicit = grip.slips, grip.rays, grip.implicit
+    grasp.force_bound = rules.force_bound
     grasp.limited, grasp.recoils = grip.limit is not None, grip.recoils
     if grip.recoils:
         tips = bool(_free(grip)[3:].any()) and not rules.at_contact

@@ -117,6 +117,8 @@ class GraspState(Record):
     matrix_entries: int  # of the four gains together, 0 where they are numbers
     law: int  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one
     residual: float  # of that law [N]
+    force_bound: float  # largest force of a finger that the law may give: more is a fault [N]
+    excess: float  # the force of that fault [N]
     problem: Ref[FrictionProblem]  # of the elastic force
     damping_problem: Ref[FrictionProblem]  # of the damping force
     rays: bool  # without friction, and gains are numbers: forces along the normals

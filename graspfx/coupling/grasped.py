@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.choices import contradiction
-from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import gain_entries, matrix_entries, recorded_entries, split_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
@@ -308,10 +308,31 @@ def _grip(
     return Grip(fingers, dimensions, law, rules, shape, radii(radius, fingers), largest, body_array(fill_body), live)
 
 
-def fault_text(fault: int, fingers: Sequence[str]) -> str:
+def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> str:
     """Say what a fault of `sample` means to the user."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
     if fault == UNRESOLVED:
         return "the contact forces did not settle; all forces are zero"
+    if fault == EXCESSIVE:
+        return _excess_text(fingers, grasped)
     return "the object's motion or a force on it is not finite; all forces are zero"
+
+
+def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
+    """Name the gain that makes most of a force above the bound, and what it multiplies."""
+    state, shares = grasped.state, []
+    for share, part in ("external", grasped.law.external), ("internal", grasped.law.internal):
+        for quantity, field, unit, per in (
+            ("stiffness", FingerState.displacement, "m", "N/m"),
+            ("damping", FingerState.rate, "m/s", "N s/m"),
+        ):
+            gain = getattr(part if grasped.matrices else state, quantity if grasped.matrices else f"{share}_{quantity}")
+            most, sizes = float(np.max(np.abs(gain))), np.linalg.norm(grasped.array(field)[:, :3], axis=1)
+            i = int(np.argmax(sizes))
+            shares.append((most * sizes[i], share, quantity, most, per, sizes[i], unit, fingers[i]))
+    _, share, quantity, most, per, size, unit, finger = max(shares)
+    return (
+        f"the law gives a finger {state.excess:.3g} N, above coupling.force_bound = {state.force_bound:g} N: mostly by "
+        f"coupling.{share}.{quantity} = {most:g} {per} at {size:.3g} {unit} ({finger}); all forces are zero"
+    )

@@ -24,6 +24,7 @@ class Rules:
         blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
         axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
         damping_depth: over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once.
+        force_bound: largest force of a finger that the law may give [N]: more is a fault.
         pad: k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], for all fingers or one for each; 0 is a hard one.
     """
 
@@ -38,3 +39,4 @@ class Rules:
     axes: Literal["object", "world", "contact"] = "object"
     damping_depth: float = 0.0
     pad: float | Sequence[float] = 0.0
+    force_bound: float = 1e4

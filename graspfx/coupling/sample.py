@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.attached import attached
-from graspfx.coupling.contacts import AGAIN, approach, refactor, turn_axes
+from graspfx.coupling.contacts import AGAIN, EXCESSIVE, approach, refactor, turn_axes
 from graspfx.coupling.coulomb import force_with_friction, move_anchors
 from graspfx.coupling.fade import compliance_of_numbers
 from graspfx.coupling.frictionless import frictionless_force
@@ -15,7 +17,7 @@ from graspfx.coupling.limit import forget_limits, limit
 from graspfx.coupling.pad import press, relax
 from graspfx.coupling.react import FINE, react
 from graspfx.coupling.unilateral import unilateral
-from graspfx.spatial import NOTHING, ZERO
+from graspfx.spatial import NOTHING, ZERO, dot
 
 
 @kernel
@@ -43,6 +45,22 @@ def couple(grasp: GraspState) -> int:
         fault = respond(grasp, passes > 0)
         if grasp.padded:
             relax(grasp)
+    return find_excess(grasp) if fault == FINE else fault
+
+
+@kernel
+def find_excess(grasp: GraspState) -> int:
+    """Give EXCESSIVE where a finger's force by the law is above the bound, and keep the largest; FINE elsewhere."""
+    largest = grasp.force_bound * grasp.force_bound
+    fault = FINE
+    for finger in grasp.fingers:
+        f = finger.local.vector
+        square = dot(f, f)
+        if square > largest:
+            largest = square
+            fault = EXCESSIVE
+    if fault != FINE:
+        grasp.excess = math.sqrt(largest)
     return fault
 
 

@@ -24,7 +24,8 @@ def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
     if kind == STATION:
         return parts.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
     if kind == OBJECT_:
-        return fault_text(code, [fingers[f] for f in parts.objects[index].fingers])
+        part = parts.objects[index]
+        return fault_text(code, [fingers[f] for f in part.fingers], part.grasped)
     if kind == MOVER:
         return f"{object_names(parts, index)}: {parts.movers[index].body.fault_text(code)}"
     return f"{finger_names(parts, index)}: {parts.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]

@@ -154,7 +154,7 @@ def features(shape: Any, d: int) -> FloatArray:
     to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
 
     Raises:
-        InputError: a shape without end.
+        InputError: a shape without end, or of a kind that is not known here.
     """
     return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
@@ -183,8 +183,10 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
             for side in range(SIDES):
                 angle = 2.0 * math.pi * side / SIDES
                 yield NOTCH, a * math.cos(angle), a * math.sin(angle), end, 0.0
-    else:
+    elif shape.kind == proxy.ELLIPSOID:
         yield ELLIPSOID, a, b, c, 0.0
+    else:
+        raise InputError("shape", shape, "one with features that touch a plane", "list them in `floor.features`")
 
 
 def reach(points: FloatArray) -> float:

@@ -182,6 +182,11 @@ class Coupling(Table):
         default=0.0,
         description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
     )
+    force_bound: Positive = Field(
+        default=1e4,
+        description="largest force of a finger that the law may give [N]: more is a fault that names the gain, and "
+        "every force is zero",
+    )
     enter: Literal["refuse", "ramp"] = Field(
         default="refuse",
         description="a finger of hardware that is inside its object when a run begins: refused, or let in gradually",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from graspfx.compile.kernel import inline, kernel
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy_ellipsoid import on_ellipsoid
@@ -11,6 +13,7 @@ from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
 MESH = 7  # not in closed form: `walk.mesh_contact`
+KINDS = range(MESH + 1)
 
 
 @kernel
@@ -18,7 +21,7 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
     """Find the contact of a finger at p in the object's frame, of which d coordinates count.
 
     c is on the surface, n the unit normal into the object, gap > 0 outside and < 0 inside along n: p - c = -gap n.
-    Outside, c is the nearest point of the shape.
+    Outside, c is the nearest point of the shape. A kind that is none of these has a contact that is not a number.
 
     Args:
         kind: and the shape's `size`, lengths in m, with the faces between which a finger's contact does not jump:
@@ -48,9 +51,12 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
         return on_cylinder(size.x, size.y, p, face, last)
     if kind == ELLIPSOID:
         return on_ellipsoid(d, size, p, face, last)
-    if d == 2:
+    if kind == CAPSULE and d == 2:
         return on_stadium(size.x, size.y, p, face, last)
-    return on_capsule(size.x, size.y, p, last)
+    if kind == CAPSULE:
+        return on_capsule(size.x, size.y, p, last)
+    nothing = math.inf - abs(p.x * math.inf)  # no shape: not a number, forces neither, which is a fault
+    return Nearest(-1, Vector(nothing, nothing, nothing), Vector(nothing, nothing, nothing), nothing)
 
 
 @kernel
