@@ -8,7 +8,7 @@ import sys
 import warnings
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib import import_module
 from typing import NoReturn
 
@@ -19,6 +19,7 @@ from graspfx.commands.output import CODES, INTERRUPTED, WRONG
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.plugins import unchanged
+from graspfx.system.scheduling import memory_limit
 
 COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",
@@ -49,7 +50,7 @@ NEW = 20_000  # objects between two looks for cycles: imports make as many that 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    limit = _memory_limit()  # now: without memory nothing is imported any more
+    limit = memory_limit()  # now: without memory nothing is imported any more
     try:
         options = parse(words)
         trust = granted(getattr(options, "trust", False))
@@ -72,18 +73,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(said, type(error).__name__, str(error)[:200], sep="; ", file=sys.stderr)
         return WRONG
     return code
-
-
-def _memory_limit() -> str:
-    """Name the limit on the memory of this process, as a shell sets it; empty without one."""
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        for name, flag in (("RLIMIT_AS", "-v"), ("RLIMIT_DATA", "-d")):
-            most, _ = resource.getrlimit(getattr(resource, name))
-            if most != resource.RLIM_INFINITY:
-                return f"{most / 1e6:.0f} MB ({name}, `ulimit {flag}`)"
-    return ""
 
 
 def parse(words: Sequence[str]) -> Namespace:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
   {SUCCESS}    done
-  {REFUSED}    `check --strict` of a scene not stable or not judged; a `replay` with other bits; `doctor` with remedies
+  {REFUSED}    `check --strict` of a scene that is not stable; a `replay` with other bits; `doctor` with remedies
   {WRONG}    an error, said on standard error: bad arguments or scene, a file in the way, a disk that is full
   {FAULTS}    the run has faults, as of a device that broke off: from there on every force is zero
   {INTERRUPTED}  interrupted by Ctrl-C; a run's rows so far are in its recording"""

@@ -18,6 +18,18 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def memory_limit() -> str:
+    """Name the limit on the memory of this process, as a shell sets it; empty without one."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        for name, flag in (("RLIMIT_AS", "-v"), ("RLIMIT_DATA", "-d")):
+            most, _ = resource.getrlimit(getattr(resource, name))
+            if most != resource.RLIM_INFINITY:
+                return f"{most / 1e6:.0f} MB ({name}, `ulimit {flag}`)"
+    return ""
+
+
 def be_nice(number: int) -> None:
     """Let other programs come before this process, where there is a number for it."""
     if hasattr(os, "nice"):

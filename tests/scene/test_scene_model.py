@@ -221,8 +221,8 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (plane, "coupling.internal.stiffness", 0.0, "coupling.internal.stiffness: unilateral contact expects more than 0"),
     (
         plane,
-        "coupling.internal.stiffness",
-        1e-9,
+        "coupling.external.stiffness",
+        1e9,
         "coupling.internal.stiffness: unilateral contact expects at least 1e-06 of coupling.external.stiffness",
     ),
     (

@@ -135,7 +135,9 @@ def _soft(at: Location, stiffness: Any) -> Iterator[Doubt]:
 def _fingers(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
     for i, finger in enumerate(scene.finger):
         thing = scene.object[scene.finger_objects[i]]
-        start = start_of(scene, i, stock)
+        toward = getattr(finger.start, "toward", None)
+        is_placed = toward is None or (any(toward) and len(toward) == scene.dimensions)  # else a fault of its own
+        start = start_of(scene, i, stock) if is_placed else None
         if start is not None:
             away = float(np.linalg.norm(np.array(start) - np.array(thing.position or 0.0)))
             if away > FARTHEST:

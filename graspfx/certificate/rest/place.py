@@ -15,6 +15,7 @@ from graspfx.certificate.rest.ground import bearers
 from graspfx.certificate.rest.resting import SHIFT, STEPS, Grip, settle
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError, NoRestError
+from graspfx.loop.device import is_hardware
 from graspfx.objects import integrators as body
 from graspfx.scene.model import Scene
 
@@ -212,10 +213,13 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
     """Require that still hands bring at least one finger to the object, from its start to where they are closed.
 
+    Fingers on hardware may be led anywhere: nothing is required of them.
+
     Raises:
         NotGraspingError: none touches on the way.
     """
-    if parts.scene.coupling.contact == "attached":
+    led = {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
+    if parts.scene.coupling.contact == "attached" or led.intersection(fingers.tolist()):
         return
     course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
