@@ -18,6 +18,7 @@ from graspfx.build.live import numbered
 from graspfx.build.resolve import resolve
 from graspfx.build.run_header import header_of, split_rules
 from graspfx.build.steering import Steering
+from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
 from graspfx.loop.played import PHASES, Playback
 from graspfx.loop.recording.differences import Difference, compared, differences
@@ -44,6 +45,7 @@ def replay(
     *,
     out: str | PathLike[str] | None = None,
     overwrite: bool = False,
+    trust: bool = False,
 ) -> Recording:
     """Replay a recording: each finger moves as it was recorded, and forces and objects are computed anew.
 
@@ -56,21 +58,26 @@ def replay(
         overrides: values by dotted key, over those that the scene was run with.
         out: a folder in which recording.h5 is written.
         overwrite: whether a recording that is there already is replaced.
+        trust: whether Python files that the recording names (drivers, hands, bodies) may run, and files outside of its
+            scene's folder may be used, as with `graspfx replay --trust`. Read them first.
 
     Returns:
         The replay, with the columns of the recording that follow from the fingers' motion.
 
     Raises:
-        InputError, UnknownNameError, SceneError: of overrides that the scene does not have or allow.
+        InputError, UnknownNameError, SceneError: of overrides that the scene does not have or allow; a `trust` that is
+            neither True nor False.
         RecordingError: a recording that lacks what a replay needs, whose scene cannot be made again, or whose mesh has
-            changed; one that names Python files, unless GRASPFX_TRUST=1 says that they may run; `out` has a recording
-            already.
+            changed; one that names Python files, without `trust` or GRASPFX_TRUST=1; `out` has a recording already.
     """
+    if not isinstance(trust, bool):
+        raise InputError("trust", trust, "True or False")
     changes = by_key(overrides)
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     original = recording if isinstance(recording, Recording) else Recording.load(recording)
-    replayed = replayed_with(original, changes).recording
+    with granted(trust):
+        replayed = replayed_with(original, changes).recording
     if out is not None:
         replayed.save(make_folder(out) / NAME, overwrite=overwrite)
     return replayed

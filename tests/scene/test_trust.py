@@ -12,7 +12,7 @@ import pytest
 import graspfx as gx
 from graspfx import environment, plugins
 from graspfx.__main__ import main
-from graspfx.errors import Fault, GraspFXError, RecordingError, SceneError
+from graspfx.errors import Fault, GraspFXError, InputError, RecordingError, SceneError
 from graspfx.loop.recording.header import KeyChange
 from tests.support import foreign_parts
 
@@ -168,8 +168,9 @@ def test_the_shelf_and_links_to_a_scene_go_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["device", "dynamics", "hand"])
+@pytest.mark.parametrize("way", ["command", "Python"])
 def test_a_recording_runs_no_python_unless_its_user_says_so(
-    key: str, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    key: str, way: str, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The recording says where its scene was, and so which files are beside it: nobody has chosen that folder."""
     own, _ = places
@@ -185,13 +186,20 @@ def test_a_recording_runs_no_python_unless_its_user_says_so(
     header = replace(rec.header, scene_table=table, scene_folder=str(own))
     gx.Recording(rec.rows, rec.layout, header, rec.outcome).save(own / "recording.h5")
     assert main(["replay", str(own)]) == 2
-    assert "the Python that a recording names" in (said := capsys.readouterr().err) and "--trust" in said
-    with pytest.raises(RecordingError, match="the Python that a recording names"):
+    assert "the Python that a recording names" in (said := capsys.readouterr().err)
+    assert "--trust" in said and "gx.replay(..., trust=True)" in said
+    with pytest.raises(RecordingError, match=r"the Python that a recording names.*trust=True.*--trust"):
         gx.replay(own)
+    with pytest.raises(InputError, match="True or False"):  # a word is no consent, whatever it says
+        gx.replay(own, trust="no")  # type: ignore[arg-type]
     gx.Recording.load(own).summary()
     assert not mark.exists()
-    main(["replay", str(own), "--trust"])
+    if way == "command":
+        assert main(["replay", str(own), "--trust"]) == (1 if key == "dynamics" else 0)  # another body, other bits
+    else:
+        assert len(gx.replay(own, trust=True)) == 10
     assert mark.exists()
+    assert not environment.is_granted()  # it was said for that call
 
 
 def test_a_key_that_a_recording_changes_runs_no_python(places: tuple[Path, Path]) -> None:

@@ -19,8 +19,9 @@ Finding = tuple[Location, str]
 
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
-READ = "the Python that a recording names runs only if you say so: read it, then add --trust, or set GRASPFX_TRUST=1"
-DO = "move it there, or say that you trust the scene: --trust, or GRASPFX_TRUST=1"
+REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
+READ = f"the Python that a recording names runs only if you say so: read it, then {REPLAY}, {COMMAND}"
+DO = "move it there, or say that you trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
@@ -48,7 +49,8 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
             yield (*at, name), f"{abbreviate(text)}, from {source.folder}; {READ}"
         elif _is_foreign(text, source):
             del part.__dict__[name]
-            yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO}"
+            ways = f"{REPLAY}, {COMMAND}" if source.is_recorded else COMMAND
+            yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO} {ways}"
     for name, value in list(part.__dict__.items()):
         yield from _faults((*at, name), value, source)
 
