@@ -144,6 +144,21 @@ class Frames(Sequence[Frame]):
         touching = self._column("touching")
         return np.zeros((len(self), len(self.layout.fingers)), dtype=bool) if touching is None else touching > 0.0
 
+    @property
+    def loose(self) -> dict[str, float]:
+        """Objects that none of their fingers touches in any row, with the least gap in the last one [m].
+
+        The gap is NaN where it is not recorded; no object is loose where nothing says who touches.
+        """
+        if "touching" not in self.layout.columns or not len(self):
+            return {}
+        gap, loose = self._column("gap"), {}
+        for number, name in enumerate(self.layout.objects):
+            fingers = [i for i, own in enumerate(self.layout.finger_objects) if own == number]
+            if fingers and not self.touching[:, fingers].any():
+                loose[name] = float("nan") if gap is None else float(gap[-1, fingers].min())
+        return loose
+
     @cached_property
     def states(self) -> IntArray:
         """States of the contacts (N, n), as places in `STATES`."""

@@ -77,7 +77,7 @@ class LiveView(Resource):
         self.certificate = CertificatePanel(run, self._changed)
         self._hands = HandGizmos(viser, drawn, run, self._changed)
         self.sliders = GainSliders(viser, sliders, self.certificate.order, self._say)
-        self._margins = viser.gui.add_html(words.margins(None))
+        self._margins = viser.gui.add_html(words.margins(None, {}))
         self._tree = SceneTree(viser, drawn)
         self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
 
@@ -170,12 +170,17 @@ class LiveView(Resource):
         verdict = self.certificate.latest()
         if verdict is not None:
             self.sliders.widen(verdict)
-        self._write(self._margins, words.margins(verdict))
+        self._write(self._margins, words.margins(verdict, self._loose()))
         unstable = verdict is not None and verdict.is_stable is False
         text = f"FAULT: {self._fault}" if self._fault else ""
         if unstable and not text:
             text = "UNSTABLE with these gains: the grasp will shake"
         self._write(self._banner, words.banner(text, panel=bool(text)))
+
+    def _loose(self) -> dict[str, float]:
+        """Find the objects that nobody has held in the run's last moments, as `Frames.loose`."""
+        _, rows = self.run.rows(self.run.tick - int(TEXTS / self.run.period))
+        return Frames(history_of(rows, self.run.layout, self.run.header)).loose
 
     def _watch(self) -> None:
         """Notice faults and new runs, with or without a page; a fault is told on the terminal, too."""

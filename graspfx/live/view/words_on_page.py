@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from graspfx.live.stability_verdict import MarginRow, Verdict
 
 RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # of verdicts; forces have colours of their own
+GREY = "#616161"  # instead of green, of what nobody holds
 STATES = {
     "free": "free", "touch": "touches", "stick": "sticks", "slide": "slides", "limit": "at its force limit",
 }  # fmt: skip
@@ -53,29 +54,46 @@ def status(state: str, time: float, remarks: Sequence[str]) -> str:
     return f"<div class=gfx>{head}{lines}</div>"
 
 
-def margins(verdict: Verdict | None) -> str:
-    """Draw a verdict: in words, and each margin as a bar, on which a mark says where stability ends."""
-    if verdict is None:
-        return "<div class=gfx><b>Stability</b> <span class=note>is being computed …</span></div>"
-    if verdict.is_stable is None:
-        return f"<div class=gfx><b>Stability is not known</b><div class=note>{escape(verdict.error)}</div></div>"
-    colour = GREEN if verdict.is_stable else RED
-    word = "stable" if verdict.is_stable else "UNSTABLE: it will shake"
-    how = "provisional, the full one is being computed" if verdict.is_provisional else "full"
-    head = (
-        f"<div style='background:{colour};color:#fff;border-radius:5px;padding:4px 9px;margin:2px 0 6px'>"
-        f"<b>{word}</b><div style='font-size:11px;opacity:.9'>{how}; spectral radius {verdict.spectral_radius:.5f}"
-        "</div></div>"
+def margins(verdict: Verdict | None, loose: Mapping[str, float]) -> str:
+    """Draw a verdict: in words, and each margin as a bar, on which a mark says where stability ends.
+
+    Args:
+        verdict: on the grasp as its hands hold it; None before the first.
+        loose: objects that nobody holds, with the nearest finger's gap, as of `Frames.loose`: of them nothing is green.
+    """
+    alarm = _box(AMBER, f"NOT HELD: no finger touches {', '.join(_apart(*each) for each in loose.items())}") * bool(
+        loose
     )
+    if verdict is None:
+        return f"<div class=gfx>{alarm}<b>Stability</b> <span class=note>is being computed …</span></div>"
+    if verdict.is_stable is None:
+        why = escape(verdict.error)
+        return f"<div class=gfx>{alarm}<b>Stability is not known</b><div class=note>{why}</div></div>"
+    colour = RED if not verdict.is_stable else GREY if loose else GREEN
+    word = "UNSTABLE: it will shake" if not verdict.is_stable else "stable once it is held" if loose else "stable"
+    how = "provisional, the full one is being computed" if verdict.is_provisional else "full"
+    head = _box(colour, word, f"{how}; spectral radius {verdict.spectral_radius:.5f}")
     opacity = ";opacity:.55" if verdict.is_provisional else ""
-    rows = "".join(_row(row) for row in verdict.rows)
-    return f"<div class=gfx>{head}<div style='{opacity}'>{rows}</div></div>"
+    rows = "".join(_row(row, GREY if row.name in loose else GREEN) for row in verdict.rows)
+    return f"<div class=gfx>{alarm}{head}<div style='{opacity}'>{rows}</div></div>"
 
 
-def _row(row: MarginRow) -> str:
+def _box(colour: str, words: str, note: str = "") -> str:
+    small = f"<div style='font-size:11px;opacity:.9'>{note}</div>" if note else ""
+    style = f"background:{colour};color:#fff;border-radius:5px;padding:4px 9px;margin:2px 0 6px"
+    return f"<div style='{style}'><b>{words}</b>{small}</div>"
+
+
+def _apart(name: str, gap: float) -> str:
+    """Name an object, and say how far away [m] the nearest finger is where that is known."""
+    away = f"{gap:.3g} m" if gap >= 1.0 else f"{1e3 * max(gap, 0.0):.3g} mm"
+    return escape(name) + (f" (the nearest is {away} away)" if math.isfinite(gap) else "")
+
+
+def _row(row: MarginRow, ample: str) -> str:
     margin = row.margin
     share = 1.0 if not math.isfinite(margin) else _share(margin)
-    colour = RED if margin < 1.0 else AMBER if margin < 1.5 else GREEN
+    colour = RED if margin < 1.0 else AMBER if margin < 1.5 else ample
     number = "no limit" if not math.isfinite(margin) else f"{margin:.2f} ×"
     where = f", lost at {row.frequency:.3g} Hz" if math.isfinite(row.frequency) else ""
     name = escape(row.mode)
