@@ -125,7 +125,10 @@ class Batch(Carded):
         raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
+        """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows.
+
+        A run that ends in a fault (`fault_tick`) has no forces from there on, which is no sign that it calmed down.
+        """
         statistics = self[quantity]
         if "growth" not in statistics:
             raise UnknownNameError("statistic", "growth", statistics)

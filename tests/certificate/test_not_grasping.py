@@ -55,6 +55,12 @@ def test_fingers_out_of_reach_are_no_grasp(absent: str) -> None:
         assert json.loads(json.dumps(certificates.to_dict(), allow_nan=False))["stable"] is False
 
 
+def test_hands_that_open_let_go() -> None:
+    """It was stable by its contacts at the start, which nobody keeps."""
+    scene = gx.load("paper-waving").replace({"finger.*.hand.squeeze": -0.02})
+    assert gx.certify(scene)[0].verdict.startswith("not grasping: nearest finger 20 mm away from object")
+
+
 def test_strict_refuses_a_scene_without_a_grasp(capsys: pytest.CaptureFixture[str]) -> None:
     changes = ["--set", "finger.0.start=[-0.05]", "--set", "finger.1.start=[0.05]"]
     changes += ["--set", "finger.0.hand.rest=[-0.05]", "--set", "finger.1.hand.rest=[0.05]"]

@@ -211,7 +211,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
-    """Require that still hands bring at least one finger to the object, from its start to where they are closed.
+    """Require that still hands bring at least one finger to the object on the way to where they are closed.
 
     Fingers on hardware may be led anywhere: nothing is required of them.
 
@@ -223,7 +223,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
         return
     course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
-    for positions in [parts.start[fingers], *course.reshape(-1, grip.n, grip.d)]:
+    for positions in course.reshape(-1, grip.n, grip.d):
         grip.grasped.meet(positions)
         if gaps.min() <= ON_SURFACE:
             return

@@ -130,7 +130,7 @@ FAULTS = {
     "called plant": "the finger is stuck",
     "called body": "the object broke",
     "plant": "does not move",
-    "object": "not finite",
+    "object": "above coupling.force_bound",
 }
 
 
@@ -156,7 +156,11 @@ def failing(kind: str, files: dict[str, str]) -> gx.Scene:
         "called device": {"finger__0__device": foreign_parts.device(files, "device", **settings)},
         "called plant": {"finger__0__device": foreign_parts.device(files, "plant", **settings)},
         "called body": {"object__dynamics": files["breaking"]},
-        "object": {"coupling__contact": "attached", "coupling__external__stiffness": 1e12},
+        "object": {
+            "coupling__contact": "attached",
+            "coupling__external__stiffness": 1e12,
+            "coupling__force_bound": 1e39,
+        },
     }
     return line(**changes[kind])
 
