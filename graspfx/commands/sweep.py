@@ -66,13 +66,14 @@ def execute(options: Namespace) -> int:
             done = str(error).partition(":")[0]
             print(f"interrupted: {done}; the same command with --out {folder} --resume goes on", file=sys.stderr)
             return INTERRUPTED
-        files = [folder / "sweep.nc", *_draw(result, folder, options)]
+        notes = dict.fromkeys(result.notes)
+        files = [folder / "sweep.nc", *_draw(result, folder, options, notes)]
     if options.json:
         print_json(result.to_dict())
         return SUCCESS
     for line in table(result, _ranked(result, options)):
         print(line)
-    note(result.notes)
+    note(notes)
     name_files(files)
     return SUCCESS
 
@@ -139,8 +140,8 @@ def _place(options: Namespace) -> Iterator[Path]:
         yield folder
 
 
-def _draw(result: SweepResult, folder: Path, options: Namespace) -> Iterator[Path]:
-    """Draw the measures that were asked for: curves and marginals on one sheet, a map for each."""
+def _draw(result: SweepResult, folder: Path, options: Namespace, notes: dict[str, None]) -> Iterator[Path]:
+    """Draw the measures that were asked for: curves and marginals on one sheet, a map for each; add what is to note."""
     from graspfx.progress import waiting
 
     names = [_whole(result, name) for text in options.measure for name in text.split(",") if name.strip()]
@@ -150,7 +151,9 @@ def _draw(result: SweepResult, folder: Path, options: Namespace) -> Iterator[Pat
         picture = folder / picture_name("sweep" if not k else f"sweep-{sheet[0].replace('/', '-')}", options)
         require_place(picture)
         with waiting(f"drawing {picture.name}"), placing(picture) as file:
-            result.plot(*sheet, width=options.width).save(file, options.format or "png")
+            drawing = result.plot(*sheet, width=options.width)
+            drawing.save(file, options.format or "png")
+        notes.update(dict.fromkeys(drawing.notes))
         yield picture
 
 

@@ -104,7 +104,7 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
     panel(panels[2 if stacked else 1], x=label_of(limits.sweeps[0].key))  # one for all three
     panel(panels[1 if stacked else 0], y=label_of(limits.sweeps[1].key))
     if equal:
-        line = Line2D([], [], color=EQUAL, lw=2.0 * weight, label="$k_{ep} = k_{ip}$", path_effects=_rim(weight))
+        line = Line2D([], [], color=EQUAL, lw=2.0 * weight, label="$k_{ep} = k_{ip}$", path_effects=rim(weight))
         drawing.legend(0, [line])
     drawing.figure.colorbar(picture, cax=drawing.bar, extend="max", label=f"{LIMIT}; blank: none")
     return drawing
@@ -118,11 +118,12 @@ def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more
     equal = bool(np.isfinite(more).any() and np.nanmin(more) < 0.0 < np.nanmax(more))
     if equal:
         lines = ax.contour(x, y, more, levels=[0.0], colors=EQUAL, linewidths=2.0 * width.weight)
-        lines.set_path_effects(_rim(width.weight))
+        lines.set_path_effects(rim(width.weight))
     return equal
 
 
-def _rim(weight: float) -> list[AbstractPathEffect]:
+def rim(weight: float) -> list[AbstractPathEffect]:
+    """Give a white line a dark rim, by which it is seen on any ground."""
     from matplotlib.patheffects import Normal, Stroke
 
     return [Stroke(linewidth=3.5 * weight, foreground="black"), Normal()]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.show import style
 from graspfx.show.key_names import label_of
+from graspfx.show.limit_curves import rim
 from graspfx.show.style import CONTACTS, INK, NEUTRAL, NOTE, panel, plain
 
 if TYPE_CHECKING:
@@ -34,6 +35,10 @@ ROUNDING = 1e-6  # of a number: less is not drawn as a change
 SPREAD = 0.02  # of the numbers at either end may be beyond the colours, where they are far out
 BAD = CONTACTS["limit"]
 EDGE = "beyond it runs grow"
+LIMIT = "certificate: margin 1"
+UNJUDGED = "not judged by the certificate"
+DASHES = (0.0, (3.0, 1.5))
+LEAST = 1e-3  # margin: less is not told apart
 CROSSES = "no number: a failure or a fault"
 WORDS = {  # that a measure's name becomes
     "finger_position": "finger position", "finger_force": "finger force", "object_position": "object position",
@@ -47,6 +52,18 @@ class Surface(NamedTuple):
     unit: str
     values: FloatArray
     unstable: NDArray[np.bool_] | None = None
+
+
+class Margins(NamedTuple):
+    """Least margins of a certificate at some places of maps.
+
+    Attributes:
+        places: of the first two keys, the numbers of the values that were judged.
+        values: (x, y, maps); NaN where the certificate could not be judged.
+    """
+
+    places: tuple[list[int], ...]
+    values: FloatArray
 
 
 class Axis(NamedTuple):
@@ -66,6 +83,7 @@ def variants_sheet(
     slices: int = 3,
     *,
     together: bool = False,
+    margins: Margins | None = None,
 ) -> Sheet:
     """Draw measures over keys.
 
@@ -77,6 +95,7 @@ def variants_sheet(
         width: "screen", "page" or "column".
         slices: how many values of a third key have a map of their own.
         together: whether the keys' values go together, so that there is no grid.
+        margins: over maps the line at 1 is drawn; None for none.
 
     Raises:
         InputError: no such width, or nothing to draw.
@@ -90,7 +109,7 @@ def variants_sheet(
         elif together:
             drawing = _marginals(values, clean, bad, width)
         else:
-            drawing = _maps(values, clean[0], bad, width, max(1, slices))
+            drawing = _maps(values, clean[0], bad, width, slices, margins)
         drawing.title(plain(title) if together else f"{plain(title)}{_rest(values)}")
     return drawing
 
@@ -115,7 +134,14 @@ def _curves(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray
     return drawing
 
 
-def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], width: str, slices: int) -> Sheet:
+def _maps(
+    values: Mapping[str, Any],
+    surface: Surface,
+    bad: NDArray[np.bool_],
+    width: str,
+    slices: int,
+    margins: Margins | None,
+) -> Sheet:
     """Draw a map, or one for each of some values of a third key, side by side; in a column of paper below one another.
 
     Further keys stand at the value in the middle of their lists.
@@ -123,16 +149,18 @@ def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], w
     keys = list(values)
     x, y = _axis(keys[0], _line(values[keys[0]], 0)), _axis(keys[1], _line(values[keys[1]], 1))
     third = _line(values[keys[2]], 2) if len(keys) > 2 else None
-    picks = [0] if third is None else _picks(len(third), slices)
-    rest = tuple(size // 2 for size in bad.shape[3:])
+    picks, rest = drawn_maps(bad.shape, slices)
     across = 1 if width == "column" else len(picks)
     drawing = style.figure([MAP] * (len(picks) // across), columns=across, width=width, bar=True)
     shades = _shades(surface)
-    for ax, pick in zip(drawing.panels.ravel(), picks, strict=True):
+    limited = False
+    for k, (ax, pick) in enumerate(zip(drawing.panels.ravel(), picks, strict=True)):
         where = (slice(None), slice(None)) + (() if third is None else (pick, *rest))
         picture = _map(ax, x, y, surface.values[where], bad[where], shades, grows=_grows(surface))
         if surface.unstable is not None:
             _edge(ax, x, y, surface.unstable[where])
+        if margins is not None:
+            limited = _limit_line(ax, x, y, margins.places, margins.values[..., k]) or limited
         if third is not None:
             panel(ax, title=f"{_short(keys[2])} = {plain(_number(third[pick]))}")
     for ax in drawing.panels[:, 0]:
@@ -142,7 +170,12 @@ def _maps(values: Mapping[str, Any], surface: Surface, bad: NDArray[np.bool_], w
     panel(drawing.panels[-1, across // 2], x=x.label)
     drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=_label(surface))
     edged = surface.unstable is not None and surface.unstable.any() and not surface.unstable.all()
-    marks = [*([_bad_mark()] if bad.any() else []), *([_edge_mark()] if edged else [])]
+    marks = [
+        *([_bad_mark()] if bad.any() else []),
+        *([_edge_mark()] if edged else []),
+        *([_limit_mark()] if limited else []),
+        *([_unjudged_mark()] if margins is not None and np.isnan(margins.values).any() else []),
+    ]
     if marks:
         drawing.legend(0, marks)
     return drawing
@@ -178,6 +211,25 @@ def _edge(ax: Axes, x: Axis, y: Axis, unstable: NDArray[np.bool_]) -> None:
     """Draw the line beyond which runs are seen to grow, whatever the map shows."""
     if min(unstable.shape) > 1 and unstable.any() and not unstable.all():
         ax.contour(x.places, y.places, unstable.T.astype(float), levels=[0.5], colors=[BAD], linewidths=1.4)
+
+
+def _limit_line(ax: Axes, x: Axis, y: Axis, places: Sequence[list[int]], margins: FloatArray) -> bool:
+    """Draw where the certificate's margin is 1, and mark where it is not judged; tell whether there is a line.
+
+    The line is that of the reciprocal, which is even in a gain and 0 where nothing is too large.
+    """
+    across, up = (axis.places[picks] for axis, picks in zip((x, y), places, strict=True))
+    i, j = np.nonzero(np.isnan(margins))
+    ax.plot(across[i], up[j], ls="", marker="$?$", ms=4.0, color=BAD)
+    if min(margins.shape) < 2:
+        return False
+    rows, columns = np.argsort(across, kind="stable"), np.argsort(up, kind="stable")
+    share = 1.0 / np.maximum(margins[np.ix_(rows, columns)].T, LEAST)
+    if not np.nanmin(share, initial=np.inf) <= 1.0 < np.nanmax(share, initial=-np.inf):
+        return False
+    lines = ax.contour(across[rows], up[columns], share, levels=[1.0], colors=["white"], linewidths=1.4)
+    lines.set(linestyle=DASHES, path_effects=rim(1.0), label=LIMIT)
+    return any(np.size(path.vertices) for path in lines.get_paths())
 
 
 def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray[np.bool_], width: str) -> Sheet:
@@ -235,8 +287,14 @@ def _line(values: NDArray[Any], axis: int) -> NDArray[Any]:
     return np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)[:, 0]
 
 
-def _picks(count: int, slices: int) -> list[int]:
-    return sorted({int(k) for k in np.round(np.linspace(0, count - 1, min(slices, count)))})
+def picks_of(count: int, most: int) -> list[int]:
+    """Choose some numbers below a count, evenly, both ends among them."""
+    return sorted({int(k) for k in np.round(np.linspace(0, count - 1, min(most, count)))})
+
+
+def drawn_maps(shape: Sequence[int], slices: int) -> tuple[list[int], tuple[int, ...]]:
+    """Choose at which values of a third key there are maps, and that of each further key."""
+    return picks_of(shape[2], max(1, slices)) if len(shape) > 2 else [0], tuple(size // 2 for size in shape[3:])
 
 
 def _along(ax: Axes, axis: Axis, name: str) -> None:
@@ -332,6 +390,18 @@ def _edge_mark() -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=BAD, lw=1.4, label=EDGE)
+
+
+def _limit_mark() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color="white", lw=1.4, ls=DASHES, path_effects=rim(1.0), label=LIMIT)
+
+
+def _unjudged_mark() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], ls="", marker="$?$", ms=4.0, color=BAD, label=UNJUDGED)
 
 
 def _label(surface: Surface) -> str:

@@ -259,6 +259,7 @@ class Work:
             about=self._about(parts),
             resumed=self.resumed,
             seconds=(took, total.seconds),
+            base=self.scene,
         )
         if self.store is not None and (self.done or not is_whole(self.store.final, self.store.identity)):
             with waiting(f"writing {self.store.final.name}"):

@@ -13,20 +13,26 @@ from numpy.typing import NDArray
 
 from graspfx.batch.batch import Batch
 from graspfx.card import Card, counted, listed
+from graspfx.certificate.judgement import Judge
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.progress import waiting
 from graspfx.show.labelled import Labels, batch_dataset, batch_labels, grid_of
 from graspfx.show.tabular import batch_frame
-from graspfx.sweeps.chunk import RUN, column_of
+from graspfx.sweeps.chunk import RUN, column_of, reason
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
     from graspfx.loop.recording.layout import Column
+    from graspfx.scene.model import Scene
     from graspfx.show.drawing import Drawing
+    from graspfx.show.variant_figures import Margins
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
+
+MOST_JUDGED, LEAST_JUDGED = 9, 3  # values along an axis of a map at which the certificate is judged
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +47,7 @@ class SweepResult(Batch):
         about: what the file says of the sweep: scene, identity, duration, sample, seed, version.
         resumed: variants that had been computed before.
         seconds: that this call took, and that all chunks took where they ran.
+        base: the scene whose values were replaced; None where it is not known.
     """
 
     failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
@@ -48,6 +55,8 @@ class SweepResult(Batch):
     about: dict[str, Any] = field(default_factory=dict)
     resumed: int = 0
     seconds: tuple[float, float] = (0.0, 0.0)
+    base: Scene | None = field(default=None, compare=False)
+    _judged: dict[int, tuple[Margins | None, tuple[str, ...]]] = field(default_factory=dict, compare=False)
 
     def _card(self) -> Card:
         grid = f" ({' x '.join(map(str, self.shape))})" if len(self.shape) > 1 else ""
@@ -190,6 +199,10 @@ class SweepResult(Batch):
     def plot(self, *measures: str, width: Literal["screen", "page", "column"] = "screen", slices: int = 3) -> Drawing:
         """Draw measures over the keys: curves of one key, maps of two, of more some slices; of a sample all marginals.
 
+        Maps have the line beyond which runs grow, where that was measured, and the certificate's limit: the line at
+        which its least margin is 1, between a grid of the sweep's values of at most 9 x 9 points, which are judged when
+        it is first drawn. Where there is no rest, or nothing is grasped, it is not judged: `notes` of the drawing.
+
         Args:
             measures: as in `finger_force.peak`; by default one of each of the first three quantities, or of maps
                 the first; there is one sheet for each.
@@ -215,8 +228,58 @@ class SweepResult(Batch):
             unit = "" if statistic in ("growth", "unstable") else self.column(quantity).unit
             surfaces.append(Surface(whole, unit, values, self.unstable))
         bad = self.failed | (self.fault_tick >= 0)
-        sheet = variants_sheet(self.values, surfaces, bad, f"{self.scene}", width, slices, together=self.is_together)
-        return Drawing(sheet)
+        margins, notes = self._margins(slices) if self.has_maps else (None, ())
+        sheet = variants_sheet(
+            self.values, surfaces, bad, f"{self.scene}", width, slices, together=self.is_together, margins=margins
+        )
+        return Drawing(sheet, notes)
+
+    def _margins(self, slices: int) -> tuple[Margins | None, tuple[str, ...]]:
+        """Judge a coarse grid of the maps' variants once, and say what could not be judged."""
+        if slices not in self._judged:
+            self._judged[slices] = self._judge(slices)
+        return self._judged[slices]
+
+    def _judge(self, slices: int) -> tuple[Margins | None, tuple[str, ...]]:
+        from graspfx.show.variant_figures import Margins, drawn_maps, picks_of
+
+        if self.base is None:
+            return None, ("the certificate's limit is not drawn: the scene is not known",)
+        try:
+            judge = Judge(self.base)
+        except InputError as error:
+            return None, (f"the certificate's limit is not drawn: {reason(error)}",)
+        maps, rest = drawn_maps(self.shape, slices)
+        along = max(MOST_JUDGED // round(len(maps) ** 0.5), LEAST_JUDGED)
+        places = tuple(picks_of(size, along) for size in self.shape[:2])
+        values = np.full((*map(len, places), len(maps)), np.nan)
+        why: Counter[str] = Counter()
+        with judge.session(), waiting("judging the certificate's limit", values.size, "variants") as wait:
+            for i, j, k in np.ndindex(*values.shape):
+                whole = (places[0][i], places[1][j], *((maps[k], *rest) if len(self.shape) > 2 else ()))
+                values[i, j, k], text = self._margin(judge, int(np.ravel_multi_index(whole, self.shape)))
+                why.update([text] if text else [])
+                wait.done += 1
+        count = int(np.isnan(values).sum())
+        where = f"at {count} of {values.size} points"
+        notes = [f"certificate: not judged {where}: {text}" for text, _ in why.most_common(1)]
+        if count < values.size and (np.nanmin(values) >= 1.0 or np.nanmax(values) < 1.0):
+            side = "above" if np.nanmin(values) >= 1.0 else "below"
+            extent = f"{np.nanmin(values):.3g} to {np.nanmax(values):.3g}"
+            notes.append(f"certificate: no limit within the map, margins are {side} 1: {extent}")
+        return Margins(places, values), tuple(notes)
+
+    def _margin(self, judge: Judge, variant: int) -> tuple[float, str]:
+        """Give a variant's least margin; NaN, and why, where there is none: a variant that failed is not tried here."""
+        if failure := str(self.failure.ravel()[variant]):
+            return np.nan, failure
+        try:
+            one = judge.judge(self.overrides(variant))
+        except Exception as error:  # noqa: BLE001 - others' code may raise anything, and the map is drawn without it
+            return np.nan, reason(error)
+        if not np.isfinite(one.spectral_radius):
+            return np.nan, " ".join(one.assumed)
+        return one.margin, ""
 
     @property
     def is_together(self) -> bool:

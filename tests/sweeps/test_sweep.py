@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import graspfx as gx
 from graspfx import installed
@@ -80,6 +81,30 @@ def test_the_verdict_on_a_run_is_that_of_its_summary() -> None:
     assert result["run"]["vibration"].ravel() == pytest.approx([run["force_vibration"] for run in runs], rel=1e-9)
     assert result.scalar()[0] == "run.vibration"
     assert gx.sweep("paper-waving", values, duration=0.1, measure=["finger_force"]).unstable is None
+
+
+def test_a_map_has_the_certificate_s_limit_where_certify_finds_it() -> None:
+    spacing, values = 10.0, {KEP: [20.0, 30.0, 40.0, 50.0, 60.0, 70.0], BV: [0.4, 0.7, 1.0]}
+    result = gx.sweep("paper-spring", values, duration=0.1, measure=["finger_force"], statistics=["peak"])
+    drawing = result.plot("finger_force.peak")
+    [line] = [each for each in drawing.figure.axes[0].collections if each.get_label() == "certificate: margin 1"]
+    [path] = line.get_paths()
+    judged = [(gain, viscosity) for gain, viscosity in np.asarray(path.vertices, float) if viscosity in values[BV]]
+    assert sorted(viscosity for _, viscosity in judged) == values[BV]
+    for gain, viscosity in judged:
+        grasp = gx.certify(gx.load("paper-spring", {BV: viscosity}))[0]
+        [limit] = [each.limit for each in grasp.limits if each.mode == "external"]
+        assert abs(gain - limit) < spacing
+    assert "certificate: margin 1" in [each.get_text() for each in drawing.figure.findobj(Text)]
+    assert not drawing.notes
+
+
+def test_where_the_certificate_cannot_be_judged_a_map_says_so(scene: gx.Scene) -> None:
+    sizes = {"object.shape.size": [[0.05], [0.001]], KEP: [20.0, 40.0]}  # the fingers do not reach the small one
+    drawing = gx.sweep(scene, sizes, measure=["finger_force"]).plot()
+    assert "not judged at 2 of 4 points: " in drawing.notes[0] and "touches" in drawing.notes[0]
+    assert "not judged by the certificate" in [each.get_text() for each in drawing.figure.findobj(Text)]
+    assert not any(each.get_label() == "certificate: margin 1" for each in drawing.figure.axes[0].collections)
 
 
 def test_threads_and_any_executor_give_the_same(scene: gx.Scene, batch: gx.Batch) -> None:
