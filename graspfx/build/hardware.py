@@ -82,8 +82,9 @@ class Hardware:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: the signal that ended it, readings without a new sample, and lateness."""
-        return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}
+        """Entries of the run's `Outcome`: what ended it early, readings without a new sample, and lateness."""
+        cause = self._servo.hang or self._exits.cause
+        return {"cause": cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
         return Stops(self._exits, stop)

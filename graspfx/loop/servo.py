@@ -109,6 +109,11 @@ class Servo:
         return self.fault is not None
 
     @property
+    def hang(self) -> str:
+        """Which C function of a device did not return, in words; empty without."""
+        return "" if self.native is None else self.native.hang
+
+    @property
     def engine(self) -> Engine:
         """Engine of the ticks."""
         return self._ready()
@@ -276,6 +281,9 @@ class Servo:
             self._notice(recorder, native.stop_faults)
 
         native.run(self.ticks, ticks, recorder, stop, pacer, look)
+        if native.hang:
+            self._stop()
+            self._notice(recorder, [RunFault(self.ticks, native.hang)])
         self.row = recorder.row
 
     def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:

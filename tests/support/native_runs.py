@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,11 +112,8 @@ class Session:
             servo.run(ticks, self.recorder, None, self.pacer)
             return
 
-        def look(done: int) -> None:
-            servo.ticks = done
-            servo._notice(self.recorder, native.stop_faults)
-
-        native.run(servo.ticks, ticks, self.recorder, None, self.pacer, look, FREE)
+        vars(native)["run"] = partial(NativeLoop.run, native, mode=FREE)
+        servo._run_native(native, ticks, self.recorder, None, self.pacer)
 
     def finish(self) -> Recording:
         """End the run; give its recording."""

@@ -18,6 +18,7 @@ from graspfx.build.process import boot
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.build.process.relay import Relay
 from graspfx.loop.device_exchange import call_of
+from graspfx.loop.realtime.guards import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.loop.realtime.priority import GUARD
 from graspfx.loop.realtime.ring import Phase, Ring, Word
@@ -26,9 +27,6 @@ from graspfx.system.scheduling import set_fifo
 
 PAUSE = 20  # between two looks [ms]
 PATIENCE = 0.5  # for a servo to rest that was asked to [s]
-MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
-HANGS = 0.1  # for a call of a device to return, and
-WATCHDOGS = 3  # times what the scene's watchdog lets a tick be late
 LONGER = 0.25  # then, until the next step [s]
 OPENING = 30.0  # for a device to open, and for all to come to rest [s]
 CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
@@ -68,8 +66,8 @@ class Guard(Thread):
     ) -> None:  # fmt: skip
         super().__init__(name="graspfx-guard", daemon=True)
         self._ring, self._devices, self._clock = ring, devices, clock or WallClock()
-        self._still = max(MOST_STILL, 20.0 * period)
-        self._names, self._hung = names, min(self._still, max(HANGS, WATCHDOGS * watchdog))
+        self._still = max(MOST_STILL, STILL_PERIODS * period)
+        self._names, self._hung = names, patience(period, watchdog)
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self.lock = Lock()
         self.relay: Relay | None = None
@@ -80,7 +78,8 @@ class Guard(Thread):
         self.process: Popen[bytes] | None = None
         self._line: Connection | None = None
         self._watched = -1  # descriptor of the process
-        self._head, self._since, self._step = -1, 0.0, 0  # ticks that were there, when they came, and what was done
+        self._head, self._place = -1, 0  # ticks that were there, and the call that was under way
+        self._since, self._step = 0.0, 0  # when these came, and what was done
         self._sent = Lock()
 
     @property
@@ -203,7 +202,7 @@ class Guard(Thread):
         First by a signal that a driver's call gives way to.
         """
         words, now = self._ring.words, self._clock.now()
-        head, phase = int(words[Word.HEAD]), int(words[Word.PHASE])
+        head, phase, place = int(words[Word.HEAD]), int(words[Word.PHASE]), int(words[Word.CALL])
         is_running, is_told = phase == Phase.RUNNING, bool(words[Word.STOP])
         is_opening = phase == Phase.OPEN and not (self.is_settled or is_told)
         if phase >= Phase.RESTED or not (is_running or is_told or is_opening):
@@ -212,7 +211,11 @@ class Guard(Thread):
         halt = int(words[Word.HALT])
         if head != self._head or (halt and head >= halt - 1 and not is_told):  # a pause is no standstill
             self._head, self._since, self._step = head, now, 0
-        call = call_of(int(words[Word.CALL]), self._names) if is_running and not is_told else ""
+        if place != self._place:
+            self._place = place
+            if place and not is_told:  # each call has its own time: after another one hung, the others are stopped
+                self._since, self._step = now, 0
+        call = call_of(place, self._names) if is_running and not is_told else ""
         wait = OPENING if is_opening else CLOSING if not is_running else PATIENCE if is_told else self._still
         if is_running and not is_told and (call or self.hang):
             wait = self._hung

@@ -7,6 +7,11 @@ from dataclasses import dataclass
 
 from graspfx.errors import InputError
 
+MOST_STILL = 1.0  # for a loop without a tick, and
+STILL_PERIODS = 20  # periods at least [s]
+HANGS = 0.1  # for a call of a device to return, and
+WATCHDOGS = 3  # times what the scene's watchdog lets a tick be late
+
 
 @dataclass(frozen=True)
 class Guards:
@@ -31,6 +36,18 @@ class Guards:
             raise InputError("hold", (self.hold, self.late), "counts of zero or more")
         if not (math.isfinite(self.soft_start) and self.soft_start >= 0.0):
             raise InputError("soft_start", self.soft_start, "a finite time of zero or more [s]")
+
+
+def patience(period: float, watchdog: float) -> float:
+    """Give the time in which a call of a device has to return, while forces are there [s].
+
+    It is some times what a tick may be late, and no more than a loop without a tick is given.
+
+    Args:
+        period: T [s].
+        watchdog: time by which a tick may be late [s].
+    """
+    return min(max(MOST_STILL, STILL_PERIODS * period), max(HANGS, WATCHDOGS * watchdog))
 
 
 GUARDS = Guards()

@@ -33,6 +33,7 @@ class NativePort:
     """A device in the loop; each array is a piece of a longer memory."""
 
     index: int
+    place: int  # number of its first call, as `DevicePort.place`
     state: PortState
     ask: int  # words of its functions in the table
     read: int
@@ -81,6 +82,7 @@ class NativeBeat:
     table: FloatArray  # addresses
     own: FloatArray  # words of the loop
     quit: int  # place of the one that ends all forces
+    call: int  # and of the one that says which call of a device has the thread, 0 for none
     begin: int  # words of the program in the table
     end: int
     words: FloatArray  # of the ring
@@ -146,12 +148,14 @@ def read_all(beat: NativeBeat, k: int, periods: int) -> None:
         for entry in port.fresh:
             entry[0] = 0.0
         if port.is_gone[0] == 0.0:
+            publish(beat.own, beat.call, port.place)
             code = call(beat.table, port.ask)
             if code < 0:
                 why = fail(port.state, NO_ASK, code)
                 latch(beat.servo, k, NATIVE, port.index, why)
     for port in beat.ports:
         if port.is_gone[0] == 0.0:
+            publish(beat.own, beat.call, port.place + 1)
             code = call(beat.table, port.read)
             why = take_sample(port.state, code, periods)
             if why != 0:
@@ -167,6 +171,7 @@ def read_all(beat: NativeBeat, k: int, periods: int) -> None:
                     else:
                         port.misses[0] += 1.0
                 port.readable[0] = 1.0
+    publish(beat.own, beat.call, 0)
 
 
 @stage
@@ -180,6 +185,7 @@ def display(beat: NativeBeat, k: int) -> None:
         for port in beat.closing:
             if beat.faulted[0] == 0.0:
                 write(beat, port, k)
+        publish(beat.own, beat.call, 0)
         if beat.times is not None:
             beat.times.io_write[0] = now(beat.table) - began
     if beat.faulted[0] != 0.0 or peek(beat.own, beat.quit) != 0:
@@ -194,7 +200,9 @@ def stop_all(beat: NativeBeat, k: int) -> None:
             stop(beat, port, k)
     for port in beat.closing:
         if port.is_gone[0] != 0.0:
+            publish(beat.own, beat.call, port.place + 3)
             call(beat.table, port.stop)
+    publish(beat.own, beat.call, 0)
 
 
 @stage
@@ -203,6 +211,7 @@ def write(beat: NativeBeat, port: NativePort, k: int) -> None:
     copy(port.orders, port.command)
     why = limit_forces(port.state)
     if why == 0 and peek(beat.own, beat.quit) == 0:
+        publish(beat.own, beat.call, port.place + 2)
         code = call(beat.table, port.write)
         if code < 0:
             why = fail(port.state, NO_WRITE, code)
@@ -213,6 +222,7 @@ def write(beat: NativeBeat, port: NativePort, k: int) -> None:
 @stage
 def stop(beat: NativeBeat, port: NativePort, k: int) -> None:
     """Stop a device that answered until now."""
+    publish(beat.own, beat.call, port.place + 3)
     code = call(beat.table, port.stop)
     if code < 0:
         port.stop_code[0] = code

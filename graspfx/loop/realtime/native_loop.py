@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from graspfx.compile.emission import address
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
-from graspfx.loop.device_exchange import DeviceExchange, DevicePort
+from graspfx.loop.device_exchange import ZERO, DeviceExchange, DevicePort, call_of
 from graspfx.loop.parts import Parts
 from graspfx.loop.realtime.exits import Exits, Interruption
-from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.guards import Guards, patience
 from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState
 from graspfx.loop.realtime.native_machine import DRIVEN as CALLBACK
 from graspfx.loop.realtime.native_machine import engine
 from graspfx.loop.realtime.native_port import PortState
-from graspfx.loop.realtime.native_program import HALT, QUIT, STOP, NativeProgram
+from graspfx.loop.realtime.native_program import CALLED, HALT, QUIT, STOP, NativeProgram
 from graspfx.loop.realtime.native_texts import clock_text, port_text, stop_text
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
@@ -38,9 +38,8 @@ IntArray = NDArray[np.int64]
 POLL = 0.005  # between two looks [s]
 PATIENCE = 0.1  # for a tick that goes on, before devices are stopped beside it [s]
 STALLED = 50  # looks without a tick, and
-STALLED_PERIODS = 20  # periods, after which a device's function is taken not to return
+STALLED_PERIODS = 20  # periods, after which the loop is taken to stand still where no function of a device has it
 ADDRESS, TABLE, TICK, END, BUSY = range(5)  # words of a callback
-HANGS = "a device's C function does not return; all forces are set to zero beside it"
 FOREVER = 1 << 62  # ticks: the loop's end says when
 _LOST: list[object] = []  # memories of loops that did not end: a vendor's function may still write there
 
@@ -66,6 +65,9 @@ class NativeLoop:
         devices: all of them, in their order.
         parts: of the scene.
         guards: of hardware.
+
+    Attributes:
+        hang: which call of a device did not return, in words; empty without.
     """
 
     def __init__(
@@ -84,7 +86,8 @@ class NativeLoop:
         self._calls: list[Calls] = []
         self._noted = [False] * len(self._ports)  # whether a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has
-        self._seen, self._looks = -1, 0  # ticks at the last look, and looks since there was one
+        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last look, and looks since one was new
+        self.hang = ""
 
     def run(
         self,
@@ -98,6 +101,8 @@ class NativeLoop:
     ) -> int:
         """Run ticks from k on, as many if nothing ends them before; give how many there were.
 
+        A function of a device that does not return ends them (`hang`): whoever runs the loop stops the devices then.
+
         Args:
             k: the first tick.
             ticks: to run.
@@ -109,7 +114,7 @@ class NativeLoop:
             mode: PACED, or FREE for ticks that follow one another at once.
 
         Raises:
-            DeviceError: a device without functions.
+            DeviceError: a device without functions, or one of an earlier run still has the loop.
             Interruption: no force may come any more.
         """
         ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
@@ -120,16 +125,18 @@ class NativeLoop:
             while worker.goes_on(POLL):
                 look(self._drain(recorder, ring))
                 pacer.skipped = self.program.clock.skipped
-                self._require_progress(ring)
-                if isinstance(stop, Writer) and stop.has_news:
+                self.hang = self._standstill(ring)
+                if not self.hang and isinstance(stop, Writer) and stop.has_news:
                     worker = self._between_ticks(worker, stop, ring, look)
+                if self.hang:
+                    break
                 if stop is not None and stop():
                     self.program.words[STOP] = 1
                 if self._exits.at_once:
                     raise Interruption(self._exits.cause)
         finally:
             self.program.words[HALT] = 1
-            if not worker.end(PATIENCE):
+            if not worker.end(0.0 if self.hang else PATIENCE):
                 self.program.words[QUIT] = 1  # once the function returns no force follows
                 _LOST.append((self, ring, recorder, worker))
             done = self._drain(recorder, ring) - k
@@ -149,7 +156,8 @@ class NativeLoop:
         """Let who stops the loop write into its memories, while it waits; go on with another thread."""
         self.program.words[HALT] = 1
         if not worker.pause(PATIENCE):
-            raise DeviceError(HANGS)
+            self.hang = self._hang_text(PATIENCE)
+            return worker
         look(int(ring.words[Word.HEAD]))
         stop()
         self.program.words[HALT] = 0
@@ -158,13 +166,20 @@ class NativeLoop:
             worker.start()
         return worker
 
-    def _require_progress(self, ring: Ring) -> None:
-        """Require a tick since one of the last looks; they are counted, for a machine may stand still as a whole."""
-        head = int(ring.words[Word.HEAD])
-        self._looks = 0 if head != self._seen else self._looks + 1
-        self._seen = head
-        if self._looks > max(STALLED, STALLED_PERIODS * self._period / POLL):
-            raise DeviceError(HANGS)
+    def _standstill(self, ring: Ring) -> str:
+        """Say what holds the loop up for too long, empty as long as nothing does.
+
+        Looks are counted instead of time, for a machine may stand still as a whole.
+        """
+        seen = int(ring.words[Word.HEAD]), int(self.program.words[CALLED])
+        self._looks = 0 if seen != self._seen else self._looks + 1
+        self._seen, still = seen, max(STALLED * POLL, STALLED_PERIODS * self._period)
+        limit = patience(self._period, self._period * self._guards.late) if seen[1] else still
+        return self._hang_text(self._looks * POLL) if self._looks * POLL > limit else ""
+
+    def _hang_text(self, time: float) -> str:
+        call = call_of(int(self.program.words[CALLED]), [each.name for each in self._ports])
+        return f"{call} has not returned for {time:.2g} s; {ZERO}" if call else f"no tick for {time:.2g} s; {ZERO}"
 
     def _note_rest(self, recorder: RowTaker) -> None:
         """Note from which tick on forces decayed."""
@@ -200,7 +215,7 @@ class NativeLoop:
     def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
         """Make all memories what Python's own loop would begin with."""
         if self.program.words[QUIT]:
-            raise DeviceError(HANGS)
+            raise DeviceError(self.hang or "a device's C function of the run before has not returned")
         self._calls = [_calls(each) for each in self._ports]
         for i, calls in enumerate(self._calls):
             self.program.connect(i, calls)
@@ -220,8 +235,8 @@ class NativeLoop:
         end, decay = self.program.end, decay_ticks(self._period)
         end.decay, end.last = decay if self._safety is not None and decay > 1 else 0, last
         end.is_stopped = end.is_begun = False
-        self.program.words[[HALT, STOP]] = 0
-        self._seen, self._looks = -1, 0
+        self.program.words[[HALT, STOP, CALLED]] = 0
+        self._seen, self._looks, self.hang = (-1, 0), 0, ""
 
     def _finish(self, pacer: Pacer) -> None:
         """Make pacer and readings what they would be after Python's own loop."""

@@ -14,7 +14,7 @@ from graspfx.compile.records import size_for, start_of
 from graspfx.compile.unfold.rewrite import keep_stages
 from graspfx.compile.unfold.unfold import unfold
 from graspfx.loop.device_calls import Calls
-from graspfx.loop.device_exchange import DevicePort
+from graspfx.loop.device_exchange import CALLS, DevicePort
 from graspfx.loop.realtime.loop_state import LoopState
 from graspfx.loop.realtime.native_beat import LoopTimes, NativeBeat, NativePort, turn
 from graspfx.loop.realtime.native_clock import ClockState
@@ -30,8 +30,9 @@ from graspfx.loop.tick.script import Script, Tick
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Own words: whether the loop ends before the next tick, is to stop softly, may bring no force any more.
-HALT, STOP, QUIT = range(3)
+# Own words: whether the loop ends before the next tick, is to stop softly, may bring no force any more; and which call
+# of a device has its thread, as `DevicePort.place` counts them, 0 for none.
+HALT, STOP, QUIT, CALLED = range(4)
 TEXT = """
 def turn({arrays}, k):
     {lines}
@@ -59,7 +60,7 @@ class NativeProgram:
 
     Attributes:
         clock, end, states: memories, as records; a state for each port.
-        words: own ones, HALT, STOP and QUIT.
+        words: own ones, HALT, STOP, QUIT and CALLED.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class NativeProgram:
         *,
         nested: bool = False,
     ) -> None:
-        self.words: IntArray = np.zeros(3, dtype=np.int64)
+        self.words: IntArray = np.zeros(4, dtype=np.int64)
         self.clock = ClockState(np.zeros(size_for(ClockState)))
         self.end = EndState(np.zeros(size_for(EndState)))
         self.states = [PortState(_state_memory(each)) for each in ports]
@@ -137,6 +138,7 @@ class NativeProgram:
             table=table,
             own=own,
             quit=QUIT,
+            call=CALLED,
             begin=0,
             end=RUN,
             words=words,
@@ -192,6 +194,7 @@ def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script
         fresh = [whole[f : f + 1] for f in port.fingers]
     return NativePort(
         index=i,
+        place=1 + len(CALLS) * i,
         state=state,
         ask=at,
         read=at + CALL,

@@ -18,10 +18,11 @@ import pytest
 import graspfx as gx
 from graspfx.build.process import guard as guard_module
 from graspfx.build.process import quenching
-from graspfx.build.process.guard import CLOSING, LONGER, MOST_STILL, OPENING, PATIENCE, STEPS, WATCHDOGS, Guard
+from graspfx.build.process.guard import CLOSING, LONGER, OPENING, PATIENCE, STEPS, Guard
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError, RecordingError
+from graspfx.loop.realtime.guards import MOST_STILL, WATCHDOGS
 from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
@@ -166,6 +167,31 @@ def test_patience_with_a_servo_without_ticks(phase: int, told: int, halt: int, c
     assert list(told_numbers) == ([] if math.isinf(patience) else list(STEPS))
     assert list(told_numbers.values()) == pytest.approx([patience, patience + LONGER][: len(told_numbers)], abs=0.011)
     assert guard.hang.partition(" has")[0] == ("`read` of two" if call and not told else "")
+
+
+def test_each_call_has_its_own_time() -> None:
+    """A loop without Python has stood still for 0.15 s and stops its devices then: that `stop` does not hang yet."""
+    sent: list[int] = []
+
+    class Told(Guard):
+        def _signal(self, number: int) -> None:
+            sent.append(number)
+
+    clock, file = VirtualClock(), create(1)
+    ring = Ring(file, 1, 1)
+    try:
+        guard, words = Told(ring, [], 0.001, clock, names=["one", "two"], watchdog=0.005), ring.words
+        words[Word.PHASE], words[Word.HEAD] = Phase.RUNNING, 1
+        for call, time in ((0, 0.0), (0, 0.15), (4, 0.01), (8, 0.06), (8, 0.06), (8, 0.06)):
+            words[Word.CALL] = call
+            clock.sleep(time)
+            guard._hurry()
+            if not sent:
+                assert not guard.hang
+    finally:
+        os.close(file)
+    assert guard.hang.startswith("`stop` of two has not returned for 0.12 s")
+    assert len(sent) == 1
 
 
 def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ import pytest
 import graspfx as gx
 from graspfx.build import pace
 from graspfx.build.replay import replayed_with
+from graspfx.commands.output import say_faults
 from graspfx.environment import granted
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.realtime import native_loop
+from graspfx.loop.realtime.ring import Word
 from tests.support.native_runs import COLUMNS, Session, both, driver, scene
 from tests.support.optional import require
 from tests.support.scripted_devices import Scripted
@@ -32,36 +35,52 @@ HANG = 150  # a tick in which the fingers press
 TILT = [[0.6, -0.8, 0.0], [0.48, 0.36, -0.8], [0.64, 0.48, 0.6]]
 
 
-@pytest.mark.parametrize("role", ["read", "write"])
-def test_a_function_that_returns_after_the_stop_brings_no_force_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, role: str
-) -> None:
-    """Python has stopped the devices beside it; the rest of its tick writes nothing, and stops them once more."""
-    monkeypatch.setattr(native_loop, "STALLED", 5)
+KIND = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+def hang_in(
+    role: str, monkeypatch: pytest.MonkeyPatch, is_it: Callable[[Scripted], bool], at: int = HANG
+) -> threading.Event:
+    """Let a function of those devices wait, when it is called for that time, until the event is set."""
     release, real, count = threading.Event(), vars(Scripted)["calls"].fget, [0]
-    kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
     def calls(device: Scripted) -> Calls:
         own: Calls = real(device)
-        function = kind(getattr(own, role))
+        function = KIND(getattr(own, role)) if getattr(own, role) else lambda *_: 0
 
-        @kind
+        @KIND
         def hang(context: int, block: int) -> int:
             count[0] += 1
-            if count[0] == HANG:
+            if count[0] == at:
                 release.wait(60.0)
             return int(function(context, block))
 
         place = ctypes.cast(hang, ctypes.c_void_p).value
         assert place is not None
-        return own._replace(**{role: place}, keep=(own.keep, hang)) if device is first else own
+        return own._replace(**{role: place}, keep=(own.keep, hang)) if is_it(device) else own
 
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    return release
+
+
+@pytest.mark.parametrize("role", ["ask", "read", "write"])
+def test_a_function_that_returns_after_the_stop_brings_no_force_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, role: str
+) -> None:
+    """Python has stopped the devices beside it; the rest of its tick writes nothing, and stops them once more."""
     session = Session(scene(driver(tmp_path), TICKS, native=True))
     first, second = session.stations
-    monkeypatch.setattr(Scripted, "calls", property(calls))
-    with pytest.raises(DeviceError, match="a device's C function does not return"):
-        session.run(TICKS)
-    assert not session.devices.stop()
+    release, told = hang_in(role, monkeypatch, lambda device: device is first), list[Any]()
+
+    def fault(k: int, text: str) -> None:
+        told.append((k, text, [each.stops for each in (first, second)]))
+
+    monkeypatch.setattr(session.recorder, "fault", fault)
+    session.run(TICKS)
+    [(tick, text, stops)] = told
+    assert text == f"`{role}` of the device of finger0 (Scripted) has not returned for 0.1 s; all forces are zero"
+    assert tick == HANG - 1 == len(session.recorder.recording())
+    assert stops == [1, 1]  # before it was told
     before = [np.isfinite(each.written).all(axis=(1, 2)).sum() for each in (first, second)]
     stops = [each.stops for each in (first, second)]
     assert np.abs(second.written[: HANG - 1]).max() > 0.0
@@ -72,8 +91,54 @@ def test_a_function_that_returns_after_the_stop_brings_no_force_back(
     late = [np.isfinite(each.written).all(axis=(1, 2)).sum() for each in (first, second)]
     assert late == [before[0] + (role == "write"), before[1]]  # nothing but the call that was under way
     assert [each.stops for each in (first, second)] == [n + 1 for n in stops]
-    with pytest.raises(DeviceError, match="a device's C function does not return"):
+    with pytest.raises(DeviceError, match=f"`{role}` of the device of finger0"):
         session.run(1)
+    session.finish()
+
+
+def test_a_function_that_does_not_return_is_a_fault_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recording has it, the run is not complete, and the command's exit code is that of a fault."""
+    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    release = hang_in("write", monkeypatch, lambda device: device.numbers[0, 0, 0, 0] > 0.0, 30)
+    try:
+        rec = gx.run(scene(driver(tmp_path), TICKS, native=True, rest=SETTLING), real_time=True, out=tmp_path / "rec")
+    finally:
+        release.set()
+    [fault] = rec.faults
+    assert fault.message.startswith("`write` of the device of finger1 (Scripted) has not returned for ")
+    assert fault.tick == len(rec) == 29
+    assert rec.outcome.cause == fault.message
+    assert not rec.outcome.complete
+    assert say_faults(rec) == 3
+
+
+def test_devices_are_stopped_before_the_tick_of_a_fault_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    """When they are, the forces of the tick before still stand in the tick's memory, and its row is not there."""
+    real, seen = vars(Scripted)["calls"].fget, list[Any]()
+
+    def calls(device: Scripted) -> Calls:
+        own: Calls = real(device)
+        function = KIND(own.stop)
+
+        @KIND
+        def stop(context: int, block: int) -> int:
+            commands = [float(each.port.command[0, 0]) for each in session.devices.ports]
+            seen.append((session.stations.index(device), int(session.native._ring.words[Word.HEAD]), commands))
+            return int(function(context, block))
+
+        place = ctypes.cast(stop, ctypes.c_void_p).value
+        assert place is not None
+        return own._replace(stop=place, keep=(own.keep, stop))
+
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True, codes=[0] * HANG + [-3]))
+    session.run(HANG + 1)
+    last = [float(each.written[HANG - 1, 0, 0]) for each in session.stations]
+    assert [(i, head) for i, head, _ in seen] == [(1, HANG), (0, HANG)]  # the one that still answers first
+    assert all(commands == last for _, _, commands in seen)
+    assert min(abs(force) for force in last) > 0.01
     session.finish()
 
 
