@@ -54,6 +54,8 @@ CHANGES: dict[str, dict[str, Any]] = {
     "observed": {"coupling__passivity": "observe"},
     "controlled": {"coupling__passivity": "control"},
     "friction": {"coupling__friction": 0.5},
+    "no external damping": {"coupling__external__damping": 0.0, "coupling__internal__damping": 0.3},
+    "no internal damping": {"coupling__external__damping": 0.3, "coupling__internal__damping": 0.0},
     "encoders, delay and limit": {
         "finger__0__device__resolution": 1e-5, "finger__0__device__delay": 2, "finger__1__device__force_limit": 0.1,
     },
@@ -159,7 +161,7 @@ def failing(kind: str, files: dict[str, str]) -> gx.Scene:
         "object": {
             "coupling__contact": "attached",
             "coupling__external__stiffness": 1e12,
-            "coupling__force_bound": 1e39,
+            "coupling__force_bound": 1e40,
         },
     }
     return line(**changes[kind])
