@@ -23,12 +23,14 @@ from graspfx.cones.elimination import eliminate
 from graspfx.cones.mode_equations import Merit, compliant_share, equations_of_modes, jacobian_of_modes
 from graspfx.cones.problem import STICK, Answer, FrictionProblem, Gains
 from graspfx.cones.square_equations import equations_of_square, jacobian_of_square
-from graspfx.spatial import Matrix, Vector
+from graspfx.spatial import NOTHING, Matrix, Vector
 
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
 CLOSE = 1e-13  # what is taken where rounding ends the descent earlier
-LEAST = 1e-6  # of the larger gain: what a smaller one counts as; scenes have none but a damping of zero
+LEAST = 1e-6  # of the larger gain: what a smaller one counts as; scenes have none but a damping of zero (`approach`)
+NEAR = 1e-8  # what a zero counts as in each search of `approach`
+SEARCHES = 8  # of it at most
 STEPS = 100  # evaluations before Coulomb's law starts from elsewhere
 DESCENT = 1000  # the same for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
 SHORTEST = 1e-2  # fraction of a Newton step before Coulomb's law starts from elsewhere
@@ -76,7 +78,8 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
     """Find the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
 
-    At most six unknowns. A contact of weight 0 has no force; a gain below 1e-6 of the other one counts as that.
+    At most six unknowns. A contact of weight 0 has no force; a gain below 1e-6 of the other one counts as that, but for
+    the associated law's zero, which is the limit of small gains (`approach`).
     Coulomb's law is sought from the unknowns as they are, then from the associated answer, then `restarts` times from
     around that. Where the problem is compliant (K^-1 + C)^-1 is in the place of K, C_i / w_i on each coordinate of
     contact i.
@@ -89,8 +92,88 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
         add_nothing(problem, d)
         return Answer(COULOMB if coulomb else ASSOCIATED, 0.0, 0)
     used = problem.modes if gains.external != gains.internal else 0  # equal gains: no contact knows of another
+    if not coulomb and min(gains.external, gains.internal) <= 0.0:
+        raised = Gains(max(gains.external, NEAR * high), max(gains.internal, NEAR * high))
+        answer = approach(problem, d, used, raised)
+        if answer.law != UNRESOLVED:
+            return answer
     raised = Gains(max(gains.external, LEAST * high), max(gains.internal, LEAST * high))
     return solve(problem, d, used, raised, None, True, coulomb, restarts)
+
+
+@kernel
+def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answer:
+    """Seek the associated law of a zero gain, raised to E: a search that is repeated without the raise's last force.
+
+    f = f0 + (K + E)(e + s) - E (e + s'), s' of the search before, is the proximal point method (Rockafellar 1976). It
+    ends at f = f0 + K (e + s), the limit of small gains: each search leaves eps / (eps + lambda) of what is wrong along
+    a direction that contacts resist with lambda, eps of E.
+
+    k_e = 0: E (e + s) = sqrt(W) Q h z, which g has as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
+    """
+    for contact in problem.contacts:
+        contact.lent = NOTHING
+    soft = gains.external < gains.internal
+    law, residual, steps = ASSOCIATED, 0.0, 0
+    for _ in range(SEARCHES):
+        answer = solve(problem, d, count, gains, None, True, False, 0)
+        law, residual = answer.law, answer.residual
+        steps += answer.evaluations
+        if law == UNRESOLVED:
+            break
+        change, size = pull_back(problem, d, count, gains) if soft else lend(problem, d, count, gains)
+        if not change > CLOSE * size:
+            break
+    for k in range(count):
+        problem.unknowns[k].pull = 0.0
+    for contact in problem.contacts:
+        if contact.weight > 0.0:
+            for a in range(d):
+                contact.base_force[a] += contact.lent[a]
+                if problem.compliant:
+                    contact.displacement[a] -= contact.compliance / contact.weight * contact.lent[a]
+    return Answer(law, residual, steps)
+
+
+@kernel
+def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
+    """Take the raise of k_e times the answer off the next g; give by how much that changed, and the size of y."""
+    change = size = 0.0
+    for k in range(count):
+        unknown = problem.unknowns[k]
+        if unknown.share > 0.0:
+            pull = gains.external / ((gains.internal - gains.external) * unknown.share) * unknown.value
+            change = max(change, abs(pull - unknown.pull))
+            unknown.pull = pull
+    for contact in problem.contacts:
+        if contact.weight > 0.0:
+            for a in range(d):
+                size = max(size, abs(contact.force[a]) / math.sqrt(contact.weight))
+    return change, size
+
+
+@kernel
+def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
+    """Take the raise of k_i times the answer off the next f0; give by how much that changed, and the size of y."""
+    h = gains.internal / (gains.external - gains.internal)
+    change = size = 0.0
+    for contact in problem.contacts:
+        if contact.weight == 0.0:
+            continue
+        root = math.sqrt(contact.weight)
+        for a in range(d):
+            total = 0.0
+            for k in range(count):
+                total += contact.modes[k].motion[a] * problem.unknowns[k].value
+            lent = contact.force[a] - contact.base_force[a] + root * (1.0 + h) * total
+            more = lent - contact.lent[a]
+            contact.lent[a] = lent
+            contact.base_force[a] -= more
+            if problem.compliant:
+                contact.displacement[a] += contact.compliance / contact.weight * more
+            change = max(change, abs(more) / root)
+            size = max(size, abs(contact.force[a]) / root)
+    return change, size
 
 
 @kernel

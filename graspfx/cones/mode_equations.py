@@ -89,8 +89,8 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
         unknown = unknowns[k]
         h, gap = stiffening(problem, unknown.share, gains)
         z = unknown.value
-        unknown.gradient += h * z
-        value += 0.5 * h * z * z
+        unknown.gradient += h * z - unknown.pull
+        value += 0.5 * h * z * z - unknown.pull * z
         forces += z * z
         worst = max(worst, abs(unknown.gradient))
         off = gap * unknown.gradient

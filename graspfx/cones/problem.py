@@ -37,6 +37,7 @@ class ConeContact(Record):
     force: Vector4  # f, out [N]
     slip: Vector4  # s, out, exactly zero in what sticks [m]
     trial: Vector4  # t, work
+    lent: Vector4  # what a raised gain has been taken off f0 for, work
     most: int  # modes that there is space for
     modes: Many[ModePart] = many("most")  # not read for a square
 
@@ -49,6 +50,7 @@ class Unknown(Record):
     gradient: float  # g, work
     start: float  # of a Newton step
     associated: float  # answer of the associated law
+    pull: float  # what is taken off g where a gain of zero is approached; zero else
     left: float  # u, v, b: a sliding contact's R' = u v' + bend b b', times the modes
     right: float
     across: float

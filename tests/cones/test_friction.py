@@ -14,7 +14,7 @@ from graspfx.cones.friction import (
     UNRESOLVED,
     turn_modes,
 )
-from graspfx.cones.problem import Answer, ModePart, Unknown, problem_size, set_up
+from graspfx.cones.problem import Answer, ConeContact, ModePart, Unknown, problem_size, set_up
 from graspfx.spatial import Matrix
 from tests.support.cone_problems import DEEP, Problem
 
@@ -60,6 +60,36 @@ def test_conditions_hold_in_fifty_digits(ratio: float) -> None:
             assert answer.law != UNRESOLVED
             assert violation(problem, problem.force, answer.law) <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
             assert answer.residual <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
+
+
+@pytest.mark.parametrize("zero", ["external", "internal"])
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("compliant", [False, True])
+def test_a_gain_of_zero_is_zero(zero: str, mu: float, compliant: bool) -> None:
+    """f = f0 + (K^+ + C)^-1 (e + s) of the K that has a zero, f in the cones and s in their duals, f's = 0."""
+    rng = np.random.default_rng(11)
+    for _ in range(25):
+        n, d = int(rng.integers(1, 7)), int(rng.integers(1, 4))
+        problem = Problem(rng, n, d, 1.0, mu, rng.uniform(0.3, 3.0, n))
+        problem.external = 0.0 if zero == "external" else 50.0
+        problem.internal = 0.0 if zero == "internal" else 50.0
+        f0 = np.zeros((n, d))
+        f0[:, 0] = rng.uniform(0.1, 1.0, n)
+        problem.base_force[:] = f0
+        C = rng.uniform(0.0, 0.05, n) if compliant else np.zeros(n)
+        problem.cones.compliant = compliant
+        problem.cones.contacts.array(ConeContact.compliance)[:] = C
+        assert problem.solve(False).law == ASSOCIATED
+        f, s, x = problem.force.reshape(n, d), problem.slip.reshape(n, d), problem.e
+        series = problem.K @ np.linalg.inv(np.eye(n * d) + np.diag(np.repeat(C, d) / problem.root**2) @ problem.K)
+        wrong = np.abs(f0.ravel() + series @ (x + problem.slip) - problem.force).max()
+        assert wrong <= 1e-7 * problem.size
+        np.testing.assert_allclose(problem.base_force, f0, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(problem.displacement.ravel(), x, rtol=0.0, atol=1e-14)
+        assert (np.linalg.norm(f[:, 1:], axis=1) <= mu * f[:, 0] * (1 + 1e-15) + 1e-300).all()
+        lost = np.abs(s).max() + DEEP
+        assert (s[:, 0] >= mu * np.linalg.norm(s[:, 1:], axis=1) - 1e-7 * lost).all()
+        assert abs((f * s).sum()) <= 1e-7 * problem.size * lost
 
 
 @pytest.mark.parametrize("ratio", RATIOS)

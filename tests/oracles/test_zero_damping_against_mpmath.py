@@ -165,6 +165,27 @@ def test_forces_of_a_moving_object(cases: int, extreme: bool) -> None:
         ERRORS.check(relative_error(random_grasp(rng, "implicit", extreme)), 1e-6, f"implicit, {extreme}, case {k}")
 
 
+@efforts(short=12, full=1000)
+@pytest.mark.parametrize("extreme", [False, True], ids=["moderate", "extreme"])
+def test_forces_on_an_object_that_stays_in_the_sample(cases: int, extreme: bool) -> None:
+    """The other integrators, where a zero that counts as 1e-6 of the other damping makes up to 7 %."""
+    rng = np.random.default_rng(1 + extreme)
+    for k in range(cases):
+        ERRORS.check(relative_error(random_grasp(rng, "exact", extreme)), 1e-6, f"exact, {extreme}, case {k}")
+
+
+def test_normals_of_a_light_device_and_slipping_tangents() -> None:
+    """Three slipping fingers that barely free a disc, gains 30 and 18 N/m, 1 and 0 N s/m."""
+    rng = np.random.default_rng(2)
+    rules = Rules(fade=None, blend=None, at_contact=True, share=[0.7, 7.6, 0.85])
+    for k in range(40):
+        g = grasped(
+            3, 2, law(30.0, 18.0, 1.0, 0.0), rules, period=0.0029, shape=Sphere(0.03), viscosity=0.5, inertia=4e-5,
+            integrator="exact",
+        )  # fmt: skip
+        ERRORS.check(relative_error(move(g, rng)), 1e-6, f"slipping, case {k}")
+
+
 def test_gains_and_devices_of_an_ordinary_scene() -> None:
     """Gains 57 and 54 N/m, 1.92 and 0 N s/m, devices as 0.7 : 7.6 : 0.85, 2.9 ms, three fingers on a disc: with a zero
     that counts as 1e-8 these forces are off by 12 %, since slipping tangents barely free the disc."""
