@@ -230,7 +230,7 @@ def _play(original: Recording, scene: Scene, parts: Parts, playback: Playback) -
             names = {name: f for f, name in enumerate(servo.layout.fingers)}
             positions = {names[name]: np.array(each["position"], dtype=float) for name, each in header.settled.items()}
             meet_hardware(servo, parts, positions)
-        playback.attach(servo.script.ports, servo.stations)
+        playback.attach(servo.arena.ports, servo.stations)
         servo._io = playback
         new = replace(
             header_of(parts, servo.objects), settled=header.settled, round_trip=header.round_trip,

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, g
 
 INLINE = "__inline__"  # mark of a function that is written out where it is called
 LOWERED = "__kernel__"  # attribute of a kernel: the function as it is written
+BOUND_LATE = "__bound_late__"  # mark of a function that a program defines in its own way
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -16,6 +17,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 def inline(function: F) -> F:
     """Mark a function of a few assignments and a return: it is written out where a kernel calls it."""
     setattr(function, INLINE, True)
+    return function
+
+
+def bound_late(function: F) -> F:
+    """Mark a function of buffers and numbers that gives a whole number, and that a compiled program defines itself.
+
+    Calls of it stay calls by its name; interpreted, the function runs as it is.
+    """
+    setattr(function, BOUND_LATE, True)
     return function
 
 

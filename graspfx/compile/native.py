@@ -74,7 +74,7 @@ class Native:
         self.arrays: list[str] = description["arrays"]
         self.checked: bool = description["checked"]
         self._engine = loaded([machine], description["libm"])  # the code lives as long as this
-        entry = address(self._engine, ENTRY)
+        self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
         self._method, self._spread = address(self._engine, METHOD), address(self._engine, SPREAD)

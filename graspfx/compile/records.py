@@ -27,8 +27,8 @@ from graspfx.errors import InputError
 
 R = TypeVar("R")
 Member = TypeVar("Member", covariant=True)  # a group of records is one of any class that they inherit
-_REFERENCE = "offset of a record in the same block"
-Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
+_REFERENCE = "offset of a record from the record that names it"
+Ref = Annotated[R, _REFERENCE]  # a field of one entry: how far behind its own record the other one stands
 
 _LAYOUTS: dict[type[Record], dict[str, Field]] = {}
 SCALARS = (float, int, bool)
@@ -86,7 +86,7 @@ class Field:
             layout(type(record))
         at = self.place(record)
         if self.reference:
-            return self.kind(record.buffer, int(record.buffer[at]))
+            return self.kind(record.buffer, record.offset + int(record.buffer[at]))
         return view(self.kind, record.buffer, at, self._shape(record))
 
     def __set__(self, record: Record, value: Any) -> None:

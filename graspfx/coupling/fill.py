@@ -290,7 +290,8 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
     if data is not None:
         first = end + 2 * problem
         block[start_of(GraspState, "mesh")] = first + walks
-        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n)
+        own = grasp.fingers.offset + size_of(FingerState) * np.arange(n)
+        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n) - own
         block[first + walks :] = data
 
 

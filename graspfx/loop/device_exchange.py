@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,14 +18,47 @@ from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
-from graspfx.loop.safety.trust import DEADMAN
-from graspfx.loop.tick.script import Port
+from graspfx.loop.safety.trust import CAUSES, DEADMAN
 
 FloatArray = NDArray[np.float64]
 
 ZERO = "all forces are zero"
 DRIVERS = Exception, SystemExit  # what a driver may raise: a run with hardware does not end by `sys.exit` of a library
 CALLS = "ask", "read", "write", "stop"  # of a device that may hang while a force is there
+
+
+@dataclass
+class Port:
+    """The memory through which a device that is no kernel is read and written."""
+
+    station: int
+    position: FloatArray
+    velocity: FloatArray
+    command: FloatArray
+    memory: FloatArray  # whether it could be read; then the three above, and the limits
+    limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
+    misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
+    elapsed: FloatArray | None = None  # periods since the last tick, where a safety chain takes them, (1,)
+    time: float | None = None  # of the last reading [s]
+    cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
+
+    def let_go(self, cause: int) -> bool:
+        """Let forces decay for a cause of this device's, unless they do already; False without a safety chain."""
+        if self.cause is not None and self.cause[0] == 0.0:
+            self.cause[0] = cause + CAUSES * self.station
+        return self.cause is not None
+
+    def begin(self, periods: int) -> None:
+        """Begin a tick so many periods after the last one: nothing is read yet."""
+        self.memory[0] = 0.0
+        if self.elapsed is not None:
+            self.elapsed[0] = periods
+
+    def note(self, time: float) -> None:
+        """Note the time of a reading: one that is not new is a sample without a new reading."""
+        if self.misses is not None:
+            self.misses[0] = self.misses[0] + 1.0 if time == self.time else 0.0
+            self.time = time
 
 
 def part_name(kind: str, part: object, names: Iterable[str]) -> str:

@@ -8,40 +8,34 @@ from graspfx.loop import plant as plants
 from graspfx.loop.device import fused
 from graspfx.loop.device_exchange import part_name
 from graspfx.loop.servo import Servo
-from graspfx.loop.tick.script import Tick
 
 
-def foreign(servo: Servo, tick: Tick | None = None) -> list[str]:
-    """List devices, plants and bodies that run by their own methods, between the calls of each tick.
-
-    Args:
-        servo: that runs.
-        tick: its parts' tick where it is written already; else the servo writes it.
-    """
-    return list(_foreign(servo, tick or servo.script))
+def foreign(servo: Servo) -> list[str]:
+    """List devices, plants and bodies that run by their own methods, between the calls of each tick."""
+    return list(_foreign(servo))
 
 
-def guests(servo: Servo, tick: Tick | None = None) -> list[str]:
-    """List bodies that other software moves after the call of each tick; `tick` as for `foreign`."""
-    return [_body(servo, i) for i in (tick or servo.script).guests]
+def guests(servo: Servo) -> list[str]:
+    """List bodies that other software moves after the call of each tick."""
+    return [_body(servo, i) for i in servo.arena.guests]
 
 
-def looked_ahead(servo: Servo, tick: Tick | None = None) -> list[str]:
-    """List hands that are no kernels: they are asked for many ticks at once; `tick` as for `foreign`."""
-    wirings = [servo.plants[table.plant] for table in (tick or servo.script).tables]
+def looked_ahead(servo: Servo) -> list[str]:
+    """List hands in plain Python: they are asked for many ticks at once."""
+    wirings = [table.wiring for table in servo.arena.tables]
     return [part_name("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 
 
-def _foreign(servo: Servo, tick: Tick) -> Iterator[str]:
-    for port in tick.ports:
+def _foreign(servo: Servo) -> Iterator[str]:
+    for port in servo.arena.ports:
         station = servo.stations[port.station]
         if fused(station.device) is None:
             yield part_name("device", station.device, _fingers(servo, station.fingers))
-    for j in tick.plants:
+    for j in servo.arena.plants:
         m = servo.plants[j]
         if plants.fused(m.plant) is None:
             yield part_name("plant", m.plant, _fingers(servo, m.fingers))
-    for i in tick.bodies:
+    for i in servo.arena.bodies:
         yield _body(servo, i)
 
 

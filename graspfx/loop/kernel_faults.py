@@ -5,7 +5,7 @@ from __future__ import annotations
 from graspfx.coupling.grasped import fault_text
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import Parts
-from graspfx.loop.tick.memory import MOVER, OBJECT_, SAFETY, STATION
+from graspfx.loop.world import MOVER, OBJECT_, SAFETY, STATION
 
 
 def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.device import Device, Features, LimitedDevice
+from graspfx.loop.device_exchange import Port
 from graspfx.loop.fitting import Fitting
 from graspfx.loop.parts import DeviceWiring, PlantWiring
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.safety.trust import DEADMAN
-from graspfx.loop.tick.script import Port
 
 FloatArray = NDArray[np.float64]
 

@@ -9,15 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import log
+from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.arena import Arena
 from graspfx.loop.coupling_report import coupling_report
 from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.guest_rounds import GuestRounds, settle_guests
-from graspfx.loop.hand_tables import fill_table
+from graspfx.loop.engine import Compiled, Engine, engine_for
+from graspfx.loop.guests import TURN, exchange_by_machine, settle_guests
 from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
+from graspfx.loop.number_watch import Watch
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.played import Playback
@@ -31,14 +34,8 @@ from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
-from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, NATIVE, ServoState, latch
-from graspfx.loop.tick.number_watch import Watch
-from graspfx.loop.tick.programs import Engine, Generic, Interpreted, MachineCode
-from graspfx.loop.tick.rehearsal import rehearse
-from graspfx.loop.tick.script import Tick
-from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
+from graspfx.loop.world import CHUNK, FOREIGN, NATIVE, ServoState, latch
 
 if TYPE_CHECKING:
     from graspfx.loop.realtime.native_loop import NativeLoop
@@ -58,11 +55,12 @@ class Servo:
     after a tick the next one takes, and after the last one `run` itself.
 
     Args:
-        engine: "auto", "generic", "compiled" or "interpreted".
+        engine: "auto", "compiled" or "interpreted".
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
         safety: the chain between law and devices, if the scene has one.
         guards: of devices that are no simulations.
+        memory: in which the parts' blocks stand.
     """
 
     def __init__(
@@ -80,6 +78,7 @@ class Servo:
         every: int = 1,
         safety: SafetyChain | None = None,
         guards: Guards = GUARDS,
+        memory: Memory | None = None,
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout, self.every, self.guards = period, layout, every, guards
@@ -89,7 +88,7 @@ class Servo:
         self.fault: RunFault | None = None
         self._nowhere = np.empty((0, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
-        self._kind, self._record = engine, record
+        self._kind, self._record, self._memory = engine, record, memory
         self._engine: Engine | None = None  # made at the first tick
         self.watch = Watch(objects)  # of numbers that only `write` changes
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
@@ -127,25 +126,40 @@ class Servo:
         )  # fmt: skip
 
     @property
-    def script(self) -> Tick:
-        """The tick as it runs."""
+    def arena(self) -> Arena:
+        """Its parts as the tick has them."""
         self._ready()
-        return self._tick
+        return self._arena
 
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
         engine = self._ready()
-        rehearse(engine, self._tick, self.layout.width)
-        if self._record and isinstance(engine, MachineCode) and not self.why_python:
+        self._rehearse(engine)
+        if self._record and isinstance(engine, Compiled) and not self.why_python:
             from graspfx.loop.realtime.native_loop import NativeLoop
 
-            self.native = NativeLoop(self._tick, engine, self._devices, self.parts, self.guards)
+            self.native = NativeLoop(self._arena, engine, self._devices, self.parts, self.guards)
         return self._devices
+
+    def _rehearse(self, engine: Engine) -> None:
+        """Run a tick, and one after a fault, and put all memories back: what is done only once is done by then."""
+        arrays = self._arena.arrays
+        copies = [array.copy() for array in arrays]
+        engine.write_to(np.empty((1, self.layout.width)))
+        try:
+            for is_faulted in (False, True):
+                if is_faulted:
+                    latch(self._own, 0, FOREIGN, 0, 0)
+                while not engine.run(0, 1, 0):  # up to its devices' writing, and from there on
+                    pass
+        finally:
+            for array, copy in zip(arrays, copies, strict=True):
+                array[...] = copy
 
     @property
     def why_python(self) -> str:
         """Why Python runs between two ticks on the wall's clock; empty if it does not."""
-        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.script)
+        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.arena)
 
     def run(
         self,
@@ -174,16 +188,15 @@ class Servo:
             require_simulations(self.hardware)
         if (recorder is not None) is not self._record:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
-        engine = self._ready()
+        self._ready()
         self.watch.require()
-        engine.expect(ticks)
         if pacer is None:
             self._run(ticks, recorder, stop)
         elif self.native is not None and recorder is not None and isinstance(pacer.clock, WallClock):
             self._run_native(self.native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
-        settle_guests(self._tick.guests, self.movers, self._own, self.ticks)
+        settle_guests(self._arena.guests, self.movers, self._own, self.ticks)
         self._notice(recorder)
         for part in self.objects:
             part.grasped.check_activity()
@@ -216,49 +229,61 @@ class Servo:
 
     def _ready(self) -> Engine:
         if self._engine is None:
-            self.watch.require()  # what stands there now is folded in
-            self._tick = write(self.parts, record=self._record)
-            self._own = ServoState(self._tick.own.data)
+            self.watch.require()
+            self._arena = arena = Arena(self.parts, self._memory, record=self._record)
+            self._own = arena.servo
             faulted = start_of(ServoState, "faulted")
-            self._flag = self._tick.own.data[faulted : faulted + 1]
-            self._rounds = GuestRounds([self.movers[i].body for i in self._tick.guests], self._flag)
-            # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
-            if self._kind not in (Interpreted.name, Generic.name):
-                self.watch.fold(self.parts, self._tick)
+            self._flag = arena.own.data[faulted : faulted + 1]
             self._devices = DeviceExchange(
                 DevicePort(port, self.stations[port.station], self.layout.fingers, self.period, self.guards)
-                for port in self._tick.ports
+                for port in arena.ports
             )
             self._io = self._devices
-            self._engine = engine_for(self._kind, self._tick, at_once=bool(self.hardware))
-            log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
+            self._engine = engine = engine_for(self._kind, arena)
+            self._exchanges: list[object] = []
+            if arena.guests and isinstance(engine, Compiled) and not engine.is_checking:
+                self._exchanges = exchange_by_machine(arena, [self.movers[i].body for i in arena.guests])
+            log.info("engine %s; ports that are called in a tick: %d", engine.name, len(arena.ports))
         return self._engine
 
     def _run(self, ticks: int, recorder: RowTaker | None, stop: Stop | None) -> None:
-        engine, tick = self._ready(), self._tick
-        apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
-        last = self.ticks + ticks
+        engine, arena = self._ready(), self._arena
+        apart, last = arena.world.pauses, self.ticks + ticks
         while self.ticks < last and not (stop is not None and stop()):
             rows, row, left = (self._nowhere, 0, CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
-            count = min(left, last - self.ticks, CHUNK if stop is None else 1 if apart else engine.patience)
+            most = TURN if self._exchanges else CHUNK
+            if stop is not None:
+                most = 1 if apart else engine.patience
+            count = min(left, last - self.ticks, most)
             if apart:
                 for r in range(row, row + count):
                     self._one(engine, recorder, r, self._periods)
-            elif tick.guests:
-                self._with_guests(engine, recorder, row, count)
             else:
                 self._look_ahead(count)
-                self._finish_tick(engine.run(self.ticks, count, row), recorder)
+                self._several(engine, recorder, count, row)
             if recorder is not None:
                 self.row = recorder.row
                 recorder.drain()
 
+    def _several(self, engine: Engine, recorder: RowTaker | None, count: int, row: int) -> None:
+        """Run ticks in which all is machine code, up to the first fault."""
+        try:
+            done = engine.run(self.ticks, count, row)
+        except BaseException:  # raised by other software: the ticks before are kept
+            if self._arena.world.failed:
+                self._arena.world.failed = False
+                self._finish_tick(self._arena.world.done, recorder)
+            raise
+        self._finish_tick(done, recorder)
+        if self._arena.guests and self._own.faulted and self._own.tick == self.ticks - 1:
+            self._exchange()  # that of the tick with the fault, which says how things stood before
+
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
         """Run ticks, each at its deadline; hardware that waits too long has a fault; forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
-        if self._tick.loop is not None:
-            self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
+        if self._arena.loop is not None:
+            self._io = log = LoopLog(self._arena.loop, self.layout, self._devices, pacer)
         while self.ticks < end.last:
             self._periods = 1 + pacer.wait(stop)
             if stop is not None and stop():
@@ -286,28 +311,15 @@ class Servo:
             self._notice(recorder, [RunFault(self.ticks, native.hang)])
         self.row = recorder.row
 
-    def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
-        """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
-        rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
-        rounds.k = self.ticks
-        try:
-            while not rounds.run(engine, last, shift):
-                self._notice(recorder)  # now, as it says how things stand
-                self._exchange()
-                rounds.k += 1
-        finally:  # what was run is kept also if the run breaks off here
-            self._finish_tick(rounds.k - self.ticks, recorder)
-
     def _exchange(self) -> None:
         """Exchange with the guests that are not stuck."""
-        exchanges = self._rounds.exchanges(machine=self._kind != Interpreted.name)
-        for i, exchange in zip(self._tick.guests, exchanges, strict=True):
+        for i in self._arena.guests:
             if not self._own.stuck_bodies[i]:
-                exchange()
+                self.movers[i].body.exchange()
 
     def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
-        tick, k = self._tick, self.ticks
+        tick, k = self._arena, self.ticks
         self._look_ahead(1)
         for i in tick.bodies:
             if any(self.objects[o].grasped.implicit for o in self.movers[i].objects):
@@ -322,15 +334,15 @@ class Servo:
                 is_over = True
             for text in faults:
                 self._tell(k, text)
-            engine.begin(k)
+            engine.run(k, 1, row)  # up to the forces that devices display
             if not is_over:
                 self._display(k)
             is_stopped = self._own.faulted
-            engine.end(k, row)
         else:
             is_stopped = True  # no device is written to
-            engine.run(k, 1, row)
-        self._exchange()
+        engine.run(k, 1, row)
+        if not tick.world.exchanging or (self._own.faulted and self._own.tick == k):
+            self._exchange()
         for i in tick.bodies:
             self._step(k, i)
         for j in tick.plants:
@@ -392,8 +404,8 @@ class Servo:
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
         self._own.table_start = self.ticks
-        for table in self._tick.tables:
-            fill_table(table, self.plants[table.plant], self.ticks, count, self.period)
+        for table in self._arena.tables:
+            table.fill(self.ticks, count, self.period)
 
     # Faults -------------------------------------------------------------------------------------------------------
 
@@ -405,7 +417,7 @@ class Servo:
     def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
         """Note faults that were not noted yet, with others beside those of the tick."""
         if self.fault is None and self._flag[0]:
-            self.fault = RunFault(self._own.tick, self.why(self._tick.own))
+            self.fault = RunFault(self._own.tick, self.why(self._arena.own))
             if recorder is not None:
                 recorder.fault(*self.fault)
         faults = [*others, *(RunFault(self.ticks, text) for text in self._stop_faults)]
@@ -416,7 +428,7 @@ class Servo:
                 recorder.fault(*fault)
 
     def why(self, own: FloatArray) -> str:
-        """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
+        """Explain the fault that is latched in the memory of a tick, `Arena.own`."""
         servo = ServoState(own)
         if servo.kind == FOREIGN:
             return self._foreign_faults[servo.code]

@@ -15,7 +15,7 @@ from graspfx.loop.realtime.device_life import opened
 from graspfx.loop.realtime.guards import GUARDS
 from graspfx.loop.realtime.pacing import Clock, Pacer, WallClock
 from graspfx.loop.realtime.standstill import settle
-from graspfx.loop.tick.script import Port
+from graspfx.loop.device_exchange import Port
 from graspfx.machine.finding import Finding
 
 DURATION = 1.0  # [s], and

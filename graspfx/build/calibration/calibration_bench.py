@@ -21,7 +21,7 @@ from graspfx.loop.realtime.exits import Interruption, signals_end
 from graspfx.loop.realtime.frozen_memory import frozen_memory
 from graspfx.loop.realtime.pacing import Clock, Pacer, late_text
 from graspfx.loop.realtime.standstill import settle
-from graspfx.loop.tick.script import Port
+from graspfx.loop.device_exchange import Port
 from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]

@@ -19,6 +19,24 @@ INTRINSICS = "".join(
 )
 
 
+_INDIRECT = """define internal i64 @"{name}"(ptr %buffer, i64 %address{parameters}) nounwind {{
+  %function = inttoptr i64 %address to ptr
+  %code = call i64 %function(ptr %buffer{arguments})
+  ret i64 %code
+}}"""
+INDIRECT = {  # calls of machine code by its address, which gives a whole number
+    "call": _INDIRECT.format(name="call", parameters=", i64 %place", arguments=", i64 %place"),
+    "call_at": _INDIRECT.format(
+        name="call_at", parameters=", i64 %place, double %t", arguments=", i64 %place, double %t"
+    ),
+    "call_beside": _INDIRECT.format(
+        name="call_beside",
+        parameters=", i64 %place, i64 %beside, double %t",
+        arguments=", i64 %place, i64 %beside, double %t",
+    ),
+}
+
+
 class LlvmProgram(NamedTuple):
     """A program for LLVM.
 
@@ -69,9 +87,15 @@ class Module:
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
-        return name in self.trees or (self.externals is not None and self.externals.has(name))
+        known = name in self.trees or name in INDIRECT
+        return known or (self.externals is not None and self.externals.has(name))
 
     def function_for(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> LlvmFunction:
+        if name in INDIRECT and name not in self.trees:
+            if name not in self.functions:
+                self.texts.append(INDIRECT[name])
+            self.functions[name] = function = LlvmFunction(name, INT)
+            return function
         if name not in self.trees:
             return self._external(name, arguments)
         roots = [a.root for a in arguments if isinstance(a, Array)]

@@ -72,6 +72,10 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         "  %table = call ptr @PyBytes_AsString(ptr %bytes)",
         *loading,
         f"  %result = call i64 @{entry}({', '.join(operands)})",
+        "  %raised = call ptr @PyErr_Occurred()",  # by a function of Python's that the entry has called
+        "  %whole = icmp eq ptr %raised, null",
+        "  br i1 %whole, label %tell, label %fail",
+        "tell:",
         "  %told = call ptr @PyLong_FromLongLong(i64 %result)",
         "  ret ptr %told",
         "wrong:",

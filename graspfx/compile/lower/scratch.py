@@ -62,8 +62,8 @@ class Scratch:
         at = self.at(owner, field)
         kind = field.kind
         if field.reference:
-            stands = ast.Call(load("int"), [ast.Subscript(load(owner.buffer), at, ast.Load())], [])
-            return Place(kind, owner.buffer, stands)
+            away = ast.Call(load("int"), [ast.Subscript(load(owner.buffer), at, ast.Load())], [])
+            return Place(kind, owner.buffer, ast.BinOp(owner.offset, ast.Add(), away))
         if kind is Floats:
             return Span(owner.buffer, at)
         if kind is Table:

@@ -13,6 +13,7 @@ from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
 from graspfx.compile.kernel import source_function
+from graspfx.compile.marks import BOUND_LATE
 from graspfx.compile.specialise.syntax import calls, load, node_of, terms, tuple_of
 from graspfx.compile.specialise.values import Dynamic, Memory, Number, Reference, Static, TupleValue, Value, same
 from graspfx.errors import GraspFXError, InputError, KernelError
@@ -266,6 +267,8 @@ class Expressions:
             raise self.cannot(node, "calls something else than a function")
         function = called.of
         if isinstance(function, FunctionType):
+            if hasattr(function, BOUND_LATE):
+                return self.by_name(node, function, scope), None
             function = source_function(function)
             return self.specialised(node, function, scope)
         arguments = [self.number(a, scope) for a in node.args]
@@ -280,6 +283,22 @@ class Expressions:
                 name = ast.Attribute(load("math"), function.__name__, ast.Load())
             return ast.Call(name, [node_of(a) for a in arguments], []), None
         raise self.cannot(node, f"calls {function!r}, which a kernel cannot")
+
+    def by_name(self, node: ast.Call, function: FunctionType, scope: Scope) -> ast.expr:
+        """Write a call of a function that the program defines itself."""
+        arguments: list[ast.expr] = []
+        for argument in node.args:
+            value = self.value(argument, scope)
+            if isinstance(value, Memory):
+                assert value.base == 0
+                self.arrays[value.array] = None
+                arguments.append(load(value.array))
+            elif isinstance(value, Static | Dynamic):
+                arguments.append(node_of(value))
+            else:
+                raise self.cannot(argument, "is neither a buffer nor a number")
+        self.pure = False
+        return ast.Call(load(function.__name__), arguments, [])
 
     def specialised(self, node: ast.Call, function: FunctionType, scope: Scope) -> tuple[ast.expr | None, Value | None]:
         values: list[Value] = []

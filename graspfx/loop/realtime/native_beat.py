@@ -23,7 +23,7 @@ from graspfx.loop.realtime.native_port import (
     limit_forces,
     take_sample,
 )
-from graspfx.loop.tick.memory import NATIVE, ServoState, latch
+from graspfx.loop.world import NATIVE, ServoState, latch
 
 FloatArray = NDArray[np.float64]
 
@@ -83,8 +83,7 @@ class NativeBeat:
     own: FloatArray  # words of the loop
     quit: int  # place of the one that ends all forces
     call: int  # and of the one that says which call of a device has the thread, 0 for none
-    begin: int  # words of the program in the table
-    end: int
+    tick: int  # words of `steps` in the table
     words: FloatArray  # of the ring
     head: int  # places in it
     skips: int
@@ -113,13 +112,13 @@ def turn(beat: NativeBeat, k: int) -> None:
         beat.times.io_read[0] = now(beat.table) - began
     if beat.faulted[0] != 0.0:  # before anything else is computed
         stop_all(beat, k)
-        run(beat.table, beat.begin, k, 0)
+        run(beat.table, beat.tick, k, 0)
     else:
-        run(beat.table, beat.begin, k, 0)
+        run(beat.table, beat.tick, k, 0)
         display(beat, k)
     head = peek(beat.words, beat.head)
     before = beat.faulted[0]
-    run(beat.table, beat.end, k, head % beat.span)
+    run(beat.table, beat.tick, k, head % beat.span)
     if before == 0.0 and beat.faulted[0] != 0.0:  # what has moved cannot go on: its forces end now
         stop_all(beat, k)
     publish(beat.words, beat.head, head + 1)

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 
 from graspfx.compile.kernel_checks import foreign_kernels
+from graspfx.loop.arena import Arena
 from graspfx.loop.device import LimitedDevice, RawDevice, is_hardware
 from graspfx.loop.device_calls import CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.tick.script import Tick
 
 SAME = 1e-6  # of a period and a rate
 
 
 def why_python(
-    stations: Sequence[DeviceWiring], fingers: Sequence[str], engine: str, period: float, tick: Tick | None
+    stations: Sequence[DeviceWiring], fingers: Sequence[str], engine: str, period: float, arena: Arena | None
 ) -> str:  # fmt: skip
     """Say why Python runs between two ticks of a scene on the wall's clock; nothing if machine code runs alone.
 
@@ -26,7 +26,7 @@ def why_python(
         fingers: by name.
         engine: by name.
         period: T [s].
-        tick: of the scene; None for what the devices say alone.
+        arena: of the scene; None for what the devices say alone.
     """
     hardware = [each for each in stations if is_hardware(each.device)]
     if not hardware:
@@ -43,7 +43,7 @@ def why_python(
             return f"{device_name(station, fingers)} {why}"
     if len({each.device.thread for each in hardware if isinstance(each.device, DrivingDevice)}) > 1:
         return "two of its devices have clocks of their own"
-    return "" if tick is None else _why_tick(tick, stations, fingers)
+    return "" if arena is None else _why_arena(arena, stations, fingers)
 
 
 def _why_device(station: DeviceWiring, period: float) -> str:
@@ -62,16 +62,16 @@ def _why_device(station: DeviceWiring, period: float) -> str:
     return ""
 
 
-def _why_tick(tick: Tick, stations: Sequence[DeviceWiring], fingers: Sequence[str]) -> str:
-    for port in tick.ports:
+def _why_arena(arena: Arena, stations: Sequence[DeviceWiring], fingers: Sequence[str]) -> str:
+    for port in arena.ports:
         if not is_hardware(stations[port.station].device):
             return f"{device_name(stations[port.station], fingers)} is simulated in plain Python"
     for part, plain in (
-        ("a hand", tick.tables), ("a plant", tick.plants), ("a body", tick.bodies), ("a body", tick.guests)
+        ("a hand", arena.tables), ("a plant", arena.plants), ("a body", arena.bodies), ("a body", arena.guests)
     ):  # fmt: skip
         if plain:
             return f"{part} is moved by plain Python or other software"
-    if foreign_kernels(tick.script.kernels):
+    if foreign_kernels({str(i): each.kernel for i, each in enumerate(arena.foreign)}):
         return "kernels of others are checked in the first ticks"
     return ""
 

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from graspfx.compile.emission import address
 from graspfx.errors import DeviceError
+from graspfx.loop.arena import Arena
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import ZERO, DeviceExchange, DevicePort, call_of
+from graspfx.loop.engine import Compiled
 from graspfx.loop.parts import Parts
 from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.guards import Guards, patience
@@ -29,8 +31,6 @@ from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
 from graspfx.loop.realtime.soft_end import decay_ticks
 from graspfx.loop.recording.header import REST, RunFault
 from graspfx.loop.recording.row_taker import RowTaker
-from graspfx.loop.tick.programs import MachineCode
-from graspfx.loop.tick.script import Tick
 from graspfx.system import scheduling
 
 IntArray = NDArray[np.int64]
@@ -60,7 +60,7 @@ class NativeLoop:
     """Ticks of a scene whose every device offers C functions: no Python runs between two of them.
 
     Args:
-        tick: of the scene.
+        arena: of the scene.
         code: its program.
         devices: all of them, in their order.
         parts: of the scene.
@@ -72,8 +72,8 @@ class NativeLoop:
 
     def __init__(
         self,
-        tick: Tick,
-        code: MachineCode,
+        arena: Arena,
+        code: Compiled,
         devices: DeviceExchange,
         parts: Parts,
         guards: Guards,
@@ -82,7 +82,7 @@ class NativeLoop:
         self._devices, self._safety = devices, parts.safety
         self._ring = Ring(create(parts.layout.width), parts.layout.width, parts.every)
         self._driver = next((each.device for each in self._ports if isinstance(each.device, DrivingDevice)), None)
-        self.program = NativeProgram(tick, self._ports, self._ring, parts.safety, nested=self._driver is not None)
+        self.program = NativeProgram(arena, self._ports, self._ring, parts.safety, nested=self._driver is not None)
         self._calls: list[Calls] = []
         self._noted = [False] * len(self._ports)  # whether a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has
@@ -220,7 +220,8 @@ class NativeLoop:
         for i, calls in enumerate(self._calls):
             self.program.connect(i, calls)
             _hand_over(self._ports[i], self.program.states[i], self._period, self._guards)
-        self.program.write_to(ring, *self._code.halves(ring.rows))
+        self._code.write_to(ring.rows)
+        self.program.write_to(ring, self._code.spread, self._code.world)
         if ring is self._ring:
             ring.words[Word.HEAD] = k
         self._drained = k

@@ -22,7 +22,7 @@ from graspfx.compile.llvm.llvm_arithmetic import LlvmFunction
 
 FloatArray = NDArray[np.float64]
 
-CALL, RUN = 3, 2  # words of a call, (function, context, block), and of a program, (function, table)
+CALL, RUN = 3, 3  # words of a call, (function, context, block), and of `steps`, (function, table, place of the world)
 
 
 def now(table: Any) -> float:
@@ -44,9 +44,9 @@ def call(table: Any, slot: int) -> int:
 
 
 def run(table: Any, slot: int, k: int, row: int) -> int:
-    """Run a bound program by its words in the table."""
-    function, buffers = _words(table)[slot : slot + RUN].tolist()
-    numbers = (ctypes.c_int64 * 2)(k, row)
+    """Run `steps` for tick k, up to its devices' writing or from there on, by its words in the table."""
+    function, buffers, world = _words(table)[slot : slot + RUN].tolist()
+    numbers = (ctypes.c_int64 * 4)(world, k, 1, row)
     return int(_CALLED(function)(buffers, ctypes.addressof(numbers)))
 
 
@@ -125,14 +125,20 @@ end:
 }
 
 define i64 @graspfx_loop_run(ptr %table, i64 %slot, i64 %k, i64 %row) nounwind {
-  %numbers = alloca [2 x i64]
-  %next = getelementptr i64, ptr %numbers, i64 1
-  store i64 %k, ptr %numbers
-  store i64 %row, ptr %next
+  %numbers = alloca [4 x i64]
+  %k.at = getelementptr i64, ptr %numbers, i64 1
+  %count.at = getelementptr i64, ptr %numbers, i64 2
+  %row.at = getelementptr i64, ptr %numbers, i64 3
   %at = getelementptr ptr, ptr %table, i64 %slot
   %second = getelementptr ptr, ptr %at, i64 1
+  %third = getelementptr i64, ptr %at, i64 2
   %function = load ptr, ptr %at
   %buffers = load ptr, ptr %second
+  %world = load i64, ptr %third
+  store i64 %world, ptr %numbers
+  store i64 %k, ptr %k.at
+  store i64 1, ptr %count.at
+  store i64 %row, ptr %row.at
   %code = call i64 %function(ptr %buffers, ptr %numbers)
   ret i64 %code
 }

@@ -13,6 +13,7 @@ from graspfx.compile.native import Native, Spread
 from graspfx.compile.records import size_for, start_of
 from graspfx.compile.unfold.rewrite import keep_stages
 from graspfx.compile.unfold.unfold import unfold
+from graspfx.loop.arena import Arena
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.device_exchange import CALLS, DevicePort
 from graspfx.loop.realtime.loop_state import LoopState
@@ -24,8 +25,8 @@ from graspfx.loop.realtime.native_port import PortState
 from graspfx.loop.realtime.ring import Ring, Word
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.safety.safety_state import Pace
-from graspfx.loop.tick.memory import ServoState
-from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.script import Script
+from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -52,7 +53,7 @@ class NativeProgram:
     """The machine code of a loop, beat(k, count), and the memories that it works on; it gives the ticks done.
 
     Args:
-        tick: of the scene, whose halves the loop calls.
+        arena: of the scene, whose ticks the loop calls.
         ports: of all devices, in their order.
         ring: that rows are written to.
         safety: the chain between law and devices; without one the loop ends at once.
@@ -65,7 +66,7 @@ class NativeProgram:
 
     def __init__(
         self,
-        tick: Tick,
+        arena: Arena,
         ports: Sequence[DevicePort],
         ring: Ring,
         safety: SafetyChain | None,
@@ -76,16 +77,16 @@ class NativeProgram:
         self.clock = ClockState(np.zeros(size_for(ClockState)))
         self.end = EndState(np.zeros(size_for(EndState)))
         self.states = [PortState(_state_memory(each)) for each in ports]
-        self._table: IntArray = np.zeros(2 * RUN + 4 * CALL * len(ports), dtype=np.int64)
+        self._table: IntArray = np.zeros(RUN + 4 * CALL * len(ports), dtype=np.int64)
         self._keep: list[object] = []
         script = Script()
         script.memory("clock", self.clock.buffer)
         end = script.memory("end", self.end.buffer)
-        servo = script.memory("servo", tick.own)
+        servo = script.memory("servo", arena.own)
         if safety is not None:
             script.memory("pace", safety.pace)
-        if tick.loop is not None:
-            script.memory("loop", tick.loop)
+        if arena.loop is not None:
+            script.memory("loop", arena.loop)
         table = self._table.view(np.float64)
         script.memory("table", table)
         self._ring_name = script.memory("ring", ring.words.view(np.float64))
@@ -94,9 +95,9 @@ class NativeProgram:
         for state, port in zip(self.states, ports, strict=True):
             script.memory("native", state.buffer)
             script.memory("port", port.port.memory)
-        wires = [_port(i, s, p, tick, script) for i, (s, p) in enumerate(zip(self.states, ports, strict=True))]
+        wires = [_port(i, s, p, arena, script) for i, (s, p) in enumerate(zip(self.states, ports, strict=True))]
         ring_words = script.arrays[self._ring_name]
-        beat = self._beat(tick, wires, table, words, ring_words, ring.span, safety, nested=nested)
+        beat = self._beat(arena, wires, table, words, ring_words, ring.span, safety, nested=nested)
         lines = [line.text for line in unfold(turn, script, beat=beat)]
         keep_stages()
         faulted = f"{servo}[{start_of(ServoState, 'faulted')}]"
@@ -113,7 +114,7 @@ class NativeProgram:
 
     def _beat(
         self,
-        tick: Tick,
+        arena: Arena,
         wires: list[NativePort],
         table: FloatArray,
         own: FloatArray,
@@ -124,7 +125,7 @@ class NativeProgram:
         nested: bool,
     ) -> NativeBeat:
         """Wire the parts of a turn."""
-        servo, clock = ServoState(tick.own), self.clock
+        servo, clock = ServoState(arena.own), self.clock
         return NativeBeat(
             clock=clock,
             wall=clock.array(ClockState.wall),
@@ -139,27 +140,25 @@ class NativeProgram:
             own=own,
             quit=QUIT,
             call=CALLED,
-            begin=0,
-            end=RUN,
+            tick=0,
             words=words,
             head=Word.HEAD.value,
             skips=Word.SKIPPED.value,
             span=span,
             is_resting=self.end.array(EndState.is_begun),
             resting=None if safety is None else Pace(safety.pace).array(Pace.resting),
-            times=None if tick.loop is None else _times(tick.loop),
+            times=None if arena.loop is None else _times(arena.loop),
         )
 
-    def write_to(self, ring: Ring, begin: Spread, end: Spread) -> None:
-        """Write to a ring, by the halves of the tick that are bound to its rows."""
+    def write_to(self, ring: Ring, steps: Spread, world: int) -> None:
+        """Write to a ring, by `steps` that are bound to its rows, for the world at a place."""
         self._bound = self._native.rebind(self._bound, self._ring_name, ring.words.view(np.float64))
-        for i, half in enumerate((begin, end)):
-            self._table[RUN * i : RUN * (i + 1)] = half.address, ctypes.addressof(half.table)
-        self._keep += [begin, end, ring]
+        self._table[:RUN] = steps.address, ctypes.addressof(steps.table), world
+        self._keep += [steps, ring]
 
     def connect(self, i: int, calls: Calls) -> None:
         """Let a port's functions be these, which are kept as long as the program."""
-        state, at = self.states[i], 2 * RUN + 4 * CALL * i
+        state, at = self.states[i], RUN + 4 * CALL * i
         raw, forces = state.array(PortState.raw).ctypes.data, state.array(PortState.forces).ctypes.data
         words: list[int] = []
         for function, block in ((calls.ask, raw), (calls.read, raw), (calls.write, forces), (calls.stop, forces)):
@@ -186,11 +185,11 @@ def _state_memory(port: DevicePort) -> FloatArray:
     return memory
 
 
-def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script) -> NativePort:
-    at, own, n = 2 * RUN + 4 * CALL * i, port.port, state.entries
+def _port(i: int, state: PortState, port: DevicePort, arena: Arena, script: Script) -> NativePort:
+    at, own, n = RUN + 4 * CALL * i, port.port, state.entries
     fresh: list[FloatArray] = []
-    if tick.loop is not None:
-        whole = LoopState(tick.loop).array(LoopState.fresh)
+    if arena.loop is not None:
+        whole = LoopState(arena.loop).array(LoopState.fresh)
         fresh = [whole[f : f + 1] for f in port.fingers]
     return NativePort(
         index=i,

@@ -1,79 +1,50 @@
-"""Rounds: a program and calls of other packages' functions in turn, any number of rounds by one call of Python."""
+"""Exchanges with other software by machine code: calls of its functions, without Python's interpreter between them."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspfx.compile import cache as disk
-from graspfx.compile.calls import Call, in_turn
+from graspfx.compile.calls import Call
 from graspfx.compile.emission import address, emitted, loaded, platform
-from graspfx.compile.llvm.method import method, python_function
-from graspfx.compile.llvm.rounds_text import CALL, CALLED, PLAN, RECEIPT, ROUNDS, SEND, rounds_text
-from graspfx.compile.native import Spread
+from graspfx.compile.llvm.exchange_text import CALL, CALLED, EXCHANGE, RECEIPT, SEND, exchange_text
+from graspfx.compile.llvm.method import python_function
 
 Word = ctypes.c_int64
 ALL_BITS, WITHOUT_SIGN = -1, 2**63 - 1
 
 
-class Rounds:
-    """Rounds in machine code, each a program's entry with (k, 1, row) and calls after it.
+class MachineExchange:
+    """Calls of other software's functions as machine code, exchange(buffer, place): 0, or 1 where a call has raised.
 
-    `run(k, count, row)` does rounds with k and row growing by one, until the flag is not zero after the program: that
-    round's calls are not made. It gives the number of rounds with calls; if a call raises, `done` has it. Calls are
-    made in their order, as `calls.in_turn` makes them, with the same bits.
-
-    Whoever calls `run` holds the rounds meanwhile.
+    The calls are made in their order, as `calls.in_turn` makes them, with the same bits. Whoever calls it holds the
+    interpreter's lock.
 
     Args:
         calls: whose memories stay where they are.
-        flag: a float that the program writes; of no use without one.
+
+    Attributes:
+        address: of the function.
+        plan: words that its buffer has at the place.
 
     Raises:
         ImportError: no LLVM.
-        LookupError: this Python lacks what they take.
+        LookupError: this Python lacks what the calls take.
     """
 
-    def __init__(self, calls: Sequence[Call], flag: memoryview | None = None) -> None:
-        code, engine = _code()
+    def __init__(self, calls: Sequence[Call]) -> None:
+        self.address, engine = _code()
         memory: list[Any] = [*calls, engine]
         table = _table(calls, memory)
-        plan = self._plan = (Word * len(PLAN))()
-        self._program: Spread | None = None
-        if flag is not None:
-            plan[PLAN.index("flag")] = _address(flag, memory)
-        plan[PLAN.index("calls")], plan[PLAN.index("call_count")] = ctypes.addressof(table), len(calls)
-        self.run: Callable[[int, int, int], int] = method(
-            code, [ctypes.c_void_p(ctypes.addressof(plan))], (*memory, plan, table)
-        )
-
-    @property
-    def program(self) -> Spread | None:
-        """Program of the rounds, bound to its buffers, with three whole numbers; None for rounds of calls alone."""
-        return self._program
-
-    @program.setter
-    def program(self, program: Spread | None) -> None:
-        if program is not self._program:
-            self._plan[0], self._plan[1] = (program.address, ctypes.addressof(program.table)) if program else (0, 0)
-            self._program = program
-
-    @property
-    def done(self) -> int:
-        """Number of rounds of the last run."""
-        return int(self._plan[-1])
-
-
-def at_once(calls: Sequence[Call]) -> Callable[[], object]:
-    """Make the function that makes these calls, in machine code where there is LLVM, else in Python."""
-    try:
-        run = Rounds(calls).run
-    except (ImportError, LookupError):
-        return in_turn(calls)
-    return lambda: run(0, 1, 0)
+        self.plan: NDArray[np.int64] = np.array([ctypes.addressof(table), len(calls)], dtype=np.int64)
+        self._keep = [*memory, table]
 
 
 def _table(calls: Sequence[Call], memory: list[Any]) -> Any:
@@ -123,7 +94,7 @@ def _address(view: memoryview, memory: list[Any]) -> int:
 
 @cache
 def _code() -> tuple[int, Any]:
-    """Load the machine code of rounds: its address, and the engine that holds it."""
+    """Load the machine code of exchanges: its address, and the engine that holds it."""
     import llvmlite.binding as llvm
 
     for name in CALLED:
@@ -132,11 +103,11 @@ def _code() -> tuple[int, Any]:
                 llvm.add_symbol(name, python_function(name))
             except AttributeError as error:
                 raise LookupError(f"this Python has no {name}") from error
-    text = rounds_text()
-    key = hashlib.sha256("\0".join([*platform(), "rounds", text]).encode()).hexdigest()
+    text = exchange_text()
+    key = hashlib.sha256("\0".join([*platform(), "exchange", text]).encode()).hexdigest()
     machine = disk.load(key)
     if machine is None:
         machine = emitted(text)
         disk.store(key, machine)
     engine = loaded([machine], ())
-    return address(engine, ROUNDS), engine
+    return address(engine, EXCHANGE), engine

@@ -1,17 +1,17 @@
-"""LLVM's text of rounds: a program's entry and calls of Python's functions in turn, without Python between."""
+"""LLVM's text of an exchange with other software: calls of Python's functions, one after another."""
 
 from __future__ import annotations
 
 from graspfx.compile.llvm.method import DECLARED
 
-ROUNDS = "graspfx_rounds"
+EXCHANGE = "graspfx_exchange"
 CALLED = {
     "PyObject_Call": "ptr @PyObject_Call(ptr, ptr, ptr)",
     "PyFloat_FromDouble": "ptr @PyFloat_FromDouble(double)",
     "PyList_SetItem": "i32 @PyList_SetItem(ptr, i64, ptr)",
     "Py_DecRef": "void @Py_DecRef(ptr)",
 }  # Python's stable interface, beside `DECLARED`
-PLAN = ("entry", "buffers", "flag", "calls", "call_count", "done")  # words of the plan
+PLAN = ("calls", "call_count")  # words of the plan
 CALL = (
     "function", "arguments", "keywords", "tested", "first", "second", "mask", "sends", "send_count",
     "receipts", "receipt_count",
@@ -20,15 +20,13 @@ SEND = ("list", "memory", "count")  # words of what goes into a call
 RECEIPT = ("place", "memory", "count")  # and of what comes back
 
 
-def rounds_text() -> str:
-    """Write the function of Python's own kind `rounds(k, count, row)`: it gives how many rounds were done.
+def exchange_text() -> str:
+    """Write the function exchange(buffer, place), which makes the calls of the plan at a place of the buffer.
 
-    Its `self` is a tuple that begins with the plan's address, as bytes. Round i runs the entry with (k + i, 1,
-    row + i), stops before the calls if the flag is not zero then, and makes the calls. Without an entry a round is its
-    calls. If a call raises, so does the function; the plan's last word has the number of rounds done in any case.
+    It gives 0, or 1 where a call has raised. The interpreter's lock is held.
     """
     names = [*DECLARED.values(), *CALLED.values()]
-    return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _loop()])
+    return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _EXCHANGE])
 
 
 def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str:
@@ -182,65 +180,12 @@ bad:
 }}"""
 
 
-def _loop() -> str:
-    return f"""
-define ptr @{ROUNDS}(ptr %self, ptr %operands, i64 %operand_count) nounwind {{
-start:
-  %numbers = alloca [3 x i64]
-  %middle = getelementptr i64, ptr %numbers, i64 1
-  %last = getelementptr i64, ptr %numbers, i64 2
-  store i64 1, ptr %middle
-  %right = icmp eq i64 %operand_count, 3
-  br i1 %right, label %read, label %wrong
-read:
-  %count.at = getelementptr ptr, ptr %operands, i64 1
-  %row.at = getelementptr ptr, ptr %operands, i64 2
-  %k.object = load ptr, ptr %operands
-  %count.object = load ptr, ptr %count.at
-  %row.object = load ptr, ptr %row.at
-  %k = call i64 @PyLong_AsLongLong(ptr %k.object)
-  %rounds = call i64 @PyLong_AsLongLong(ptr %count.object)
-  %row = call i64 @PyLong_AsLongLong(ptr %row.object)
-  %error = call ptr @PyErr_Occurred()
-  %fine = icmp eq ptr %error, null
-  br i1 %fine, label %begin, label %fail
-begin:
-  %bytes = call ptr @PyTuple_GetItem(ptr %self, i64 0)
-  %table = call ptr @PyBytes_AsString(ptr %bytes)
-  %plan = load ptr, ptr %table
-{_fields("plan", PLAN[:-1], ("entry", "buffers", "flag", "calls"))}
-  %done.at = getelementptr i64, ptr %plan, i64 {PLAN.index("done")}
-  %bare = icmp eq ptr %entry, null
-  br label %round
-round:
-  %i = phi i64 [ 0, %begin ], [ %next, %after ]
-  store i64 %i, ptr %done.at
-  %more = icmp slt i64 %i, %rounds
-  br i1 %more, label %turn, label %end
-turn:
-  br i1 %bare, label %call, label %run
-run:
-  %k.now = add i64 %k, %i
-  %row.now = add i64 %row, %i
-  store i64 %k.now, ptr %numbers
-  store i64 %row.now, ptr %last
-  %code = call i64 %entry(ptr %buffers, ptr %numbers)
-  %flag.now = load double, ptr %flag
-  %stop = fcmp une double %flag.now, 0.0
-  br i1 %stop, label %end, label %call
-call:
+_EXCHANGE = f"""
+define i64 @{EXCHANGE}(ptr %buffer, i64 %place) nounwind {{
+  %plan = getelementptr i64, ptr %buffer, i64 %place
+{_fields("plan", PLAN, ("calls",))}
   %good = call i1 @all(ptr %calls, i64 %call_count)
-  br i1 %good, label %after, label %fail
-after:
-  %next = add i64 %i, 1
-  br label %round
-end:
-  %told = call ptr @PyLong_FromLongLong(i64 %i)
-  ret ptr %told
-wrong:
-  %ignored = call i32 @PyErr_BadArgument()
-  br label %fail
-fail:
-  ret ptr null
-}}
-"""
+  %failed = xor i1 %good, true
+  %code = zext i1 %failed to i64
+  ret i64 %code
+}}"""

@@ -1,0 +1,91 @@
+"""Memory of a scene: the blocks of its parts, one after another in one array."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+ROOM = 1 << 21  # entries: the system gives pages as they are written to
+
+
+class Memory:
+    """An array from which blocks are taken one after another; its first entry is nobody's.
+
+    Attributes:
+        floats: all of it.
+        used: entries that were taken.
+    """
+
+    def __init__(self, room: int = ROOM) -> None:
+        self.floats: FloatArray = np.zeros(room)
+        self.used = 1
+
+    def take(self, size: int) -> FloatArray:
+        """Take a block of zeros; one for which there is no room left stands by itself."""
+        first, end = self.used, self.used + size
+        if end > self.floats.size:
+            return np.zeros(size)
+        self.used = end
+        return self.floats[first:end]
+
+    def place(self, array: FloatArray) -> int:
+        """Give the entry at which an array begins, counted from the first one of this memory, wherever it stands."""
+        return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
+
+
+_MEMORY: ContextVar[Memory | None] = ContextVar("memory", default=None)
+
+
+def block(size: int) -> FloatArray:
+    """Make a block of zeros, in the memory of the scene that is being built, or by itself."""
+    memory = _MEMORY.get()
+    return np.zeros(size) if memory is None else memory.take(size)
+
+
+@contextmanager
+def within(memory: Memory) -> Iterator[Memory]:
+    """Let `block` take from a memory within a `with` block."""
+    token = _MEMORY.set(memory)
+    try:
+        yield memory
+    finally:
+        _MEMORY.reset(token)
+
+
+def address_of(array: FloatArray) -> int:
+    """Give the address of an array's first entry."""
+    address: int = array.__array_interface__["data"][0]
+    return address
+
+
+class Scattered:
+    """Arrays that stand apart, as one buffer for kernels that run interpreted.
+
+    Args:
+        memory: in whose entries indices count.
+        arrays: all that a kernel may reach.
+    """
+
+    def __init__(self, memory: Memory, arrays: list[FloatArray]) -> None:
+        self._near = memoryview(memory.floats)
+        self._far = [(start, start + each.size, memoryview(each)) for each in arrays for start in [memory.place(each)]]
+
+    def _find(self, k: int) -> tuple[memoryview, int]:
+        for first, end, view in self._far:
+            if first <= k < end:
+                return view, k - first
+        return self._near, k
+
+    def __getitem__(self, k: int) -> float:
+        view, i = self._find(k)
+        return float(view[i])
+
+    def __setitem__(self, k: int, value: float) -> None:
+        view, i = self._find(k)
+        view[i] = value

@@ -1,0 +1,214 @@
+"""Engines of `steps`: compiled, one machine code for all scenes, or interpreted, the same source."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import log
+from graspfx.compile.kernel import keep_lowerings, source_function, written
+from graspfx.compile.kernel_checks import check, checked_function
+from graspfx.compile.own_sources import is_own
+from graspfx.errors import InputError, KernelError, MissingPackageError
+from graspfx.loop.arena import Arena, ForeignKernel
+from graspfx.loop.kernels import announce, source
+
+if TYPE_CHECKING:
+    from graspfx.compile.native import Bound, Native, Spread
+
+FloatArray = NDArray[np.float64]
+Kernel = Callable[..., Any]
+
+FIRST = 16  # ticks with kernels of others that are interpreted, each of their indices checked
+
+
+class Engine(Protocol):
+    """Ticks that can be called."""
+
+    @property
+    def name(self) -> str:
+        """Which it is, as a recording says it."""
+        ...
+
+    @property
+    def patience(self) -> int:
+        """Ticks of one call for which whoever wants to stop a run has to wait."""
+        ...
+
+    def write_to(self, rows: FloatArray) -> None:
+        """Set the block of rows (r, width) that the coming ticks are recorded in."""
+
+    def run(self, k: int, count: int, row: int) -> int:
+        """Run ticks k, ..., k + count - 1, recorded from a row on, as `steps` does; return how many were done."""
+        ...
+
+
+class Interpreted:
+    """`steps` run by Python.
+
+    Args:
+        arena: of the scene.
+        wrap: makes of a kernel of others what runs in its place.
+    """
+
+    name = "interpreted"
+    patience = 1
+
+    def __init__(self, arena: Arena, wrap: Callable[[Kernel], Kernel] = source_function) -> None:
+        from graspfx.loop.step import steps
+
+        self._steps, self._buffer, self._world = source_function(steps), arena.buffer, arena.offset
+        self._arena = arena
+        self._foreign = [(each, _on_blocks(arena, each, wrap(each.kernel))) for each in arena.foreign]
+        self._rows: Any = None
+        keep_lowerings()
+
+    def write_to(self, rows: FloatArray) -> None:
+        self._rows = memoryview(rows.reshape(-1))
+
+    def run(self, k: int, count: int, row: int) -> int:
+        for each, function in self._foreign:
+            for entry in each.entries:
+                self._arena.world.buffer[entry] = float(announce(function))
+        return int(self._steps(self._buffer, self._world, k, count, row, self._rows, 0))
+
+
+class Compiled:
+    """`steps` as machine code.
+
+    Args:
+        arena: of the scene.
+
+    Raises:
+        MissingPackageError: no LLVM.
+        InputError: a kernel of others that cannot be compiled.
+    """
+
+    name = "compiled"
+    patience = 64
+
+    def __init__(self, arena: Arena) -> None:
+        self._arena, self.world, self._program = arena, arena.offset, program()
+        kernels = [each.kernel for each in arena.foreign if not is_own(_file(each.kernel))]
+        self._first: Interpreted | None = None
+        self._left = 0  # ticks that are checked
+        if kernels:
+            functions = check(kernels)
+            self._first, self._left = Interpreted(arena, lambda kernel: checked_function(kernel, functions)), FIRST
+        self._machine = [(each, _machine_code(each)) for each in arena.foreign]  # kept as long as it may be called
+        self._bound: Bound | None = None
+        self._rows: FloatArray | None = None
+        self.keep: list[Any] = []  # what the arena's addresses lead to
+        self._addressed = False
+
+    def write_to(self, rows: FloatArray) -> None:
+        if rows is self._rows:
+            return
+        self._rows, flat = rows, rows.reshape(-1)
+        floats = self._arena.memory.floats
+        self._bound = (
+            self._program.bind(floats, flat) if self._bound is None else self._program.rebind(self._bound, "rows", flat)
+        )
+        self._brief, self._long = self._bound.brief, self._bound.long
+        if self._first is not None:
+            self._first.write_to(rows)
+
+    def run(self, k: int, count: int, row: int) -> int:
+        if self._left and self._first is not None:
+            done = self._first.run(k, min(count, self._left), row)
+            self._left -= done
+            return done
+        if not self._addressed:
+            self._address()
+        run = self._brief if count == 1 or self._arena.world.exchanging else self._long
+        return run(self.world, k, count, row)
+
+    @property
+    def is_checking(self) -> bool:
+        """Whether the coming ticks are interpreted, as kernels of others are checked."""
+        return self._left > 0
+
+    @property
+    def spread(self) -> Spread:
+        """The code for other machine code, with the numbers (world, k, count, r), until `write_to` is called again."""
+        if not self._addressed:
+            self._address()
+        assert self._bound is not None
+        assert self._bound.spread is not None
+        return self._bound.spread
+
+    def _address(self) -> None:
+        """Write the addresses of kernels that the program has not into the world."""
+        for each, native in self._machine:
+            for entry in each.entries:
+                self._arena.world.buffer[entry] = float(native.entry)
+        self._addressed = True
+
+
+def engine_for(kind: str, arena: Arena) -> Engine:
+    """Make the engine of a name: "interpreted", "compiled", or "auto", compiled where it can be.
+
+    Raises:
+        MissingPackageError: "compiled" without LLVM.
+        InputError: "compiled" with a kernel that cannot be compiled.
+        KernelError: a kernel of others with a fault.
+    """
+    if kind == "interpreted":
+        return Interpreted(arena)
+    try:
+        return Compiled(arena)
+    except KernelError:
+        raise
+    except (MissingPackageError, InputError) as error:
+        if kind != "auto":
+            raise
+        log.info("ticks are interpreted: %s", error)
+        return Interpreted(arena)
+
+
+@cache
+def program() -> Native:
+    """Load the program of all scenes, or compile it: once per version and machine."""
+    from graspfx.compile.native import compiled
+
+    return compiled(source())
+
+
+def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel:
+    """Make a kernel of others count in its own blocks, which may stand apart."""
+    views = [memoryview(each) for each in foreign.blocks]
+    starts = [arena.place(each) for each in foreign.blocks]
+
+    def run(buffer: Any, place: int, *rest: Any) -> Any:
+        if "beside" in foreign.parameters:
+            _, beside, T = rest
+            return function(views[0], place - starts[0], views[1], beside - starts[1], T)
+        return function(views[0], place - starts[0], *rest)
+
+    return run
+
+
+def _machine_code(foreign: ForeignKernel) -> Native:
+    """Compile a kernel that the program of all scenes has not, as a function of its block's place and numbers."""
+    from graspfx.compile.native import compiled
+    from graspfx.compile.program import program_source
+    from graspfx.compile.specialise.definitions import definition
+
+    parameters = ", ".join(["place", *foreign.parameters])
+    call = f"kernel(arena, {parameters})".replace("beside", "arena, beside")
+    touch = "arena[place] = arena[place]"  # the buffer comes first also where a kernel leaves it alone
+    tree = definition(written(foreign.kernel))
+    gives = any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
+    text = f"def run({parameters}):\n    {touch}\n    " + (f"return int({call})" if gives else f"{call}\n    return 0")
+    floats = [name for name in foreign.parameters if name != "beside"]
+    return compiled(program_source(text, {"kernel": foreign.kernel}, ["arena"], {}), floats)
+
+
+def _file(kernel: Kernel) -> str:
+    code = getattr(written(kernel), "__code__", None)
+    return "" if code is None else str(code.co_filename)

@@ -1,0 +1,97 @@
+"""Numbers that nothing but an update may write, watched bit by bit: a recording goes by them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.entry_names import name_of
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.errors import InputError
+from graspfx.loop.parts import GraspedPart
+
+FloatArray = NDArray[np.float64]
+
+DO = "name its key in gx.open(scene, live=[...]) and use session.set"
+
+
+class Watch:
+    """The watched entries of a run's memories, and the bits that they have to hold.
+
+    These are what a grasp's P and the gains are made of. All are read at once, in a microsecond or two.
+
+    Args:
+        objects: whose grasps are watched.
+    """
+
+    def __init__(self, objects: Sequence[GraspedPart]) -> None:
+        self._objects = objects
+        self._stretches: list[tuple[FloatArray, int, int]] = []  # memories, with the first entry and the end
+        self._views: list[memoryview] = []  # of the stretches
+        self._bits = b""
+        self._seen: set[tuple[int, int]] = set()
+        self._free = {(id(part.grasped.block), k) for part in objects for k in part.grasped.gain_entries}
+        for part in objects:
+            self._add(part.grasped.block, part.grasped.watched_entries)
+
+    def note(self) -> None:
+        """Note the bits that stand there now."""
+        self._bits = b"".join(self._views)
+
+    def require(self) -> None:
+        """Require that every entry holds its bits; gains may be others as long as the switches of a block fit them.
+
+        Raises:
+            InputError: an entry that was written to, by its name.
+        """
+        if b"".join(self._views) == self._bits:
+            return
+        for part in self._objects:
+            switch = part.grasped.contradiction()
+            if switch:
+                raise InputError(
+                    f"{part.name}: {switch}", getattr(part.grasped.state, switch),
+                    "a switch that follows from the gains in the block",
+                    "a gain was written into it by itself; name it in gx.open(scene, live=[...]) and use session.set",
+                )  # fmt: skip
+        for array, k, value in self._intrusions():
+            self._require_free(array, k, value)
+        self.note()
+
+    def _add(self, array: FloatArray, entries: Sequence[int]) -> None:
+        """Watch entries with the bits that they have now, and those of before with the bits that they had."""
+        left = sorted({k for k in map(int, entries) if (id(array), k) not in self._seen})
+        if not left:
+            return
+        self._seen |= {(id(array), k) for k in left}
+        memory = memoryview(array).cast("B")
+        for first, end in _stretches(left):
+            self._stretches.append((array, first, end))
+            self._views.append(memory[8 * first : 8 * end])
+            self._bits += bytes(self._views[-1])
+
+    def _intrusions(self) -> Iterator[tuple[FloatArray, int, float]]:
+        """List the entries that do not hold their bits, with the values that they had."""
+        at = 0
+        for array, first, end in self._stretches:
+            values = np.frombuffer(self._bits, np.float64, end - first, at)
+            at += values.nbytes
+            same = array[first:end].view(np.int64) == values.view(np.int64)
+            yield from ((array, first + int(i), float(values[i])) for i in np.flatnonzero(~same))
+
+    def _require_free(self, array: FloatArray, k: int, value: float) -> None:
+        """Require that an entry may have another value than it had."""
+        if (id(array), k) not in self._free:
+            part = next(part for part in self._objects if part.grasped.block is array)
+            name = f"{part.name}: {name_of(GraspState, k, array)}"
+            raise InputError(name, float(array[k]), f"{value}, which the run and its recording go by", DO)
+
+
+def _stretches(entries: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """List the stretches of entries, one or more in order: the first of each, and where it ends."""
+    numbers = np.array(entries)
+    breaks = np.flatnonzero(np.diff(numbers) > 1)
+    firsts, lasts = [entries[0], *numbers[breaks + 1].tolist()], [*numbers[breaks].tolist(), entries[-1]]
+    yield from ((first, last + 1) for first, last in zip(firsts, lasts, strict=True))

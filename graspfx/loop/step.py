@@ -1,0 +1,354 @@
+"""The tick of every scene: take, read, predict, couple, add work, display; stop, record, move, advance.
+
+`steps` runs ticks of any scene: it loops over the records of its `World`. The same source runs interpreted, compiled
+as one function for all scenes, and in lanes. What it does in one scene, `graspfx check SCENE --tick` shows.
+"""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats
+from graspfx.coupling.contacts import LOST
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.limit import limit
+from graspfx.coupling.sample import conclude, couple, let_go, sample
+from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.energy.watch import watch
+from graspfx.loop.kernels import call, invoke, invoke_at, invoke_beside
+from graspfx.loop.safety.accounts import close_books, open_books
+from graspfx.loop.safety.restrain import restrain
+from graspfx.loop.safety.safety_state import Pace, SafetyState
+from graspfx.loop.safety.soften import apply_gain, soften
+from graspfx.loop.safety.tank import adjust
+from graspfx.loop.safety.trust import keep_pace
+from graspfx.loop.world import (
+    BEGIN,
+    KERNEL,
+    MOVER,
+    NONE,
+    OBJECT_,
+    PLANT,
+    SAFETY,
+    STATION,
+    STILL,
+    TABLE,
+    WRITE,
+    Grasp,
+    Plant,
+    ServoState,
+    Wire,
+    World,
+    latch,
+)
+
+
+@kernel
+def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
+    """Run ticks k, ..., k + count - 1, tick k recorded in row r; give how many were done.
+
+    Where devices are in plain Python the caller has read them before a tick begins, and `steps` returns twice a tick:
+    when they are to be written (`world.phase` is WRITE) and at its end. Where bodies or plants are, it returns at the
+    end of each tick. The tick of the first fault is the last of a call.
+    """
+    servo = ServoState(world.buffer, world.servo)
+    i = 0
+    while i < count:
+        if world.phase == BEGIN:
+            begin(world, servo, k)
+            if world.ports > 0:
+                world.phase = WRITE
+                return i
+        world.phase = BEGIN
+        end(world, servo, k, r, rows)
+        i += 1
+        if servo.faulted and servo.tick == k:  # an exchange with other software is left to the caller
+            return i
+        if world.exchanging:
+            exchange(world)
+            if world.failed:
+                world.done = i - 1
+                return i - 1
+        if world.pauses:
+            return i
+        k += 1
+        r += 1
+    return i
+
+
+@kernel
+def begin(world: World, servo: ServoState, k: int) -> None:
+    """Run tick k up to the forces that devices display."""
+    take(world, servo, k)
+    read(world, servo, k)
+    predict(world, servo)
+    couple_objects(world, servo, k)
+    add_work(world, servo, k)
+    if servo.faulted:
+        release(world)
+    display(world, servo, k)
+
+
+@kernel
+def end(world: World, servo: ServoState, k: int, r: int, rows: Floats) -> None:
+    """Run the rest of tick k, recorded in row r."""
+    if servo.faulted:
+        stop(world)
+    record(world, k, r, rows)
+    move(world, servo, k)
+    advance(world, servo, k)
+
+
+@kernel
+def copy(memory: Floats, to: int, source: int, count: int) -> None:
+    """Copy entries one by one."""
+    for a in range(count):
+        memory[to + a] = memory[source + a]
+
+
+@kernel
+def carry(memory: Floats, wire: Wire) -> None:
+    """Copy the entries of a wire."""
+    copy(memory, wire.to, wire.source, wire.count)
+
+
+# Read -----------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def take(world: World, servo: ServoState, k: int) -> None:
+    """Take the motion that other software gave its bodies after the last tick."""
+    memory = Floats(world.buffer, 0)
+    for body in world.bodies:
+        if body.guest and memory[body.stuck] == 0.0:
+            code = invoke_beside(world.buffer, body.taking, body.state, body.beside, servo.period)
+            if code != 0:
+                latch(servo, k, MOVER, body.index, code)
+                memory[body.stuck] = 1.0
+
+
+@kernel
+def read(world: World, servo: ServoState, k: int) -> None:
+    """Read each device: its fingers' positions and velocities."""
+    memory, wires, channels, fingers = Floats(world.buffer, 0), world.wires, world.channels, world.fingers
+    d = world.dimensions
+    for i, device in enumerate(world.devices):
+        code, told = 0, True
+        if device.plain:
+            told = memory[device.state] != 0.0
+        else:
+            for w in range(device.first_sensed, device.first_sensed + device.sensed):
+                carry(memory, wires[w])
+            code = invoke(world.buffer, device.reading, device.state)
+        if code != 0:
+            latch(servo, k, STATION, i, code)
+        elif told:
+            for c in range(device.first, device.first + device.count):
+                channel = channels[c]
+                finger = fingers[channel.finger]
+                copy(memory, finger.position, channel.position, d)
+                copy(memory, finger.velocity, channel.velocity, d)
+                if channel.limit != NONE:
+                    memory[finger.limit] = memory[channel.limit]
+
+
+# Couple ---------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def predict(world: World, servo: ServoState) -> None:
+    """Tell couplings under the implicit integrator where their bodies would be without them."""
+    for body in world.bodies:
+        if body.predicting != NONE:
+            invoke_beside(world.buffer, body.predicting, body.state, body.beside, servo.period)
+
+
+@kernel
+def couple_objects(world: World, servo: ServoState, k: int) -> None:
+    """Couple the fingers to the objects: forces, limits on them, and the energies that a ledger watches."""
+    memory = Floats(world.buffer, 0)
+    if world.pace != NONE and not servo.faulted:
+        code = keep_pace(Pace(world.buffer, world.pace), k)
+        if code != 0:
+            latch(servo, k, SAFETY, 0, code)
+    for i, grasp in enumerate(world.grasps):
+        if not servo.faulted:
+            state = GraspState(world.buffer, grasp.state)
+            if grasp.safety != NONE:
+                code = couple_safely(world, grasp)
+            elif grasp.limited:  # what the object receives is what is displayed
+                code = conclude(state, limit(state, couple(state)))
+            else:
+                code = sample(state)
+            if code != 0:
+                latch(servo, k, OBJECT_, i, code)
+                if code == LOST:
+                    memory[grasp.stuck] = 1.0
+            if not servo.faulted:
+                if grasp.safety != NONE:
+                    finish_safely(world, servo, grasp, k)
+                elif grasp.ledger != NONE:
+                    carry(memory, grasp.met)
+                    watch(state, LedgerState(world.buffer, grasp.ledger), servo.period)
+
+
+@kernel
+def couple_safely(world: World, grasp: Grasp) -> int:
+    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces: before any brake."""
+    state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
+    if grasp.steered:
+        adjust(state, safety)
+    code = couple(state)
+    code = soften(state, safety, Pace(world.buffer, world.pace), code)
+    code = limit(state, code)
+    apply_gain(state, safety)
+    return conclude(state, code)
+
+
+@kernel
+def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None:
+    """Brake, then restrain the forces of an object; the ledger stores what is displayed."""
+    state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
+    ledger = LedgerState(world.buffer, grasp.ledger)
+    if grasp.ledger != NONE:
+        carry(Floats(world.buffer, 0), grasp.met)
+        open_books(state, ledger, safety, servo.period)
+    code = restrain(state, safety, Pace(world.buffer, world.pace))
+    if code != 0:
+        latch(servo, k, SAFETY, 0, code)
+    elif grasp.ledger != NONE:
+        close_books(state, ledger, safety)
+
+
+@kernel
+def add_work(world: World, servo: ServoState, k: int) -> None:
+    """Add the work of the last sample's forces at the fingertips; keep where these are now."""
+    memory, d = Floats(world.buffer, 0), world.dimensions
+    working = k > 0 and not servo.faulted
+    for finger in world.fingers:
+        shown, tip, before = finger.displayed, finger.tip, finger.before
+        if working:
+            step = memory[shown] * (memory[tip] - memory[before])
+            for a in range(1, d):
+                step += memory[shown + a] * (memory[tip + a] - memory[before + a])
+            memory[finger.energy] += step
+        copy(memory, before, tip, d)
+
+
+@kernel
+def release(world: World) -> None:
+    """Let go of every object."""
+    for grasp in world.grasps:
+        let_go(GraspState(world.buffer, grasp.state))
+
+
+# Display --------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def display(world: World, servo: ServoState, k: int) -> None:
+    """Hand each device the forces on its operator."""
+    memory, channels, fingers = Floats(world.buffer, 0), world.channels, world.fingers
+    d = world.dimensions
+    for finger in fingers:
+        for a in range(d):
+            memory[finger.displayed + a] = -memory[finger.force + a]
+    for i, device in enumerate(world.devices):
+        for c in range(device.first, device.first + device.count):
+            channel = channels[c]
+            copy(memory, channel.command, fingers[channel.finger].displayed, d)
+        if not device.plain:
+            code = invoke(world.buffer, device.writing, device.state)
+            if code != 0:
+                latch(servo, k, STATION, i, code)
+
+
+@kernel
+def stop(world: World) -> None:
+    """Zero every force after a fault."""
+    memory = Floats(world.buffer, 0)
+    release(world)
+    for finger in world.fingers:
+        for a in range(world.dimensions):
+            memory[finger.displayed + a] = 0.0
+    for device in world.devices:
+        if not device.plain:
+            invoke(world.buffer, device.stopping, device.state)
+
+
+# Record ---------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def record(world: World, k: int, r: int, rows: Floats) -> None:
+    """Write a row, if this tick has one."""
+    if world.recorded > 0 and k % world.every == 0:
+        memory, columns = Floats(world.buffer, 0), world.columns
+        row = r // world.every * world.width
+        for c in range(world.recorded):
+            rows[row + c] = memory[int(columns[c])]
+
+
+# Move -----------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def move(world: World, servo: ServoState, k: int) -> None:
+    """Move the bodies; tell other software the wrenches on those that it moves.
+
+    The force of tick k is displayed and recorded by now: a body that cannot go on is a fault of tick k + 1, the first
+    one without force, and so is a plant.
+    """
+    memory = Floats(world.buffer, 0)
+    for body in world.bodies:
+        if memory[body.stuck] == 0.0:
+            code = invoke_beside(world.buffer, body.stepping, body.state, body.beside, servo.period)
+            if code != 0 and not body.guest:
+                latch(servo, k + 1, MOVER, body.index, code)
+                memory[body.stuck] = 1.0
+
+
+@kernel
+def exchange(world: World) -> None:
+    """Let other software move its bodies: push them, step, read them."""
+    memory = Floats(world.buffer, 0)
+    for each in world.exchanges:
+        if memory[each.stuck] == 0.0 and not world.failed:
+            world.failed = call(world.buffer, each.address, each.plan) != 0
+
+
+@kernel
+def advance(world: World, servo: ServoState, k: int) -> None:
+    """Move the plants under the devices' efforts and their hands."""
+    memory, wires = Floats(world.buffer, 0), world.wires
+    for plant in world.plants:
+        if memory[plant.stuck] == 0.0:
+            for w in range(plant.first, plant.first + plant.count):
+                carry(memory, wires[w])
+            if plant.hand_kind != STILL:
+                ask(world, plant, servo, k)
+            code = invoke(world.buffer, plant.kernel, plant.state)
+            if code != 0:
+                latch(servo, k + 1, PLANT, plant.index, code)
+                memory[plant.stuck] = 1.0
+
+
+@kernel
+def ask(world: World, plant: Plant, servo: ServoState, k: int) -> None:
+    """Ask a hand for its targets in the coming sample: in its middle, if the plant takes them, and at its end."""
+    memory, n, T = Floats(world.buffer, 0), plant.width, servo.period
+    position, velocity = plant.target_position, plant.target_velocity
+    if plant.middle_position != NONE:
+        if plant.hand_kind == TABLE:
+            position = plant.hand + (k - servo.table_start) * 4 * n + 2 * n
+            velocity = position + n
+        elif plant.hand_kind == KERNEL:
+            invoke_at(world.buffer, plant.hand_kernel, plant.hand, 0.5 * (k * T + (k + 1) * T))
+        copy(memory, plant.middle_position, position, n)
+        copy(memory, plant.middle_velocity, velocity, n)
+    if plant.hand_kind == TABLE:
+        position = plant.hand + (k - servo.table_start) * (4 * n if plant.middle_position != NONE else 2 * n)
+        velocity = position + n
+    elif plant.hand_kind == KERNEL:
+        invoke_at(world.buffer, plant.hand_kernel, plant.hand, (k + 1) * T)
+    copy(memory, plant.end_position, position, n)
+    copy(memory, plant.end_velocity, velocity, n)
