@@ -23,6 +23,7 @@ from graspfx.protocols import (
     kernel,
     size_for,
     start_of,
+    zeros,
 )
 
 FloatArray = NDArray[np.float64]
@@ -78,7 +79,7 @@ class HeldPlant(ABC):
     def __init__(self, kind: type[PlantState], fingers: int, dimensions: int, **whole: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
         self.declaration = kind
-        self.state: FloatArray = np.zeros(size_for(kind, fingers=fingers, dimensions=dimensions, **whole))
+        self.state: FloatArray = zeros(size_for(kind, fingers=fingers, dimensions=dimensions, **whole))
         block = kind(self.state)
         block.fingers, block.dimensions = shape
         names = ARRAYS + (("middle", "middle_rate") if isinstance(block, MiddlePlantState) else ())

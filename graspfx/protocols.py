@@ -9,6 +9,7 @@ show their blocks and kernels, so that they become part of the compiled tick.
 from __future__ import annotations
 
 from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import (
     Floats,
     Many,
@@ -143,6 +144,7 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "LARGEST",
     "SMALLEST",
     "expm1",
+    "zeros",
 ]
 
 

@@ -25,6 +25,7 @@ from graspfx.protocols import (
     estimate_size,
     size_for,
     start_of,
+    zeros,
 )
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +60,7 @@ class PointDevice:
         self._window = velocity_window if resolution else 1
         k, d = self._shape = fingers, dimensions
         entries, each = k * d, estimate_size(self._window)
-        self.state: FloatArray = np.zeros(
+        self.state: FloatArray = zeros(
             size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
         )
         self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much

@@ -25,6 +25,7 @@ from graspfx.protocols import (
     estimate_size,
     size_for,
     start_of,
+    zeros,
 )
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +49,7 @@ class TwoLinkArm(ABC):
         self.arm, self.wiring, self.mechanics = arm, wiring, mechanics
         self._window, self._delay = velocity_window, delay
         each, late = estimate_size(velocity_window), delay or 0
-        self.state: FloatArray = np.zeros(size_for(ArmState, delay=late, estimate_size=each))
+        self.state: FloatArray = zeros(size_for(ArmState, delay=late, estimate_size=each))
         self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
         block = self._block = ArmState(self._entries)
         block.base, block.lengths = Point(*arm.base), Both(*arm.links)

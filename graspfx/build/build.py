@@ -18,6 +18,7 @@ from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.scene_guards import guards_of
 from graspfx.build.wiring import outside_faults, placing_faults
+from graspfx.compile.memory import Memory, within, without
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
@@ -67,10 +68,11 @@ def build(
     """
     fields = live_fields(live)
     parts = resolve(scene)
-    start, wired = parts.start, parts.own_wires() if playback is None else parts.wires
+    start = parts.start
+    wired, memory = parts.claim() if playback is None else (parts.wires, Memory())
     if playback is None and any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
-    with ExitStack() as stack:
+    with ExitStack() as stack, within(memory):
         objects = [
             GraspedPart(part.name, part.grasped(parts.limits, live=fields), part.fingers) for part in parts.objects
         ]
@@ -91,10 +93,12 @@ def build(
             layout = replace(layout, varying=True)
         if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
-        yield Servo(
+        servo = Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every, guards=guards_of(parts), safety=safety,
+            record=record, every=every, guards=guards_of(parts), safety=safety, memory=memory,
         )  # fmt: skip
+        with without():
+            yield servo
 
 
 def meet(

@@ -21,6 +21,7 @@ from graspfx.build.placement import start_of
 from graspfx.build.safety_limits import safety_limits
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
+from graspfx.compile.memory import Memory, within
 from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
@@ -55,13 +56,20 @@ class Parts:
         """The devices, to be looked at: a run takes those of `own_wires`."""
         return wires(self.scene, self.stock)
 
+    def claim(self) -> tuple[tuple[Wire, ...], Memory]:
+        """Give devices as `own_wires` does, with the memory in which all that goes with them is to stand."""
+        if self.stock.claim():
+            return self.wires, self.stock.memory
+        with within(Memory()) as memory:
+            return wires_anew(self.scene, self.folder), memory
+
     def own_wires(self) -> tuple[Wire, ...]:
         """Give devices to open, or to move by a plant, that nobody else has.
 
         The first caller has those that the checks connected; a later one has devices connected anew, as a device
         belongs to one run: it carries that run's state, and hardware may still be open.
         """
-        return self.wires if self.stock.claim() else wires_anew(self.scene, self.folder)
+        return self.claim()[0]
 
     @cached_property
     def start(self) -> FloatArray:

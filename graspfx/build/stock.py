@@ -7,6 +7,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build.bodies import Solid, make_solid
+from graspfx.compile.memory import Memory
 from graspfx.loop.device import Device
 from graspfx.loop.motion import motion
 
@@ -30,6 +31,7 @@ class Stock:
         self.folder = folder
         self.devices: dict[Location, Device] = {}
         self.starts: dict[int, tuple[float, ...] | None] = {}  # of fingers that come in along a direction
+        self.memory = Memory()  # in which blocks of its devices stand
         self.parts: Any = None  # of `graspfx.build.resolve`, once they are asked for
         self._solids: dict[Location, Solid] = {}
         self._paths: dict[str, motion.Path] = {}

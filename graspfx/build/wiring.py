@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.build.fittings import fitting_faults, fitting_of
 from graspfx.build.operators import is_operated
+from graspfx.compile.memory import within
 from graspfx.errors import DeviceError, abbreviate
 from graspfx.loop.device import Device, Features, OperatedDevice, SimulatedDevice
 from graspfx.loop.fitting import PLAIN, Fitting
@@ -89,7 +90,8 @@ def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
 
     Those that are not in the stock yet are connected, and stay there.
     """
-    return tuple(_wires(scene, stock.folder, stock.devices))
+    with within(stock.memory):
+        return tuple(_wires(scene, stock.folder, stock.devices))
 
 
 def wires_anew(scene: SceneTable, folder: Path | None) -> tuple[Wire, ...]:

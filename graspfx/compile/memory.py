@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from mmap import mmap
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-ROOM = 1 << 21  # entries: the system gives pages as they are written to
+ROOM = 1 << 21  # entries: the system gives pages where something is written
 
 
 class Memory:
@@ -23,7 +24,7 @@ class Memory:
     """
 
     def __init__(self, room: int = ROOM) -> None:
-        self.floats: FloatArray = np.zeros(room)
+        self.floats: FloatArray = np.frombuffer(mmap(-1, 8 * room), np.float64)
         self.used = 1
 
     def take(self, size: int) -> FloatArray:
@@ -42,7 +43,7 @@ class Memory:
 _MEMORY: ContextVar[Memory | None] = ContextVar("memory", default=None)
 
 
-def block(size: int) -> FloatArray:
+def zeros(size: int) -> FloatArray:
     """Make a block of zeros, in the memory of the scene that is being built, or by itself."""
     memory = _MEMORY.get()
     return np.zeros(size) if memory is None else memory.take(size)
@@ -50,10 +51,20 @@ def block(size: int) -> FloatArray:
 
 @contextmanager
 def within(memory: Memory) -> Iterator[Memory]:
-    """Let `block` take from a memory within a `with` block."""
+    """Let `zeros` take from a memory within a `with` block."""
     token = _MEMORY.set(memory)
     try:
         yield memory
+    finally:
+        _MEMORY.reset(token)
+
+
+@contextmanager
+def without() -> Iterator[None]:
+    """Let `zeros` make arrays by themselves within a `with` block."""
+    token = _MEMORY.set(None)
+    try:
+        yield
     finally:
         _MEMORY.reset(token)
 

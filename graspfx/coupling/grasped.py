@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.choices import contradiction
 from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach
@@ -78,7 +79,7 @@ class GraspedObject:
         grip = _grip(n, d, law, rules, fill_body, shape, radius, limit, self.live)
         self.fingers, self.dimensions, self.law = n, d, law
         self.matrices, self.soft = grip.matrices, grip.soft
-        self.block = np.zeros(block_size(grip))
+        self.block = zeros(block_size(grip))
         fill_block(self.block, grip, period)
         self.state = GraspState(self.block)
         self._fades = _Fades(self.state.fade_start)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import entries_of, size_for
 from graspfx.errors import InputError
 from graspfx.loop import plant
@@ -52,7 +53,7 @@ class GuidedHand:
             raise InputError("offset", offset, f"finite components ({d},), or one vector per finger ({n}, {d}) [m]")
         self._hand = hand
         whole = {"fingers": n, "dimensions": d, "hand_entries": len(hand.state)}
-        self.state: FloatArray = np.zeros(size_for(GuidedHandState, **whole))
+        self.state: FloatArray = zeros(size_for(GuidedHandState, **whole))
         block = GuidedHandState(self.state)
         for name, number in {**whole, "lag": lag, "squeeze_goal": squeeze}.items():
             setattr(block, name, number)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import entries_of, size_for
 from graspfx.errors import InputError
 from graspfx.loop import plant
@@ -89,7 +90,7 @@ class Hand:
             "motion_entries": sizes[1],
             "turn_entries": sum(sizes[2:]),
         }
-        self.state: FloatArray = np.zeros(size_for(HandState, **whole))
+        self.state: FloatArray = zeros(size_for(HandState, **whole))
         block = HandState(self.state)
         for name, number in {**whole, "turns": len(turns)}.items():
             setattr(block, name, number)
@@ -230,7 +231,8 @@ class JoinedHands:
         self.followers = [at + entry for at, hand in placed for entry in getattr(hand, "followers", ())]
         self.goals = [at + entries for at, hand in placed for entries in getattr(hand, "goals", ())]
         block.sources.array(n)[:] = [places[i] for i in where]
-        self.state: FloatArray = np.concatenate([front, *parts])
+        self.state: FloatArray = zeros(at)
+        self.state[:] = np.concatenate([front, *parts])
         self.structure = np.array(structure, dtype=np.intp)
         self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
         if not self._plain_parts and type(self).target is JoinedHands.target:

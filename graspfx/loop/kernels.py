@@ -31,6 +31,7 @@ PARTS = (  # of devices and plants: block
 HANDS = (  # block, time
     "graspfx.loop.motion.targets.target",
     "graspfx.loop.motion.targets.guided_target",
+    "graspfx.loop.motion.targets.joined_target",
     "graspfx.loop.motion.targets.joined_guided_target",
 )
 BODIES = (  # block, block beside it, period

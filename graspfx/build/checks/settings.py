@@ -13,6 +13,7 @@ from typing import Any
 from graspfx import plugins
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import AUTOMATIC, connect
+from graspfx.compile.memory import within
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Features, lacking
 from graspfx.scene.tables.part_tables import Device
@@ -57,7 +58,7 @@ def reason(error: GraspFXError) -> str:
 def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
     dimensions = scene.dimensions
     try:
-        with plugins.blaming(Path(driver.__file__ or driver.__name__)):
+        with plugins.blaming(Path(driver.__file__ or driver.__name__)), within(stock.memory):
             device = connect(driver, table, dimensions)
             features = getattr(device, "features", None)
             missing = lacking(device)

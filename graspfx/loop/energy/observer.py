@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import layout, size_for, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
@@ -63,7 +64,7 @@ class Observer:
         width = block.width
         room = size_for(ModeSplit, fingers=n, width=width)
         sizes = {"count": n, "components": n * grasped.dimensions if matrices else 0, "split_entries": room}
-        self.buffer = B = np.zeros(size_for(LedgerState, **sizes))
+        self.buffer = B = zeros(size_for(LedgerState, **sizes))
         self._grasp, self._ledger = block, LedgerState(B.data)
         ledger = self._ledger
         ledger.count, ledger.components, ledger.split_entries = n, sizes["components"], room

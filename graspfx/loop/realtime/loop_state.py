@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import Floats, Record, floats, size_for
 from graspfx.loop.recording.layout import Layout
 
@@ -34,7 +35,7 @@ class LoopState(Record):
 def loop_memory(layout: Layout) -> FloatArray:
     """Make the memory of a loop whose ticks are recorded in rows of a layout."""
     whole = {"fingers": len(layout.fingers), "devices": len(layout.devices), "raws": sum(n for _, n, _ in layout.raw)}
-    memory = np.zeros(size_for(LoopState, **whole))
+    memory = zeros(size_for(LoopState, **whole))
     state = LoopState(memory)
     for name, number in whole.items():
         setattr(state, name, number)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import entries_of, size_for
 from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
@@ -73,7 +74,7 @@ class SafetyChain:
         live: Collection[str] = (),
     ) -> None:
         self.limits = limits
-        self.pace = np.zeros(size_for(Pace, devices=devices))
+        self.pace = zeros(size_for(Pace, devices=devices))
         pace = Pace(self.pace)
         pace.devices, pace.hold, pace.trust, pace.elapsed = devices, float(limits.hold), 1.0, 1.0
         pace.ramp, pace.fading = limits.soft_start / period, min(period / DECAY, 1.0)
@@ -85,7 +86,7 @@ class SafetyChain:
         }
 
     def _buffer(self, grasped: GraspedObject, fingers: Index, period: float, live: Collection[str]) -> FloatArray:
-        buffer = np.zeros(size_for(SafetyState, count=grasped.fingers))
+        buffer = zeros(size_for(SafetyState, count=grasped.fingers))
         safety, grasp, limits, d = SafetyState(buffer), grasped.state, self.limits, grasped.dimensions
         grasp.guarded = True
         safety.count, safety.posed = grasped.fingers, has_problems(grasp)

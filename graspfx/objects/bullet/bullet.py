@@ -12,9 +12,8 @@ from importlib import import_module
 from tempfile import TemporaryFile
 from typing import Any
 
-import numpy as np
-
 from graspfx.compile.calls import Call
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
@@ -188,7 +187,7 @@ class BulletBody(BlockBody, BulletCarrier):
         BlockBody.__init__(self, state)
         client = new_client()
         self._disconnect = weakref.finalize(self, pybullet().disconnect, client)
-        buffer = np.zeros(guest.SIZE)
+        buffer = zeros(guest.SIZE)
         BulletCarrier.__init__(self, buffer, [BulletMember(state, buffer, client)], client)
 
 

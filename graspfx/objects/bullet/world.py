@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import numbers
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
@@ -59,7 +60,7 @@ class BulletWorld(BulletCarrier):
         self._disconnect = weakref.finalize(self, bullet.disconnect, client)
         bullet.setPhysicsEngineParameter(**ENGINE, physicsClientId=client)
         self._members = members
-        buffer = np.zeros(len(members) * guest.SIZE)
+        buffer = zeros(len(members) * guest.SIZE)
         parts = buffer.reshape(-1, guest.SIZE)
         self.carried = [
             BulletMember(m.state, part, client, self._collision(m.shape, fixed=False))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.kernel import kernel
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_for, size_of, start_of
 from graspfx.cones.cone import contact_frame
 from graspfx.cones.problem import choices, problem_size, set_up
@@ -70,7 +71,7 @@ class FloorBody(NativeBody):
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
         most = len(planes) * MOST + len(points)  # contacts
         room = problem_size(most)
-        self.buffer = np.zeros(size_for(FloorState, **sizes, problem_entries=room))
+        self.buffer = zeros(size_for(FloorState, **sizes, problem_entries=room))
         floor = self._floor = FloorState(memoryview(self.buffer))
         floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
         self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.calls import Call
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import numbers, start_of
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.log import info
@@ -165,7 +166,7 @@ class MujocoBody(BlockBody, MujocoCarrier):
 
     def __init__(self, state: FloatArray) -> None:
         BlockBody.__init__(self, state)
-        buffer = np.zeros(guest.SIZE)
+        buffer = zeros(guest.SIZE)
         spec = new_spec("CONTACT", "CONSTRAINT")
         MujocoCarrier.__init__(self, buffer, [MujocoMember(state, buffer, spec, 0)], spec)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.calls import Call
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import numbers
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
@@ -54,7 +55,7 @@ class MujocoWorld(MujocoCarrier):
         self._friction = meeting.friction if meeting.friction > NO_FRICTION else 0.0
         self._spec = spec = new_spec()
         _set_solver(spec)
-        buffer = np.zeros(len(members) * guest.SIZE)
+        buffer = zeros(len(members) * guest.SIZE)
         parts = buffer.reshape(-1, guest.SIZE)
         carried = [MujocoMember(m.state, part, spec, i) for i, (m, part) in enumerate(zip(members, parts, strict=True))]
         for member, one in zip(members, carried, strict=True):
