@@ -113,7 +113,7 @@ class Runs:
             raise InputError("duration", duration, most, "make the duration shorter or the period longer")
         width = servo.layout.width
         return Job(
-            group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
+            group.program.arena, group.program.size, group, len(group.members), width, columns, statistics,
             ticks,
             group.varying,
             group.program.constant,
@@ -131,16 +131,15 @@ class Runs:
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
     """Tell how a run went, by what its buffers hold at the end."""
-    program = group.program
-    servo, tick = program.servo, program.tick
-    for name, array in tick.script.arrays.items():
-        if any(array is part.grasped.block for part in servo.objects):  # of a mesh the rest of it is long
-            array[: at.ROW] = ended.arena[program.places[name]][: at.ROW]
+    program, servo = group.program, group.program.servo
+    for part in servo.objects:
+        block, first = part.grasped.block, program.arena.place(part.grasped.block)
+        block[: at.ROW] = ended.arena[first : first + at.ROW]  # of a mesh the rest of it is long
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)
     program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
-    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
+    return Outcome((RunFault(ended.fault, servo.why(program.arena.own)),), engine="compiled", **coupling)
 
 
 def measured_variants(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.columns import Column
 from graspfx.coupling import block as at
-from graspfx.loop.tick.script import Tick
+from graspfx.loop.arena import Arena
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
@@ -23,34 +23,37 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Program:
-    """The program of variants that share it: a servo that was built for one of them, and its tick."""
+    """The program of variants that share it: a servo that was built for one of them, and its arena."""
 
     servo: Servo
-    tick: Tick
+    arena: Arena
 
     @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where each buffer is in the arena, all of them in one."""
-        starts, start = {}, 0
-        for name, array in self.tick.script.arrays.items():
-            starts[name] = slice(start, start + array.size)
-            start += array.size
-        return starts
+    def size(self) -> int:
+        """Entries of the arena."""
+        return self.arena.memory.used
 
     @cached_property
-    def constant(self) -> dict[str, int]:
-        """Entries, by buffer, from which on nothing writes it: where the data of a mesh begin."""
-        blocks = [part.grasped.block for part in self.servo.objects]
-        ours = {name: array for name, array in self.tick.script.arrays.items() if any(array is b for b in blocks)}
-        return {name: int(array[at.MESH]) for name, array in ours.items() if array[at.MESH] > 0.0}
+    def structure(self) -> frozenset[int]:
+        """Entries of the arena that the program has folded in."""
+        return frozenset(self.arena.structure())
+
+    @cached_property
+    def constant(self) -> tuple[int, int]:
+        """The first and the end of the entries of the largest mesh, which nothing writes."""
+        stretches = [(0, 0)]
+        for part in self.servo.objects:
+            block, first = part.grasped.block, self.arena.place(part.grasped.block)
+            if block[at.MESH] > 0.0:
+                stretches.append((first + int(block[at.MESH]), first + block.size))
+        return max(stretches, key=lambda stretch: stretch[1] - stretch[0])
 
     def fill(self, arena: FloatArray) -> None:
-        """Fill a variant's buffers into those of the servo."""
-        for name, array in self.tick.script.arrays.items():
-            array[...] = arena[self.places[name]]
+        """Fill a variant's arena into that of the servo."""
+        self.arena.memory.floats[: self.size] = arena
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
+        """Warn like `gx.run` where matrices for gains, as a variant's arena holds them, can create energy."""
         self.fill(arena)
         for part in self.servo.objects:
             part.grasped.check_activity()
@@ -61,7 +64,7 @@ class Built:
     """A variant that was built.
 
     Attributes:
-        arena: what all its buffers hold at the beginning.
+        arena: its memory at the beginning.
         structure: a digest of what programs are made from; of two variants in which it is the same the program is.
     """
 
@@ -100,11 +103,9 @@ class Group:
 
     def add(self, columns: Iterable[Column]) -> None:
         """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
-        names = {id(array): name for name, array in self.program.tick.script.arrays.items()}
-        places = self.program.places
         numbers: dict[int, FloatArray] = {}
         for block, entry, values in columns:
-            place = places[names[id(block)]].start + entry
+            place = self.program.arena.place(block) + entry
             if (values.view(np.int64) != self.base[place : place + 1].view(np.int64)).any():
                 numbers[place] = values
         entries = sorted(numbers)
@@ -113,14 +114,12 @@ class Group:
 
     def folds(self) -> bool:
         """Tell whether the program holds a number of an entry that is not the same in all members."""
-        places = self.program.places
-        fixed = [places[name].start + k for name, k in self.program.tick.script.fixed]
-        return bool(np.isin(fixed, self.varying).any())
+        return not self.program.structure.isdisjoint(self.varying.tolist())
 
-    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
-        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+    def fill_lanes(self, arena: FloatArray, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes)."""
         for entries, rows, choice in self.factors:
-            arena[where[entries]] = rows[choice[members]].T
+            arena[entries] = rows[choice[members]].T
 
     def entry(self, k: int, members: Any) -> FloatArray:
         """Give one of the entries that vary, of some members, (v,)."""

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.family import family_key, is_compiled, note_compiled
-from graspfx.batch.lane_text import ROWS, SUMS, lane_text, taking_text
 from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
+from graspfx.batch.program_text import ROWS, SUMS, folded, lane_text, taking_text
 from graspfx.batch.statistics import empty
 from graspfx.batch.task import More, Task
 from graspfx.compile.emission import side_by_side
 from graspfx.compile.native import Bound, Native, compiled
 from graspfx.compile.records import start_of
-from graspfx.loop.tick.memory import ServoState
+from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -47,31 +47,27 @@ class LaneRuns:
     def __post_init__(self) -> None:
         job, shared = self.job, tuple(sorted(self.shared.items()))
         about = tuple(job.columns), tuple(job.statistics), self.measuring, self.lanes, shared
-        self.native: Native = job.memory.recall(("lanes", id(job.tick), *about), self._compiled)
+        self.native: Native = job.memory.recall(("lanes", id(job.arena), *about), self._compiled)
 
     def _compiled(self) -> Native:
-        job, source, columns = self.job, self.job.pausing_source, self.job.columns if self.measuring else None
+        job, columns = self.job, self.job.columns if self.measuring else None
+        source = folded(job.arena, lane_text(job.arena, columns, job.statistics))
         kind = f"{self.lanes} lanes {sorted(self.shared.items())} {columns is None}"
         family = family_key(kind, source, columns or (), job.statistics, b"")
         before = is_compiled(family)
         if not self.make and not before:
             raise LookupError("not compiled yet")
-        text = lane_text(source, columns, job.statistics)
-        native = compiled(text, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
+        native = compiled(source, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
         if not before:
             note_compiled(family)
         return native
 
     @cached_property
-    def shared(self) -> dict[str, int]:
-        """Entries, by buffer, from which on all variants have the same ones, which nothing writes."""
-        varying = self.job.varying
-        out = {}
-        for name, first in self.job.constant.items():
-            place = self.job.places[name]
-            if not ((varying >= place.start + first) & (varying < place.stop)).any():
-                out[name] = first
-        return out
+    def shared(self) -> dict[str, tuple[int, int]]:
+        """The entries that all variants have alike, and that nothing writes."""
+        varying, (first, end) = self.job.varying, self.job.constant
+        is_same = not ((varying >= first) & (varying < end)).any()
+        return {"arena": (first, end)} if end > first and is_same else {}
 
     def bound(self, rows: int) -> LaneBuffers:
         """Make buffers for one block of lanes, with so many rows."""
@@ -85,35 +81,24 @@ class LaneBuffers:
         job, lanes = runs.job, runs.lanes
         self.job, self.lanes = job, lanes
         base = job.begin.arenas(slice(0, 1))[0]
-        self.sizes = {name: runs.shared.get(name, place.stop - place.start) for name, place in job.places.items()}
-        entries = np.concatenate(
-            [np.arange(job.places[name].start, job.places[name].start + size) for name, size in self.sizes.items()]
-        )
-        self.entries = entries  # of an arena, those that each lane has
-        self.where = np.full(len(base), -1)
-        self.where[entries] = np.arange(len(entries))
+        first, end = runs.shared.get("arena", (0, 0))
+        self.entries = np.delete(np.arange(len(base)), slice(first, end))  # those that each lane has
         self.whole = base
-        self.base = base[entries, None]
-        self.arena = aligned(len(entries) * lanes).reshape(len(entries), lanes)
+        self.base = base[self.entries, None]
+        self.arena = aligned(len(base) * lanes).reshape(len(base), lanes)
         width = len(dict.fromkeys(job.columns)) if runs.measuring else job.width
         self.rows = aligned(max(1, rows * width) * lanes).reshape(-1, lanes)
         self.measures = aligned(max(1, len(job.columns) * MEASURES) * lanes).reshape(-1, lanes)
         self.blank = np.repeat(empty(len(job.columns)).reshape(-1, 1), lanes, axis=1)
         buffers: dict[str, FloatArray] = {ROWS: self.rows.reshape(-1), SUMS: self.measures.reshape(-1)}
-        start = 0
-        for name, size in self.sizes.items():
-            buffers[name] = self.arena[start : start + size].reshape(-1)
-            start += size
-        for name, first in runs.shared.items():
-            place = job.places[name]
-            buffers[f"{name}.shared"] = base[place.start + first : place.stop].copy()
+        buffers |= {"arena": self.arena.reshape(-1), "arena.shared": base[first:end].copy()}
         self.program: Bound = runs.native.bind(*(buffers[name] for name in runs.native.arrays))
 
     def begin(self, members: Index) -> None:
         """Fill in some variants, at most as many as there are lanes; further lanes repeat the last."""
         own = np.append(members, np.repeat(members[-1:], self.lanes - len(members)))
-        self.arena[...] = self.base
-        self.job.begin.fill_lanes(self.arena, self.where, own)
+        self.arena[self.entries] = self.base
+        self.job.begin.fill_lanes(self.arena, own)
 
     def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
         """Run some variants and note their measures and faults."""
@@ -154,14 +139,14 @@ class LaneBuffers:
 
     def faults(self) -> Index:
         """List the tick of each lane's first fault, -1 for none."""
-        first = self.where[self.job.places[self.job.tick.own_name].start]
+        first = self.job.arena.place(self.job.arena.own)
         faulted, tick = (self.arena[first + start_of(ServoState, name)] for name in ("faulted", "tick"))
         return np.where(faulted != 0.0, tick, -1.0).astype(np.intp)
 
     def arenas(self, count: int) -> FloatArray:
         """Give what the buffers of the first lanes hold, (count, arena)."""
         whole = np.repeat(self.whole[None], count, axis=0)
-        whole[:, self.entries] = self.arena[:, :count].T
+        whole[:, self.entries] = self.arena[self.entries, :count].T
         return whole
 
 

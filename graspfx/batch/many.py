@@ -24,7 +24,7 @@ from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
-from graspfx.loop.tick.memory import ServoState
+from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -149,24 +149,24 @@ class Job(Task):
         common = base.copy()  # which each lane is checked to agree with, whichever is the first
         common[self.varying] = 0.0
         about = tuple(self.columns), tuple(self.statistics), self.varying.tobytes(), sha256(common).digest()
-        return self.memory.recall(("lines", id(self.tick), self.ticks, *about), lambda: self._written_lines(base))
+        return self.memory.recall(("lines", id(self.arena), self.ticks, *about), lambda: self._written_lines(base))
 
     def _written_lines(self, base: FloatArray) -> tuple[LanesText, Native] | None:
         work, source = self.work, self.source
         varying = set(self.varying.tolist())
 
         def same(slot: Slot) -> bool:
-            return self.places[slot[0]].start + slot[1] not in varying
+            return slot[1] not in varying
 
         family = family_key("lines", source, self.columns, self.statistics, self.varying.tobytes())
         before = is_compiled(family)
         if work < WORTH and not before:
             return None
-        arrays = {name: base[place] for name, place in self.places.items()}
+        arrays = {"arena": base}
         try:
             program = _traceable(source)
             turns = written_down(program, arrays, same, self.columns)
-            faulted = turns.begin((self.tick.own_name, start_of(ServoState, "faulted")))
+            faulted = turns.begin(("arena", self.arena.place(self.arena.own) + start_of(ServoState, "faulted")))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
                 return None
             text = lanes_text(program, turns, len(self.columns), self.statistics)
@@ -183,7 +183,7 @@ class Job(Task):
         """Run all variants in lanes; list those that are not as was taken for granted."""
         early = self.ticks // 2
         late = self.ticks - early
-        entries = [self.places[name].start + k for name, k in text.inputs]
+        entries = [k for _, k in text.inputs]
         common = self.begin.arenas(slice(0, 1))[0, entries, None]
         own = [(k, entry) for k, entry in enumerate(entries) if entry in set(self.varying.tolist())]
         left: list[Index] = []

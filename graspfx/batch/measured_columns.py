@@ -57,12 +57,11 @@ def is_quantity(layout: Layout, name: str) -> bool:
 
 def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
     """Read from a variant's buffers how the forces of each object divide."""
-    program, rules = group.program, {}
-    for name, array in program.tick.script.arrays.items():
-        for part in program.servo.objects:
-            if array is part.grasped.block:
-                rules[part.name] = SplitRule.of(GraspState(arena[program.places[name]])).table()
-    return rules
+    program = group.program
+    return {
+        part.name: SplitRule.of(GraspState(arena, program.arena.place(part.grasped.block))).table()
+        for part in program.servo.objects
+    }
 
 
 def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[[FloatArray], FloatArray]:

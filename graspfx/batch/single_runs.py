@@ -14,7 +14,7 @@ from graspfx.batch.statistics import empty, take
 from graspfx.batch.task import Task
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
-from graspfx.loop.tick.memory import ServoState
+from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -43,7 +43,7 @@ class SingleRuns:
         self.job = job
         quick = job.work < LONG
         self.program: Native = job.memory.recall(
-            ("single", id(job.tick), quick), lambda: compiled(job.pausing_source, quick=quick)
+            ("single", id(job.arena), quick), lambda: compiled(job.pausing_source, quick=quick)
         )
         self.taking = taking()
 
@@ -92,16 +92,14 @@ class SingleRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _fault(self, arena: FloatArray) -> int:
-        own = arena[self.job.places[self.job.tick.own_name]]
-        servo = ServoState(own)
+        servo = ServoState(arena, self.job.arena.place(self.job.arena.own))
         return servo.tick if servo.faulted else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
         """Bind the program to an arena, and give the rows that it writes."""
         job = self.job
-        arena = np.zeros(max(place.stop for place in job.places.values()))
-        rows = np.zeros((count, job.width))
-        arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
+        arena, rows = np.zeros(job.size), np.zeros((count, job.width))
+        arrays = {"arena": arena, "rows": rows.reshape(-1)}
         return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
 
 

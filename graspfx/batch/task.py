@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any, Protocol
@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.part_memory import PartMemory
-from graspfx.compile.program import program_source
-from graspfx.loop.tick.engine_text import whole_text
-from graspfx.loop.tick.script import Tick
+from graspfx.batch.program_text import folded, row_text
+from graspfx.loop.arena import Arena
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -31,8 +30,8 @@ class Beginnings(Protocol):
         """Give one entry that varies, (v,)."""
         ...
 
-    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
-        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+    def fill_lanes(self, arena: FloatArray, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes)."""
 
 
 @dataclass
@@ -40,16 +39,16 @@ class Task:
     """Variants of one program.
 
     Args:
-        tick: its script.
-        places: where each buffer is in an arena.
-        begin: what the buffers hold at the beginning, one arena of all variants.
+        arena: of one of them.
+        size: entries of an arena.
+        begin: what the arenas hold at the beginning.
         variants: how many.
         width: of a row.
         columns: numbers of a row of which measures are kept.
         statistics: that are asked for.
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
-        constant: by buffer, the entry from which on no run writes it.
+        constant: the first and the end of entries that no run writes: those of a mesh.
         look: at the arena of every variant when its run is over.
         more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
             places are behind those of a row.
@@ -57,8 +56,8 @@ class Task:
         memory: of other tasks, for texts of the same programs.
     """
 
-    tick: Tick
-    places: dict[str, slice]
+    arena: Arena
+    size: int
     begin: Beginnings
     variants: int
     width: int
@@ -66,7 +65,7 @@ class Task:
     statistics: Collection[str]
     ticks: int
     varying: Index
-    constant: Mapping[str, int] = field(default_factory=dict)
+    constant: tuple[int, int] = (0, 0)
     look: Callable[[FloatArray], None] | None = None
     more: Callable[[FloatArray], More] | None = None
     looking: Lock = field(default_factory=Lock)
@@ -97,9 +96,5 @@ class Task:
         return self._source(pausing=True)
 
     def _source(self, *, pausing: bool) -> str:
-        return self.memory.recall(("source", id(self.tick), pausing), lambda: self._write(pausing=pausing))
-
-    def _write(self, *, pausing: bool) -> str:
-        script = self.tick.script
-        text = whole_text(self.tick, pausing=pausing)
-        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
+        key = "source", id(self.arena), pausing
+        return self.memory.recall(key, lambda: folded(self.arena, row_text(self.arena, pausing=pausing)))

@@ -18,10 +18,8 @@ from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.part_columns import NotAlikeError
 from graspfx.build.resolve import resolve
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.loop.arena import Arena
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.tick.engine_text import whole_text
-from graspfx.loop.tick.script import Tick
-from graspfx.loop.tick.text import write
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -86,20 +84,20 @@ class Variants:
         try:
             variant = self.scene.replace(overrides)
             require_prompt_simulations(resolve(variant))
-            with build(variant) as servo:
-                tick = write(servo.parts)
-                built = Built(np.concatenate(list(tick.script.arrays.values())), _structure(tick))
+            with build(variant, engine="interpreted") as servo:
+                arena = servo.arena
+                built = Built(arena.memory.floats[: arena.memory.used].copy(), _structure(arena))
         except SceneError as error:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
             raise SceneError(f"{error.source} with {text}", faults) from error
         if built.structure not in self._programs:
-            others = [*foreign(servo, tick), *guests(servo, tick), *looked_ahead(servo, tick)]
+            others = [*foreign(servo), *guests(servo), *looked_ahead(servo), *_apart(arena)]
             if others:
                 raise ForeignPartsError(
                     "scene", self.scene.source.name, "parts that are kernels, all of them",
                     f"not so: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
                 )  # fmt: skip
-            self._programs[built.structure] = Program(servo, tick)
+            self._programs[built.structure] = Program(servo, arena)
         return built
 
     @property
@@ -318,15 +316,21 @@ class Variants:
         return groups
 
 
-def _structure(tick: Tick) -> str:
-    script = tick.script
+def _structure(arena: Arena) -> str:
     parts = (
-        whole_text(tick),
-        [(name, array.size) for name, array in script.arrays.items()],
-        sorted((name, k, value.hex()) for (name, k), value in script.fixed.items()),
-        [(kernel.__module__, kernel.__qualname__) for kernel in script.kernels.values()],
+        arena.memory.used,
+        [(arena.place(array), array.size) for array in arena.arrays],
+        [(place, number.hex()) for place, number in arena.structure().items()],
     )
     return sha256(repr(parts).encode()).hexdigest()
+
+
+def _apart(arena: Arena) -> Iterator[str]:
+    """Say what keeps a copy of an arena's memory from being a copy of the scene."""
+    if not arena.is_whole:
+        yield "a part's block stands apart"
+    for each in arena.foreign:
+        yield f"the kernel {each.kernel.__module__}.{each.kernel.__qualname__}"
 
 
 def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-ROOM = 1 << 21  # entries: the system gives pages where something is written
+ROOM = 1 << 24  # entries
+LEAST = 1 << 12
 
 
 class Memory:
@@ -24,7 +25,7 @@ class Memory:
     """
 
     def __init__(self, room: int = ROOM) -> None:
-        self.floats: FloatArray = np.frombuffer(mmap(-1, 8 * room), np.float64)
+        self.floats: FloatArray = _pages(room)
         self.used = 1
 
     def take(self, size: int) -> FloatArray:
@@ -38,6 +39,14 @@ class Memory:
     def place(self, array: FloatArray) -> int:
         """Give the entry at which an array begins, counted from the first one of this memory, wherever it stands."""
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
+
+
+def _pages(room: int) -> FloatArray:
+    """Make zeros for which the system gives pages where something is written; fewer of them where there is a limit."""
+    try:
+        return np.frombuffer(mmap(-1, 8 * room), np.float64)
+    except OSError:
+        return np.zeros(room) if room <= LEAST else _pages(room // 16)
 
 
 _MEMORY: ContextVar[Memory | None] = ContextVar("memory", default=None)

@@ -162,7 +162,7 @@ def compiled(
     quick: bool = False,
     wide: bool = False,
     lanes: int = 0,
-    shared: Mapping[str, int] | None = None,
+    shared: Mapping[str, tuple[int, int]] | None = None,
     make: bool = True,
 ) -> Native:
     """Compile a program to machine code, or take it from the cache.
@@ -177,7 +177,7 @@ def compiled(
         wide: with the longest vectors that the processor has, the same bits; worth it where loops over lanes are all
             that a program does.
         lanes: for so many side by side, each with buffers of its own (`graspfx.compile.lanes`), if any.
-        shared: by buffer, the entry from which on lanes have the same ones.
+        shared: by buffer, the first and the end of entries that are the same in all lanes.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -241,7 +241,7 @@ def native_of(
 
 
 def _program_text(
-    source: str, floats: Collection[str], lanes: int, shared: Mapping[str, int], *, checked: bool
+    source: str, floats: Collection[str], lanes: int, shared: Mapping[str, tuple[int, int]], *, checked: bool
 ) -> LlvmProgram:
     """Write a program in LLVM's language, for one or for many side by side."""
     if not lanes:

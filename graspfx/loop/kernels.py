@@ -69,6 +69,11 @@ def _written(number: int) -> Kernel:
     return kernel
 
 
+def kernel_of(number: int) -> Kernel:
+    """Give the kernel of the package that has a number."""
+    return _written(number)
+
+
 def announce(kernel: Kernel) -> int:
     """Give the number under which interpreted ticks find a kernel of others."""
     number = len(KERNELS) + id(kernel)

@@ -45,7 +45,7 @@ class LaneFunctions(Protocol):
     checked: bool
     notes: list[str]
     lanes: int
-    shared: dict[str, int]  # by buffer, the entry from which on all lanes have the same ones
+    shared: dict[str, tuple[int, int]]  # by buffer, the first and the end of the entries that are the same in all lanes
 
     def has(self, name: str) -> bool: ...
 
@@ -214,8 +214,9 @@ class LaneExpressions(Expressions):
 
     def load_at(self, array: Array, index: Number) -> Number:
         """Load an entry; what all lanes share is one number where its index is."""
-        code, first = self.code, self.all_functions.shared.get(array.root)
-        if first is None or (index.text.isdigit() and int(index.text) < first):
+        code, stretch = self.code, self.all_functions.shared.get(array.root)
+        first, end_of = stretch or (0, 0)
+        if stretch is None or (index.text.isdigit() and not first <= int(index.text) < end_of):
             if code.varies(index):
                 return code.gather(code.places(array.text, index, self.mask))
             return code.load_entry(code.address(array.text, index))
@@ -225,9 +226,9 @@ class LaneExpressions(Expressions):
             )
             return code.plain(FLOAT, f"load double, ptr {place.text}")
         if code.varies(index):
-            return code.gather(self._shared_places(array, index, first))
+            return code.gather(self._shared_places(array, index, first, end_of))
         own, one, end = code.name("b"), code.name("b"), code.name("b")
-        code.choose(code.op(BOOL, f"icmp slt i64 {index.text}, {first}"), own, one)
+        code.choose(self._is_own(index, first, end_of), own, one)
         code.begin(own)
         edges = [self.edge(code.load_entry(code.address(array.text, index)))]
         code.begin(one)
@@ -236,11 +237,16 @@ class LaneExpressions(Expressions):
         edges.append(self.edge(code.plain(FLOAT, f"load double, ptr {place.text}")))
         return self.meet(end, edges)
 
-    def _shared_places(self, array: Array, index: Number, first: int) -> list[str]:
+    def _is_own(self, index: Number, first: int, end: int) -> Number:
+        """Tell whether each lane has an entry for itself: index - first, unsigned, is no less than the size."""
+        behind = self.code.op(INT, f"sub i64 {index.text}, {first}")
+        return self.code.op(BOOL, f"icmp uge i64 {behind.text}, {end - first}")
+
+    def _shared_places(self, array: Array, index: Number, first: int, end: int) -> list[str]:
         code = self.code
         if self.mask is not None:
             index = code.blend(self.mask, index, Number(INT, "0"))
-        own = code.op(BOOL, f"icmp slt i64 {index.text}, {first}")
+        own = self._is_own(index, first, end)
         near = code.places(array.text, select(code, own, index, Number(INT, "0")), None)
         behind = select(code, own, Number(INT, "0"), code.op(INT, f"sub i64 {index.text}, {first}"))
         out = []

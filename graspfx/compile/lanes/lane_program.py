@@ -22,7 +22,7 @@ class _Module:
 
     checked = False
 
-    def __init__(self, trees: Sequence[ast.FunctionDef], lanes: int, shared: Mapping[str, int]) -> None:
+    def __init__(self, trees: Sequence[ast.FunctionDef], lanes: int, shared: Mapping[str, tuple[int, int]]) -> None:
         self.trees = {tree.name: tree for tree in trees}
         self.lanes, self.shared = lanes, dict(shared)
         self.functions: dict[object, LaneFunction | None] = {}
@@ -61,7 +61,7 @@ class _Module:
         return function_
 
 
-def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = None) -> LlvmProgram:
+def lane_program(source: str, lanes: int, shared: Mapping[str, tuple[int, int]] | None = None) -> LlvmProgram:
     """Write a program for several lanes in LLVM's language, its last function the entry, which returns nothing.
 
     Each lane has buffers of its own, entry by entry side by side: entry k of lane l is at k * lanes + l. Numbers among
@@ -70,8 +70,8 @@ def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = Non
     Args:
         source: the program as Python, such as `Program.source()` gives it.
         lanes: side by side.
-        shared: by buffer, the entry from which on all lanes have the same ones, to which nothing is stored: they stand
-            once, in a buffer of their own behind all others.
+        shared: by buffer, the first and the end of entries that are the same in all lanes, to which nothing is stored:
+            they stand once, in a buffer of their own behind all others.
 
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
@@ -103,7 +103,7 @@ def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = Non
     return LlvmProgram("\n".join(texts) + "\n", (*arrays, *behind), numbers, False, tuple(sorted(module.libm)))
 
 
-def _entry(function: LaneFunction, values: Sequence[Array | Number], shared: Mapping[str, int]) -> str:
+def _entry(function: LaneFunction, values: Sequence[Array | Number], shared: Mapping[str, tuple[int, int]]) -> str:
     arrays = [a for a in values if isinstance(a, Array)]
     numbers = [a for a in values if isinstance(a, Number)]
     parameters = [f"ptr noalias {a.text}" for a in arrays]
