@@ -45,6 +45,11 @@ class MachineExchange:
         table = _table(calls, memory)
         self.plan: NDArray[np.int64] = np.array([ctypes.addressof(table), len(calls)], dtype=np.int64)
         self._keep = [*memory, table]
+        self._function = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(self.address)
+
+    def __call__(self) -> None:
+        """Make the calls, as machine code does."""
+        self._function(self.plan.ctypes.data, 0)
 
 
 def _table(calls: Sequence[Call], memory: list[Any]) -> Any:

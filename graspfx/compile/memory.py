@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from mmap import mmap
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,10 +94,13 @@ class Scattered:
     """
 
     def __init__(self, memory: Memory, arrays: list[FloatArray]) -> None:
-        self._near = memoryview(memory.floats)
-        self._far = [(start, start + each.size, memoryview(each)) for each in arrays for start in [memory.place(each)]]
+        self._near: Any = memory.floats.data
+        starts = [memory.place(each) for each in arrays]
+        self._far: list[tuple[int, int, Any]] = [
+            (start, start + each.size, each.data) for start, each in zip(starts, arrays, strict=True)
+        ]
 
-    def _find(self, k: int) -> tuple[memoryview, int]:
+    def _find(self, k: int) -> tuple[Any, int]:
         for first, end, view in self._far:
             if first <= k < end:
                 return view, k - first

@@ -293,7 +293,7 @@ class Arena:
                 add(mover.body.buffer, mover.body.structure)
             if (guest := guest_of(mover.body)) is not None:
                 add(guest.buffer, guest.structure)
-        owners = [station.device for station in parts.stations]
+        owners: list[object] = [station.device for station in parts.stations]
         owners += [each for m in parts.plants for each in (m.plant, m.hand)]
         for owner in owners:
             if isinstance(owner, FusedDevice | FusedPlant | FusedHand) and self._has(owner.state):
@@ -344,7 +344,7 @@ class Arena:
         if self.parts.layout.simulated:
             for m, memory in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
-                    start = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
+                    start: int = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
                     return self.place(memory) + start + m.fingers.tolist().index(f) * self.d
         return position
 
@@ -544,8 +544,8 @@ class Arena:
         if self.parts.safety is not None:
             for part, buffer in zip(self.parts.objects, self.parts.safety.buffers, strict=True):
                 for quantity in ("scale", "tank"):
-                    where = self.parts.safety.where[quantity]
-                    add(f"objects/{part.name}/{quantity}", self.place(buffer), where.ravel())
+                    entries = self.parts.safety.where[quantity]
+                    add(f"objects/{part.name}/{quantity}", self.place(buffer), entries.ravel())
         size, servo = self.n * self.d, self.place(self.own)
         add("displayed_force", servo + self.servo.displayed.offset, range(size))
         add("device_energy", servo + self.servo.energy.offset, range(self.n))

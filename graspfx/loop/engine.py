@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,7 +203,7 @@ def _machine_code(foreign: ForeignKernel) -> Native:
     parameters = ", ".join(["place", *foreign.parameters])
     call = f"kernel(arena, {parameters})".replace("beside", "arena, beside")
     touch = "arena[place] = arena[place]"  # the buffer comes first also where a kernel leaves it alone
-    tree = definition(written(foreign.kernel))
+    tree = definition(cast("FunctionType", written(foreign.kernel)))
     gives = any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
     text = f"def run({parameters}):\n    {touch}\n    " + (f"return int({call})" if gives else f"{call}\n    return 0")
     floats = [name for name in foreign.parameters if name != "beside"]

@@ -142,7 +142,7 @@ def run(A, n):
     for block in alone:
         compiled(source).bind(block).long(5)
     memory = own.copy()
-    compiled(source, lanes=lanes, shared={"A": 4}).bind(memory.reshape(-1), common.copy()).long(5)
+    compiled(source, lanes=lanes, shared={"A": (4, 16)}).bind(memory.reshape(-1), common.copy()).long(5)
     expected = np.array([block[:4] for block in alone]).T
     require_same_bits(memory, expected)
 

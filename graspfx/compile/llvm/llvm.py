@@ -94,8 +94,8 @@ class Module:
         if name in INDIRECT and name not in self.trees:
             if name not in self.functions:
                 self.texts.append(INDIRECT[name])
-            self.functions[name] = function = LlvmFunction(name, INT)
-            return function
+            indirect = self.functions[name] = LlvmFunction(name, INT)
+            return indirect
         if name not in self.trees:
             return self._external(name, arguments)
         roots = [a.root for a in arguments if isinstance(a, Array)]

@@ -147,20 +147,22 @@ def test_a_hundred_thousand_steps_of_mujoco_leave_nothing_behind() -> None:
 
 def leave_nothing_behind(kind: Any) -> None:
     """Move a body by a hundred thousand exchanges, and count references and blocks of memory before and after."""
-    from graspfx.compile.rounds import Rounds
+    from graspfx.compile.exchange import MachineExchange
 
     state = np.zeros(at.SIZE)
     fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8)
     body = kind(state)
     body.hold(1e-6)
-    rounds = Rounds(body.calls)
+    run = MachineExchange(body.calls)
     push = guest.GuestState(memoryview(body.buffer))
     push.push, push.twist = Vector(1e-3, 2e-3, 0.0), Vector(0.0, 0.0, 1e-9)
     parts = [part for call in body.calls for part in (call.function, call.arguments, call.sends) if part != ()]
-    rounds.run(0, 1000, 0)
+    for _ in range(1000):
+        run()
     gc.collect()
     before = *map(sys.getrefcount, parts), sys.getallocatedblocks()
-    assert rounds.run(0, 100_000, 0) == 100_000
+    for _ in range(100_000):
+        run()
     gc.collect()
     after = *map(sys.getrefcount, parts), sys.getallocatedblocks()
     assert after[:-1] == before[:-1]

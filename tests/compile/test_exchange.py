@@ -1,4 +1,4 @@
-"""Rounds: calls by machine code and by Python give the same bits; errors come through, and nothing leaks."""
+"""Exchanges: calls by machine code and by Python give the same bits; errors come through, and nothing leaks."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from graspfx.compile.calls import Call, in_turn
 
 pytest.importorskip("llvmlite")
 
-from graspfx.compile.native import compiled
-from graspfx.compile.rounds import Rounds, at_once
+from graspfx.compile.exchange import MachineExchange
 
 Array = NDArray[np.float64]
 AWKWARD = [0.0, -0.0, 5e-324, -1e-310, 1.0, -2.5e300, float("inf"), float("nan"), 0.1]
@@ -56,7 +55,7 @@ def test_machine_code_calls_as_python_does() -> None:
     rng = np.random.default_rng(3)
     buffers = np.zeros(16), np.zeros(16)
     (peer, calls), (other, others) = map(program, buffers)
-    run, again = at_once(calls), in_turn(others)
+    run, again = MachineExchange(calls), in_turn(others)
     for _ in range(400):
         entries, numbers = rng.integers(0, 16, 4), rng.choice(AWKWARD, 4)
         for buffer in buffers:
@@ -73,7 +72,7 @@ def test_machine_code_calls_as_python_does() -> None:
 def test_what_changes_nothing_is_no_call() -> None:
     buffer = np.zeros(16)
     peer, calls = program(buffer)
-    run = at_once(calls)
+    run = MachineExchange(calls)
     run()
     assert peer.calls == []
     buffer[1] = -0.0
@@ -85,41 +84,6 @@ def test_what_changes_nothing_is_no_call() -> None:
     buffer[2] = 5e-324
     run()
     assert len(peer.calls) == 3
-
-
-SOURCE = """
-def entry(state, k, count, row):
-    state[0] = state[0] + k
-    state[1] = row
-    state[2] = state[3]
-    if k == state[4]:
-        state[5] = 1.0
-"""
-
-
-def test_rounds_run_a_program_and_stop_at_its_flag() -> None:
-    state = np.zeros(16)
-    state[4] = 14.0
-    seen: list[tuple[float, ...]] = []
-
-    def read() -> tuple[tuple[float]]:
-        seen.append(tuple(state[:3].tolist()))
-        return ((state[3] + 1.0,),)
-
-    memory = memoryview(state)
-    rounds = Rounds([Call(read, (), receipts=[(0, memory[3:4])])], memory[5:6])
-    rounds.program = compiled(SOURCE).bind(state).spread
-    assert rounds.run(10, 3, 100) == rounds.done == 3
-    assert seen == [(10.0, 100.0, 0.0), (21.0, 101.0, 1.0), (33.0, 102.0, 2.0)]
-    assert rounds.run(13, 5, 103) == rounds.done == 1  # 14 sets the flag
-    assert state[1] == 104.0
-    assert len(seen) == 4
-    assert rounds.run(15, 5, 0) == 0  # and it stays
-    assert rounds.run(15, 0, 0) == 0
-    with pytest.raises(TypeError):
-        rounds.run(1, 2)  # type: ignore[call-arg]
-    with pytest.raises(TypeError):
-        rounds.run("1", 2, 3)  # type: ignore[arg-type]
 
 
 def raising(function: Callable[[int], Any], failing: int) -> Callable[[], Any]:
@@ -146,16 +110,18 @@ def raising(function: Callable[[int], Any], failing: int) -> Callable[[], Any]:
 )
 def test_errors_come_through(function: Callable[[int], Any], error: type[Exception]) -> None:
     buffer = np.zeros(2)
-    rounds = Rounds([Call(raising(function, 3), (), receipts=[(0, memoryview(buffer))])])
-    with pytest.raises(error):
-        rounds.run(0, 10, 0)
-    assert rounds.done == 3
-    assert rounds.run(0, 10, 0) == 10
+    run = MachineExchange([Call(raising(function, 3), (), receipts=[(0, memoryview(buffer))])])
+    for turn in range(10):
+        if turn == 3:
+            with pytest.raises(error):
+                run()
+        else:
+            run()
 
 
 def test_a_list_that_has_become_too_short_is_an_error() -> None:
     numbers, buffer = [0.0, 0.0], np.ones(2)
-    run = at_once([Call(len, (numbers,), sends=[(numbers, memoryview(buffer))])])
+    run = MachineExchange([Call(len, (numbers,), sends=[(numbers, memoryview(buffer))])])
     run()
     numbers.pop()
     with pytest.raises(IndexError):
@@ -163,7 +129,7 @@ def test_a_list_that_has_become_too_short_is_an_error() -> None:
     assert numbers == [1.0]
 
 
-def test_a_million_rounds_leave_nothing_behind() -> None:
+def test_a_million_exchanges_leave_nothing_behind() -> None:
     """References of all that takes part, and Python's blocks of memory, are as many as before."""
     numbers, buffer = [0.0] * 3, np.arange(1.0, 7.0)
     memory = memoryview(buffer)
@@ -175,31 +141,35 @@ def test_a_million_rounds_leave_nothing_behind() -> None:
         return (y * scale, z, x), (start, x, y)
 
     call = Call(swap, arguments, keywords, [(numbers, memory[:3])], [(0, memory[3:6]), (1, memory[:3])])
-    rounds = Rounds([call])
-    failing = Rounds([Call(swap, wrong, keywords, [(numbers, memory[:3])]), call])
+    run = MachineExchange([call])
+    failing = MachineExchange([Call(swap, wrong, keywords, [(numbers, memory[:3])]), call])
 
     def counts() -> list[int]:
         gc.collect()
-        parts = (swap, arguments, keywords, numbers, wrong, rounds.run)
+        parts = (swap, arguments, keywords, numbers, wrong, run)
         return [*map(sys.getrefcount, parts), sys.getrefcount(None), sys.getallocatedblocks()]
 
     def fail() -> None:
         for _ in range(1000):
             with pytest.raises(TypeError):
-                failing.run(0, 5, 0)
+                failing()
 
-    rounds.run(0, 1000, 0)
+    def several(count: int) -> None:
+        for _ in range(count):
+            run()
+
+    several(1000)
     fail()
     before = counts()
-    assert rounds.run(0, 1_000_000, 0) == 1_000_000
+    several(1_000_000)
     fail()
     after = counts()
     assert after[:-2] == before[:-2]
     assert np.abs(np.subtract(after[-2:], before[-2:])).max() < 200  # others have these too
 
 
-def test_rounds_hold_what_they_point_to() -> None:
-    """Buffers, lists, functions and the program's code live as long as somebody may call."""
+def test_an_exchange_holds_what_it_points_to() -> None:
+    """Buffers, lists and functions live as long as somebody may call."""
     state = np.zeros(16)
     numbers = [0.0]
 
@@ -208,13 +178,11 @@ def test_rounds_hold_what_they_point_to() -> None:
 
     memory = memoryview(state)
     call = Call(push, (numbers,), sends=[(numbers, memory[3:4])], receipts=[(0, memory[3:4])])
-    rounds = Rounds([call], memory[5:6])
-    rounds.program = compiled(SOURCE).bind(state).spread
-    state[4] = -1.0
+    run = MachineExchange([call])
     del call, push, numbers, state
     gc.collect()
     rubbish = [np.full(16, 7.0) for _ in range(100)]
-    assert rounds.run(0, 1000, 0) == 1000
+    for _ in range(1000):
+        run()
     assert memory[3] == 1000.0
-    assert memory[0] == 499_500.0
     assert len(rubbish) == 100
