@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Sequence
 from functools import partial
 from inspect import signature
@@ -14,10 +15,11 @@ import numpy as np
 
 from graspfx.compile.emission import require_llvm
 from graspfx.compile.footprints import note_compiled
-from graspfx.compile.generic import kernel_name, single
-from graspfx.compile.joined import joined
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
+from graspfx.compile.native import compiled as native
+from graspfx.compile.program import program_source
+from graspfx.compile.specialise.definitions import definition
 
 _MACHINES: dict[Any, Machine] = {}
 NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
@@ -41,16 +43,13 @@ class Machine:
         self._buffer_places = [k for k, (_, kind) in enumerate(parameters) if kind not in NUMBERS]
         self._last = local()
         require_llvm()
-        types = tuple(NUMBERS.get(kind, "ptr") for _, kind in parameters)
-        symbol = single(kernel, types, make=make).find(kernel_name(kernel), types)
-        assert symbol is not None
-        self._results = len(symbol.result) if isinstance(symbol.result, tuple) else int(symbol.result is not None)
+        self._results = results_of(kernel)
         call = f"kernel_({', '.join(name for name, _ in parameters)})"
         targets = ", ".join(f"results_[{k}]" for k in range(self._results))
-        head = f"def entry({', '.join([*self._names, 'results_', *numbers])}):"
-        source = f"{head}\n    {targets + ' = ' if targets else ''}{call}"
+        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
         floats = [name for name, kind in parameters if kind == "float"]
-        self._native: Native = joined(source, {"kernel_": kernel}, [*self._names, "results_"], floats=floats)
+        source = program_source(text, {"kernel_": kernel}, [*self._names, "results_"], {}, make=make)
+        self._native: Native = native(source, floats, apart=False, make=make)
         if not self._native.cached:
             note_compiled(kernel)
 
@@ -90,6 +89,16 @@ class Machine:
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
+
+
+def results_of(kernel: FunctionType) -> int:
+    """Count the numbers that a kernel gives: none of one that returns nothing."""
+    counts = {
+        len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1
+        for node in ast.walk(ast.parse(ast.unparse(definition(source_function(kernel)))))
+        if isinstance(node, ast.Return) and node.value is not None
+    }
+    return max(counts, default=0)
 
 
 def compiled(kernel: Any, *, make: bool = True) -> Machine:

@@ -163,6 +163,7 @@ def compiled(
     wide: bool = False,
     lanes: int = 0,
     shared: Mapping[str, tuple[int, int]] | None = None,
+    apart: bool = True,
     make: bool = True,
 ) -> Native:
     """Compile a program to machine code, or take it from the cache.
@@ -178,6 +179,7 @@ def compiled(
             that a program does.
         lanes: for so many side by side, each with buffers of its own (`graspfx.compile.lanes`), if any.
         shared: by buffer, the first and the end of entries that are the same in all lanes.
+        apart: whether no two buffers are the same memory.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -185,7 +187,7 @@ def compiled(
         InputError: the program holds something that cannot be compiled.
     """
     require_llvm()
-    parts = [*platform(), ",".join(sorted(floats)), str(checked), str(wide), source]
+    parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), str(wide), source]
     if lanes:
         parts.append(f"{lanes} lanes {sorted((shared or {}).items())}")
     for effort in (FULL, QUICK) if quick else (FULL,):
@@ -196,7 +198,7 @@ def compiled(
     if not make:
         raise LookupError("not compiled yet")
     began = perf_counter()
-    program = _program_text(source, floats, lanes, shared or {}, checked=checked)
+    program = _program_text(source, floats, lanes, shared or {}, checked=checked, apart=apart)
     return native_of(program, key, LANES if program.lanes and effort == FULL else effort, began, wide=wide)
 
 
@@ -241,13 +243,19 @@ def native_of(
 
 
 def _program_text(
-    source: str, floats: Collection[str], lanes: int, shared: Mapping[str, tuple[int, int]], *, checked: bool
+    source: str,
+    floats: Collection[str],
+    lanes: int,
+    shared: Mapping[str, tuple[int, int]],
+    *,
+    checked: bool,
+    apart: bool,
 ) -> LlvmProgram:
     """Write a program in LLVM's language, for one or for many side by side."""
     if not lanes:
         from graspfx.compile.llvm.llvm import llvm_program
 
-        return llvm_program(source, floats, checked=checked)
+        return llvm_program(source, floats, checked=checked, apart=apart)
     from graspfx.compile.lanes.lane_program import lane_program
 
     return lane_program(source, lanes, shared)

@@ -150,17 +150,13 @@ def adapt(
 
 def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
     """Load the kernel of velocities, which functions that are loaded later call."""
-    from graspfx.compile.generic import kernel_name, single
+    from graspfx.compile.symbol import symbol_of
     from graspfx.loop.velocity import estimate_after
 
     state, stride, _ = velocity.memory
     if len(state) != count * stride:
         raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, those of `shape`")
-    library = single(estimate_after, KINDS)
-    symbol = library.find(kernel_name(estimate_after), KINDS)
-    assert symbol is not None
-    library.load([symbol.name])
-    return Estimation(symbol.name, count, stride)
+    return Estimation(symbol_of(estimate_after, KINDS), count, stride)
 
 
 def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:

@@ -345,7 +345,7 @@ class Arena:
             for m, memory in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
                     start: int = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
-                    return self.place(memory) + start + m.fingers.tolist().index(f) * self.d
+                    return self.place(memory) + start + int(m.fingers.tolist().index(f)) * self.d
         return position
 
     def _device(self, i: int, station: DeviceWiring) -> dict[str, Any]:

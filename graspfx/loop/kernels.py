@@ -126,15 +126,24 @@ def call_beside(buffer: Any, address: int, place: int, beside: int, t: float) ->
 # The program ----------------------------------------------------------------------------------------------------------
 
 UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
-ENTRY = "def run(world, k, count, r):\n    return steps(arena, world, k, count, r, rows, 0)"
+ENTRY = """
+def run(world, k, count, r):
+    if count < 0:
+        return sample(arena, world)
+    return steps(arena, world, k, count, r, rows, 0)
+"""
 
 
 def source() -> str:
-    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r)."""
+    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
+
+    With a count below zero it is `sample` of the grasp at a place instead.
+    """
     from graspfx.compile.freshness import recall, remember, request_key
     from graspfx.compile.kernel import keep_lowerings
     from graspfx.compile.specialise.specialise import Program
     from graspfx.compile.specialise.values import Dynamic, Memory
+    from graspfx.coupling.sample import sample
     from graspfx.loop.step import steps
 
     modules = {name.rpartition(".")[0] for name in KERNELS if name}
@@ -165,7 +174,7 @@ def source() -> str:
                 else:
                     lines += [f"        return kernel_{number}({arguments})"]
             add("\n".join([*lines, f"    return {others.__name__}(arena, {parameters})"]), names)
-        add(ENTRY, {"steps": steps})
+        add(ENTRY, {"steps": steps, "sample": sample})
         text = program.source()
         keep_lowerings()
         remember(key, program, text)

@@ -1,20 +1,15 @@
-"""The sample of a grasp as machine code, that of the generic kernels: the bits of the kernel that Python runs."""
+"""The sample of a grasp as machine code, that of the step: the bits of the kernel that Python runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.sample import sample
-from graspfx.loop.tick.library import LIBRARY
-
-if TYPE_CHECKING:
-    from graspfx.compile.native import Native
-
-TEXT = "def entry(grasp):\n    return sample(grasp, 0)\n"
+from graspfx.loop.engine import program
 
 
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
@@ -24,12 +19,4 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """
     if find_spec("llvmlite") is None:
         return grasped.sample
-    run = _program().bind(grasped.block).brief
-    return lambda: int(run())
-
-
-@cache
-def _program() -> Native:
-    from graspfx.compile.joined import joined
-
-    return joined(TEXT, {"sample": sample}, ["grasp"], LIBRARY)
+    return partial(program().bind(grasped.block, np.empty(1)).brief, 0, 0, -1, 0)

@@ -132,6 +132,7 @@ def llvm_program(
     checked: bool = False,
     buffers: Collection[str] = (),
     externals: Externals | None = None,
+    apart: bool = True,
 ) -> LlvmProgram:
     """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
 
@@ -141,6 +142,7 @@ def llvm_program(
         checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
         buffers: parameters of the entry that are buffers though nothing in the source shows it.
         externals: functions of other machine code that it calls.
+        apart: whether no two buffers are the same memory.
 
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
@@ -153,7 +155,7 @@ def llvm_program(
     numbers = tuple(FLOAT if name in floats else INT for name in entry.numbers)
 
     module = Module(entry.trees, checked=checked, externals=externals)
-    alone = externals is None  # else a kernel may be called with the same memory twice
+    alone = apart and externals is None  # else a kernel may be called with the same memory twice
     parameters: list[Array | Number] = [Array(name if alone else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
@@ -173,6 +175,33 @@ def llvm_program(
         texts.insert(0, _checking(arrays))
     libm, symbols = tuple(sorted(module.libm)), tuple(module.symbols)
     return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, symbols, checked)
+
+
+def function_text(source: str, symbol: str, order: Sequence[int], types: Sequence[str]) -> LlvmProgram:
+    """Write the last function of a source as one that other machine code calls by a symbol.
+
+    Args:
+        source: the program as Python.
+        symbol: that it is called by.
+        order: of the call's arguments, as the function takes them.
+        types: of the call's arguments: `ptr` for a buffer. Two buffers may be the same memory.
+    """
+    trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    module, name = Module(trees), trees[-1].name
+
+    def why(text: str) -> GraspFXError:
+        return InputError(name, types, "a kernel that can be compiled", text)
+
+    values = [Array("any", f"%p{k}") if type_ == "ptr" else Number(type_, f"%p{k}") for k, type_ in enumerate(types)]
+    function = module.function_for(name, [values[k] for k in order], why)
+    operands = ", ".join(f"{types[k]} %p{k}" for k in order)
+    result = result_type(function.result)
+    call = f'call {result} @"{function.name}"({operands})'
+    body = [f"  {call}", "  ret void"] if function.result is None else [f"  %r = {call}", f"  ret {result} %r"]
+    parameters = ", ".join(f"{type_} %p{k}" for k, type_ in enumerate(types))
+    head = f'define {result} @"{symbol}"({parameters}) nounwind {{'
+    texts = [INTRINSICS, *map(declared, sorted(module.libm)), *module.texts, head, *body, "}"]
+    return LlvmProgram("\n".join(texts) + "\n", (), (), False, tuple(sorted(module.libm)))
 
 
 def declared(name: str) -> str:

@@ -1,0 +1,52 @@
+"""A kernel as a symbol that other machine code calls."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from inspect import signature
+from typing import Any
+
+from graspfx.compile import cache as disk
+from graspfx.compile.emission import emitted, loaded, platform, show
+from graspfx.compile.kernel import source_function
+
+
+@cache
+def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
+    """Load a kernel's machine code for these types of arguments, and name the symbol that calls it.
+
+    Args:
+        kernel: the function.
+        types: of its arguments in LLVM's language: `ptr` for a buffer, `i64`, `double`.
+
+    Raises:
+        MissingPackageError: no LLVM.
+        InputError: it holds what a kernel may not hold.
+    """
+    from graspfx.compile.llvm.llvm import function_text
+    from graspfx.compile.program import UNROLL
+    from graspfx.compile.specialise.specialise import Program
+    from graspfx.compile.specialise.values import Dynamic, Memory
+
+    function = source_function(kernel)
+    names = [*signature(function).parameters][: len(types)]
+    program = Program({}, UNROLL)
+    values = [_value(name, type_, Memory, Dynamic) for name, type_ in zip(names, types, strict=True)]
+    made = program.add(function, values)
+    order = [*made.arrays, *(name for name, type_ in zip(names, types, strict=True) if type_ != "ptr")]
+    symbol = f"graspfx.{function.__module__}.{function.__name__}"
+    text = function_text(program.source(), symbol, [names.index(name) for name in order], types)
+    key = hashlib.sha256("\0".join([*platform(), "symbol", text.text]).encode()).hexdigest()
+    machine = disk.load(key)
+    if machine is None:
+        machine = emitted(text.text)
+        disk.store(key, machine)
+    show(loaded([machine], text.libm), [symbol])
+    return symbol
+
+
+def _value(name: str, type_: str, memory: Any, dynamic: Any) -> Any:
+    return memory(name, 0) if type_ == "ptr" else dynamic(ast.Name(name, ast.Load()))
