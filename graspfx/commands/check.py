@@ -25,7 +25,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--brief", action="store_true", help="print the verdict alone, one line, below doubts about units"
     )
     parser.add_argument(
-        "--tick", action="store_true", help="print what a tick of the scene runs, with the source of each part, and what it skips and why"
+        "--tick",
+        action="store_true",
+        help="print what a tick runs, with the source of each kernel, what it skips, and why",
     )
     parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
     parser.add_argument(

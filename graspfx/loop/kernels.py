@@ -129,8 +129,12 @@ UNROLL = 400  # statements of a loop that is written out: over axes, of which th
 ENTRY = "def run(world, k, count, r):\n    return steps(arena, world, k, count, r, rows, 0)"
 
 
-def source() -> str:
-    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r)."""
+def source(*, make: bool = True) -> str:
+    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
+
+    Args:
+        make: whether to write what is not in the cache; else a LookupError.
+    """
     from graspfx.compile.freshness import recall, remember, request_key
     from graspfx.compile.kernel import keep_lowerings
     from graspfx.compile.specialise.specialise import Program
@@ -141,6 +145,8 @@ def source() -> str:
     key = request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
     text = recall(key)
     if text is None:
+        if not make:
+            raise LookupError("not written yet")
         program = Program({}, UNROLL)
         buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -233,7 +233,7 @@ class _Places:
         arguments = [values[name] for name in code.co_varnames[: code.co_argcount]]
         found = [
             (size, name)
-            for buffer, place in zip(arguments, arguments[1:], strict=False)
+            for buffer, place in pairwise(arguments)
             if not isinstance(buffer, int | float) and isinstance(place, int)
             for first, end, name in self._ranges
             for size in [end - first]
