@@ -81,6 +81,11 @@ def clear() -> None:
         listener.clear()
 
 
+def is_heard() -> bool:
+    """Tell whether somebody shows the waits of this thread."""
+    return _listener.get() is not None
+
+
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
     """Let a listener show the waits within the block: of this thread, and of those that copy its context."""

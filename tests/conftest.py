@@ -6,8 +6,7 @@ import atexit
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -17,7 +16,6 @@ import pytest
 from hypothesis import settings
 
 from tests.support import bullet, slow
-from tests.support.optional import require
 
 if TYPE_CHECKING:
     from tests.support.chromium import Browser
@@ -41,17 +39,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell without a te
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")
-
-
-@pytest.fixture(autouse=True)
-def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile programs of scenes in a tenth of the time, to the same bits; as for users if a test is `optimised`."""
-    if not request.node.get_closest_marker("optimised"):
-        from graspfx.loop.tick import engine, programs
-
-        quick = partial(programs.Compiled, quick=True)
-        monkeypatch.setitem(engine.ENGINES, "compiled", quick)
-        monkeypatch.setattr(engine, "Compiled", quick)
 
 
 @pytest.fixture(scope="session")
@@ -80,16 +67,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def new_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache as after `graspfx warmup --kernels`: the library of kernels is there, and nothing of a scene."""
-    from graspfx.compile import cache, freshness, generic
-    from graspfx.loop.tick.library import LIBRARY
+def new_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A cache as after `graspfx warmup`: the program of all scenes is there, and nothing else."""
+    from graspfx.compile import cache
+    from graspfx.loop import engine
 
-    generic.library(LIBRARY)
-    request = generic._library_key(LIBRARY)
-    machine = generic._machine_key(require(freshness.recall(request)))
-    kept = {name: require(cache.load(name)) for name in (request, machine)}
+    kept: dict[str, bytes] = {}
+    engine.program()
+
+    def noted(name: str, load: Callable[[str], bytes | None] = cache.load) -> bytes | None:
+        content = load(name)
+        if content is not None:
+            kept[name] = content
+        return content
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "load", noted)
+        engine.kept_program()
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
     for name, content in kept.items():
         cache.store(name, content)
-    return tmp_path / "cache"
+    engine.program.cache_clear()
+    yield tmp_path / "cache"
+    engine.program.cache_clear()

@@ -25,7 +25,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--brief", action="store_true", help="print the verdict alone, one line, below doubts about units"
     )
     parser.add_argument(
-        "--tick", action="store_true", help="print the program of one tick, with names, and the source of each part"
+        "--tick",
+        action="store_true",
+        help="print what a tick runs, with the source of each kernel, what it skips, and why",
     )
     parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
     parser.add_argument(
@@ -107,9 +109,9 @@ def _operators(options: Namespace) -> int:
 
 
 def _tick(scene: Scene) -> list[str]:
-    """List the program that a run of the scene would run, line by line."""
+    """List what ticks of the scene run, and what they skip."""
     from graspfx.build.build import build
-    from graspfx.loop.tick.tick_listing import listing
+    from graspfx.loop.tick_listing import listing
 
-    with build(scene) as servo:
-        return listing(servo.parts)
+    with build(scene, engine="interpreted") as servo:
+        return listing(servo)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Callable
 from functools import cache
 from types import FunctionType
@@ -12,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import log
+from graspfx.compile.emission import require_llvm
 from graspfx.compile.kernel import keep_lowerings, source_function, written
 from graspfx.compile.kernel_checks import check, checked_function
 from graspfx.compile.own_sources import is_own
 from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.arena import Arena, ForeignKernel
 from graspfx.loop.kernels import announce, source
+from graspfx.progress import is_heard, waiting
 
 if TYPE_CHECKING:
     from graspfx.compile.native import Bound, Native, Spread
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
 
-FIRST = 16  # ticks with kernels of others that are interpreted, each of their indices checked
+FIRST = 16  # ticks with kernels of others that are interpreted before machine code computes without looking
 
 
 class Engine(Protocol):
@@ -50,22 +53,29 @@ class Engine(Protocol):
 
 
 class Interpreted:
-    """`steps` run by Python.
+    """`steps` run by Python; each index of a kernel of others is checked.
 
     Args:
         arena: of the scene.
-        wrap: makes of a kernel of others what runs in its place.
+
+    Raises:
+        KernelError: a kernel of others with a fault.
     """
 
     name = "interpreted"
     patience = 1
 
-    def __init__(self, arena: Arena, wrap: Callable[[Kernel], Kernel] = source_function) -> None:
+    def __init__(self, arena: Arena) -> None:
         from graspfx.loop.step import steps
 
+        kernels = [each.kernel for each in arena.foreign]
+        functions = check(kernel for kernel in kernels if not is_own(_file(kernel)))
+        self.is_checked = bool(functions)
         self._steps, self._buffer, self._world = source_function(steps), arena.buffer, arena.offset
         self._arena = arena
-        self._foreign = [(each, _on_blocks(arena, each, wrap(each.kernel))) for each in arena.foreign]
+        self._foreign = [
+            (each, _on_blocks(arena, each, checked_function(each.kernel, functions))) for each in arena.foreign
+        ]
         self._rows: Any = None
         keep_lowerings()
 
@@ -94,14 +104,12 @@ class Compiled:
     patience = 64
 
     def __init__(self, arena: Arena) -> None:
+        require_llvm()
         self._arena, self.world, self._program = arena, arena.offset, program()
-        kernels = [each.kernel for each in arena.foreign if not is_own(_file(each.kernel))]
-        self._first: Interpreted | None = None
-        self._left = 0  # ticks that are checked
-        if kernels:
-            functions = check(kernels)
-            self._first, self._left = Interpreted(arena, lambda kernel: checked_function(kernel, functions)), FIRST
-        self._machine = [(each, _machine_code(each)) for each in arena.foreign]  # kept as long as it may be called
+        first = Interpreted(arena) if arena.foreign else None
+        self._first = first if first is not None and first.is_checked else None
+        self._left = FIRST if self._first is not None else 0  # ticks that are checked
+        self._machine = machine_codes(arena)  # kept as long as it may be called
         self._bound: Bound | None = None
         self._rows: FloatArray | None = None
         self.keep: list[Any] = []  # what the arena's addresses lead to
@@ -177,7 +185,33 @@ def program() -> Native:
     """Load the program of all scenes, or compile it: once per version and machine."""
     from graspfx.compile.native import compiled
 
-    return compiled(source())
+    kept = kept_program()
+    if kept is not None:
+        return kept
+    text = "compiling kernels, once per version and machine"
+    if not is_heard() and sys.stderr is not None and sys.stderr.isatty():
+        print(f"{text} ...", file=sys.stderr, flush=True)  # a person waits at Python itself
+    with waiting(text):
+        return compiled(source())
+
+
+def kept_program() -> Native | None:
+    """Load the program of all scenes if it has been compiled."""
+    from graspfx.compile.native import compiled
+
+    try:
+        return compiled(source(make=False), make=False)
+    except LookupError:
+        return None
+
+
+def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
+    """Compile the kernels of a scene that the program of all scenes has not.
+
+    Raises:
+        InputError: one that cannot be compiled.
+    """
+    return [(each, _machine_code(each)) for each in arena.foreign]
 
 
 def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel:

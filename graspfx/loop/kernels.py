@@ -134,10 +134,13 @@ def run(world, k, count, r):
 """
 
 
-def source() -> str:
+def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
     With a count below zero it is `sample` of the grasp at a place instead.
+
+    Args:
+        make: whether to write what is not in the cache; else a LookupError.
     """
     from graspfx.compile.freshness import recall, remember, request_key
     from graspfx.compile.kernel import keep_lowerings
@@ -150,6 +153,8 @@ def source() -> str:
     key = request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
     text = recall(key)
     if text is None:
+        if not make:
+            raise LookupError("not written yet")
         program = Program({}, UNROLL)
         buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
 

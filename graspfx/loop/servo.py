@@ -86,7 +86,7 @@ class Servo:
         self.observers = observers  # one for each object, or none at all
         self.safety = safety
         self.fault: RunFault | None = None
-        self._nowhere = np.empty((0, layout.width))
+        self._nowhere = np.empty((1, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
         self._kind, self._record, self._memory = engine, record, memory
         self._engine: Engine | None = None  # made at the first tick

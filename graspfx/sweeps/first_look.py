@@ -12,7 +12,6 @@ from graspfx.build.run import ticks_of, warn_of_axes
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.tick.text import write
 from graspfx.sweeps.chunk import column_of
 from graspfx.sweeps.variant_grid import VariantGrid
 
@@ -65,8 +64,7 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
     with build(scene) as servo:
         layout = servo.layout
         shapes = {name: column_of(layout, name).shape for name in measure}
-        tick = write(servo.parts)
-        native = not any((*foreign(servo, tick), *guests(servo, tick), *looked_ahead(servo, tick)))
+        native = not any((*foreign(servo), *guests(servo), *looked_ahead(servo)))
     return Prospect(layout, shapes, native, ticks)
 
 

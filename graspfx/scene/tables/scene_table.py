@@ -31,6 +31,10 @@ def _writable(value: str) -> str:
     return value
 
 
+def _engine(value: Any) -> Any:
+    return "compiled" if value == "generic" else value  # of recordings and scenes by earlier versions
+
+
 def _table_or_list(value: Any) -> Any:
     return [value] if isinstance(value, Mapping | Object) else value
 
@@ -47,9 +51,9 @@ class SceneTable(Readable, Table):
         description="d: 1 a line, 2 the plane, 3 space"
     )
     period: Positive = Field(description="T, from one tick to the next [s]")
-    engine: Literal["auto", "generic", "compiled", "interpreted"] = Field(
+    engine: Annotated[Literal["auto", "compiled", "interpreted"], BeforeValidator(_engine)] = Field(
         default="auto",
-        description="program of the ticks: kernels of all scenes, one compiled for this scene, or the script itself",
+        description="of the ticks: machine code where that can be, machine code or an error, or the source itself",
     )
     duration: Positive = Field(description="duration of a run [s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")

@@ -94,12 +94,12 @@ def test_exchanges_in_machine_code_and_in_python_give_the_same_bits(
 ) -> None:
     pytest.importorskip("llvmlite")
     expected, end = rows(name, 150, "interpreted", at_once)
-    found, state = rows(name, 150, "generic", way)
+    found, state = rows(name, 150, "compiled", way)
     np.testing.assert_array_equal(found.rows.view(np.int64), expected.rows.view(np.int64))
     np.testing.assert_array_equal(np.asarray(state).view(np.int64), np.asarray(end).view(np.int64))
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 def test_what_pybullet_raises_ends_the_run_where_it_stood(engine: str) -> None:
     """The ticks before are there; that of the exchange is none yet."""
     require("bullet")
@@ -121,7 +121,7 @@ def test_a_hundred_thousand_exchanges_leave_nothing_behind() -> None:
     leave_nothing_behind(BulletBody)
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 @pytest.mark.parametrize("way", [at_once, one_by_one, watched])
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_a_turn_too_fast_is_a_fault_of_the_next_tick(

@@ -8,12 +8,10 @@ from typing import Any
 import pytest
 
 import graspfx as gx
+from graspfx.__main__ import main
 from graspfx.build.build import build
 from graspfx.errors import KernelError
-from graspfx.loop.tick import engine as engines
-from graspfx.loop.tick.first_ticks import FIRST, FirstTicks
-from graspfx.loop.tick.programs import Interpreted
-from graspfx.loop.tick.script import Tick
+from graspfx.loop.engine import FIRST, Compiled
 from tests.support.engines import TICKS, recorded, same
 from tests.support.small_scenes import LINE
 
@@ -52,7 +50,7 @@ def scene_with(folder: Path, fault: str) -> tuple[gx.Scene, str]:
     return gx.Scene(**LINE).replace(changes), str(file)
 
 
-@pytest.mark.parametrize("engine", ["auto", "interpreted"])
+@pytest.mark.parametrize("engine", ["auto", "compiled", "interpreted"])
 @pytest.mark.parametrize(
     ("fault", "line", "says"),
     [
@@ -74,15 +72,22 @@ def test_a_fault_names_file_and_line(tmp_path: Path, engine: str, fault: str, li
     assert str(caught.value).startswith(f"{file}:{line}: ")
 
 
-def test_a_fault_that_only_the_specialised_program_shows(tmp_path: Path) -> None:
-    """The delay is structure: which entry it is is known when the program is specialised."""
-    scene, file = scene_with(tmp_path, "device.effort[device.delay - 90_000] = 1.0")
-    with pytest.raises(KernelError, match="before the buffer's first") as caught:
-        recorded(scene, "compiled")
-    assert str(caught.value).startswith(f"{file}:{LINE_OF_FAULT}: ")
+def test_a_fault_is_the_same_error_in_a_run_and_in_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene, file = scene_with(tmp_path, "device.effort[100_000] = 1.0")
+    place = f"{file}:{LINE_OF_FAULT}: "
+    with pytest.raises(KernelError) as caught:
+        gx.run(scene)
+    assert str(caught.value).startswith(place)
+    device = f'finger.*.device={{name = "{file}", mass = 0.15}}'
+    for command in (["run"], ["check", "--tick"], ["run", "--set", "engine=interpreted"]):
+        assert main([command[0], "reference-1dof", *command[1:], "--set", device, "--trust"]) == 2, command
+        assert place in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("engine", ["auto", "generic", "compiled", "interpreted"])
+@pytest.mark.parametrize("engine", ["auto", "compiled", "interpreted"])
 @pytest.mark.parametrize("calls", [1, TICKS])
 def test_a_kernel_without_a_fault_runs_as_ours(tmp_path: Path, engine: str, calls: int) -> None:
     ours = gx.Scene(**LINE).replace({"finger.0.device": {"name": "simulated", "mass": 0.15, "damping": 0.2}})
@@ -93,34 +98,26 @@ def test_a_kernel_without_a_fault_runs_as_ours(tmp_path: Path, engine: str, call
 def test_only_scenes_with_kernels_of_others_are_checked(tmp_path: Path) -> None:
     theirs, _ = scene_with(tmp_path, "pass")
     for scene, checked in ((gx.Scene(**LINE), False), (theirs, True)):
-        with build(scene, engine="interpreted", record=False) as servo:
+        with build(scene, engine="compiled", record=False) as servo:
             servo.run(1, None)
-            assert isinstance(servo._engine, FirstTicks) is checked
+            assert isinstance(servo.engine, Compiled)
+            assert servo.engine.is_checking is checked
 
 
-class Counted(Interpreted):
-    """An engine that counts its ticks."""
-
-    def __init__(self, tick: Tick) -> None:
-        super().__init__(tick)
-        self.calls: list[tuple[int, int]] = []
-
-    def run(self, k: int, count: int, row: int) -> int:
-        self.calls.append((k, count))
-        return super().run(k, count, row)
-
-
-def test_the_engine_takes_over_after_the_first_ticks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From then on nothing is checked, and ticks are as quick as ours."""
+def test_machine_code_takes_over_after_the_first_ticks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From then on nothing is checked, and ticks are as quick as ours; however they are called."""
     scene, _ = scene_with(tmp_path, "pass")
-    made: list[Counted] = []
+    for calls in ([FIRST + 5], [1] * (FIRST + 5), [FIRST - 1, 6]):
+        with build(scene, engine="compiled", record=False) as servo:
+            engine = servo.engine
+            assert isinstance(engine, Compiled) and engine._first is not None
+            interpreted, run = [], engine._first.run
 
-    def counted(tick: Tick) -> Counted:
-        made.append(Counted(tick))
-        return made[-1]
+            def noted(k: int, count: int, row: int, run: Any = run, interpreted: Any = interpreted) -> int:
+                interpreted.append(count)
+                return int(run(k, count, row))
 
-    monkeypatch.setitem(engines.ENGINES, "interpreted", counted)
-    with build(scene, engine="interpreted", record=False) as servo:
-        servo.run(FIRST + 5, None)
-    [engine] = made
-    assert engine.calls == [(FIRST, 5)]
+            monkeypatch.setattr(engine._first, "run", noted)
+            for count in calls:
+                servo.run(count, None)
+            assert sum(interpreted) == FIRST and servo.ticks == FIRST + 5 and not engine.is_checking

@@ -1,0 +1,393 @@
+"""What the step does in one scene: the kernels that ran in some of its ticks, and what of `steps` it skipped, and why.
+
+Nothing here is a table of what scenes need. Ticks are run interpreted and every call of a kernel is noted; what did
+not run is found in the source of `graspfx.loop.step`, and the reason is the first condition on the way to it that the
+scene's `World` does not meet.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspfx
+from graspfx.compile.kernel import source_function, written
+from graspfx.compile.marks import LOWERED
+from graspfx.compile.records import Many
+from graspfx.compile.specialise.definitions import definition
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop import step
+from graspfx.loop.arena import Arena
+from graspfx.loop.engine import Interpreted
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.servo import Servo
+
+FloatArray = NDArray[np.float64]
+
+TICKS = 200  # that are watched
+WIDTH = 52  # of the names
+BETWEEN = "kernels.py", "engine.py", "lowering.py", "kernel_checks.py"  # files whose functions hand a call on
+LOWERED_FILE = ", lowered>"
+BY_NUMBER = "invoke", "invoke_at", "invoke_beside", "call"  # callers of a part's kernel
+HANDING = "invoke", "invoke_at", "invoke_beside", "run", "checked", "first"
+
+
+@dataclass(eq=False)
+class Call:
+    """A kernel where it was called from.
+
+    Attributes:
+        name: of the function.
+        code: of the function that ran.
+        count: of its calls.
+        parts: of the scene for which it was called, in the order of their first calls.
+        calls: of other kernels by it, by their codes, in the order in which they came first.
+    """
+
+    name: str
+    code: CodeType | None
+    count: int = 0
+    parts: dict[str, None] = field(default_factory=dict)
+    calls: dict[CodeType, Call] = field(default_factory=dict)
+
+    def walk(self, depth: int = 0) -> Iterator[tuple[int, Call]]:
+        """Give itself and all that was called below it, each with its depth."""
+        yield depth, self
+        for each in self.calls.values():
+            yield from each.walk(depth + 1)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A call in `graspfx.loop.step` that no tick made.
+
+    Attributes:
+        stage: the function that it stands in.
+        name: of what would be called.
+        line: of the call.
+        why: the scene does not make it.
+    """
+
+    stage: str
+    name: str
+    line: int
+    why: str
+
+
+@dataclass(frozen=True)
+class Used:
+    """What some ticks of a scene did.
+
+    Attributes:
+        ticks: that were watched.
+        root: `steps`.
+        skipped: calls of the step that none of them made.
+    """
+
+    ticks: int
+    root: Call
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def kernels(self) -> frozenset[str]:
+        """Names of the kernels that ran."""
+        return frozenset(call.name for _, call in self.root.walk())
+
+
+def used(servo: Servo, ticks: int = TICKS) -> Used:
+    """Run ticks of a servo interpreted, and find what ran of the step; it has to be at its beginning.
+
+    Hardware is neither read nor moved: its fingers stay where they are in a scene that nobody has read.
+    """
+    arena = servo.arena
+    watch = _Watch(arena)
+    servo._engine = engine = Interpreted(arena)  # whatever engine the scene names
+    if servo.hardware:
+        engine.write_to(np.empty((ticks, servo.layout.width)))
+        with watch:
+            for k in range(ticks):
+                while not engine.run(k, 1, k):  # up to its devices' writing, and from there on
+                    pass
+    else:
+        with Recorder(servo.layout, Header(servo.period), block=ticks) as recorder, watch:
+            servo.run(ticks, recorder)
+    return Used(ticks, watch.root, tuple(_skipped(arena, watch.root)))
+
+
+def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
+    """List what ran of the step in a scene's first ticks, in its order, and what was skipped, with the reason."""
+    found = used(servo, ticks)
+    lines = [f"what ticks 0 to {found.ticks - 1} ran, in its order: calls in a tick, for what, and where it stands", ""]
+    for depth, call in found.root.walk():
+        often = f"{call.count / found.ticks:.4g}"
+        name = f"{'  ' * depth}{call.name}"
+        lines.append(f"{name:<{WIDTH}} {often:>6}  {_listed(list(call.parts)):<32}  {_place(call.code)}".rstrip())
+    lines += ["", "what they skipped of graspfx/loop/step.py, and why", ""]
+    groups: dict[tuple[str, str], list[str]] = {}
+    for each in found.skipped:
+        groups.setdefault((each.name, each.why), []).append(f"{each.stage}:{each.line}")
+    return lines + [f"{name:<{WIDTH}} {why}; {', '.join(places)}" for (name, why), places in groups.items()]
+
+
+# What ran -------------------------------------------------------------------------------------------------------------
+
+
+class _Watch:
+    """Notes calls of kernels within a `with` block."""
+
+    def __init__(self, arena: Arena) -> None:
+        self.root = Call("steps", source_function(step.steps).__code__)
+        self._parts = _Places(arena)
+        self._calls: dict[FrameType, Call] = {}  # of kernels that run now
+        self._stack: list[Any] = []
+        self._before: Any = None
+
+    def __enter__(self) -> None:
+        self._before = sys.getprofile()
+        sys.setprofile(self._see)
+
+    def __exit__(self, *exc: object) -> None:
+        sys.setprofile(self._before)
+
+    def _see(self, frame: FrameType, event: str, _: object) -> None:
+        if event == "return":
+            self._calls.pop(frame, None)
+        if event != "call":
+            return
+        code = frame.f_code
+        if code is self.root.code:
+            self.root.count += 1
+            self._calls[frame] = self.root
+            return
+        if not self._calls:
+            return
+        back, handed = frame.f_back, 0
+        while back is not None and back not in self._calls and _hands_on(back.f_code):
+            back, handed = back.f_back, handed + 1
+        caller = None if back is None else self._calls.get(back)
+        if caller is None or _hands_on(code) or not _is_kernel(code):
+            return
+        call = caller.calls.setdefault(code, Call(code.co_name, code))
+        call.count += 1
+        if (part := self._parts.of(frame)) is not None:
+            call.parts[part] = None
+        self._calls[frame] = call
+
+
+def _hands_on(code: CodeType) -> bool:
+    """Tell whether a function only stands between a kernel and one that it calls."""
+    return code.co_name in HANDING and Path(code.co_filename).name in BETWEEN
+
+
+def _is_kernel(code: CodeType) -> bool:
+    """Tell whether a function that a kernel called is one itself, and no buffer's method or the compiler's."""
+    if code.co_filename.endswith(LOWERED_FILE):
+        return True
+    own = str(Path(graspfx.__path__[0]) / "compile")
+    return not code.co_filename.startswith((own, "<")) and Path(code.co_filename).name not in BETWEEN
+
+
+class _Places:
+    """Which part of a scene a kernel works on, by the place of the memory that it is given."""
+
+    def __init__(self, arena: Arena) -> None:
+        parts, self._ranges = arena.parts, list[tuple[int, int, str]]()
+        names = parts.layout.fingers
+
+        def add(array: FloatArray | None, name: str) -> None:
+            if array is not None:
+                first = arena.place(array)
+                self._ranges.append((first, first + array.size, name))
+
+        for part in parts.objects:
+            group = GraspState(part.grasped.block).fingers
+            start = arena.place(part.grasped.block) + group.offset
+            for j, f in enumerate(part.fingers.tolist()):
+                first = start + j * group.stride
+                self._ranges.append((first, first + group.stride, names[f]))
+            add(part.grasped.block, part.name)
+        for part, observer in zip(parts.objects, parts.observers, strict=False):
+            add(observer.buffer, part.name)
+        if parts.safety is not None:
+            for part, buffer in zip(parts.objects, parts.safety.buffers, strict=True):
+                add(buffer, part.name)
+        for station in parts.stations:
+            add(_state(station.device), _listed([names[f] for f in station.fingers.tolist() if f >= 0]))
+        for m in parts.plants:
+            for each in (m.plant, m.hand):
+                add(_state(each), _listed([names[f] for f in m.fingers.tolist() if f >= 0]))
+
+    def of(self, frame: FrameType) -> str | None:
+        """Name the part; a finger if it is given one beside its object."""
+        code, values = frame.f_code, frame.f_locals
+        arguments = [values[name] for name in code.co_varnames[: code.co_argcount]]
+        found = [
+            (size, name)
+            for buffer, place in pairwise(arguments)
+            if not isinstance(buffer, int | float) and isinstance(place, int)
+            for first, end, name in self._ranges
+            for size in [end - first]
+            if first <= place < end
+        ]
+        return min(found)[1] if found else None
+
+
+def _state(part: object) -> FloatArray | None:
+    state = getattr(part, "state", None)
+    return state if isinstance(state, np.ndarray) else None
+
+
+# What did not run -----------------------------------------------------------------------------------------------------
+
+ONE = "world", "servo"  # of which a scene has one
+STAGES = {
+    name: each
+    for name, each in vars(step).items()
+    if hasattr(each, LOWERED) and written(each).__module__ == step.__name__
+}
+
+
+def _skipped(arena: Arena, root: Call) -> Iterator[Skipped]:
+    """List the calls of stages that ran, and that no tick made, each with the first condition that was not met."""
+    ran: dict[str, set[str]] = {}
+    for _, call in root.walk():
+        if call.name in STAGES:
+            ran.setdefault(call.name, set()).update(each.name for each in call.calls.values())
+    for name in STAGES:
+        if name not in ran:
+            continue
+        function = written(STAGES[name])
+        for node, guards in _calls(definition(function).body, ()):
+            callee = node.func.id if isinstance(node.func, ast.Name) else ""
+            kernel = function.__globals__.get(callee)
+            if hasattr(kernel, LOWERED) and kernel.__name__ not in ran[name]:
+                yield Skipped(name, kernel.__name__, node.lineno, _reason(arena, guards))
+            elif callee in BY_NUMBER and not ran[name] - set(function.__globals__):
+                yield Skipped(name, ast.unparse(node.args[1]), node.lineno, _reason(arena, guards))
+
+
+Guard = tuple[ast.expr, bool] | ast.For
+
+
+def _calls(body: Sequence[ast.stmt], guards: tuple[Guard, ...]) -> Iterator[tuple[ast.Call, tuple[Guard, ...]]]:
+    """List calls within statements, with the loops and conditions that lead to each."""
+    for statement in body:
+        if isinstance(statement, ast.If):
+            yield from ((c, guards) for c in _within(statement.test))
+            yield from _calls(statement.body, (*guards, (statement.test, True)))
+            yield from _calls(statement.orelse, (*guards, (statement.test, False)))
+        elif isinstance(statement, ast.For):
+            yield from _calls(statement.body, (*guards, statement))
+        elif isinstance(statement, ast.While):
+            yield from _calls(statement.body, guards)
+        else:
+            yield from ((c, guards) for c in _within(statement))
+
+
+def _within(node: ast.AST) -> Iterator[ast.Call]:
+    return (each for each in ast.walk(node) if isinstance(each, ast.Call))
+
+
+def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
+    """Say which loop was empty, or which condition no record meets."""
+    scopes: list[dict[str, Any]] = [{"world": arena.world, "servo": arena.servo}]
+    for guard in guards:
+        if isinstance(guard, ast.For):
+            scopes = [scope | bound for scope in scopes for bound in _bound(guard, scope)]
+            if not scopes:
+                return f"no {_table(guard)}"
+            continue
+        test, wanted = guard
+        for part in test.values if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And) and wanted else [test]:
+            met = [scope for scope in scopes if _holds(part, scope) in (wanted, None)]
+            if not met:
+                return _words(part, wanted)
+            scopes = met
+    last = next((guard for guard in reversed(guards) if not isinstance(guard, ast.For)), None)
+    return "it did not come to that" if last is None else _words(*last)
+
+
+def _bound(loop: ast.For, scope: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Bind the variable of a loop over records to each of them; a loop over others binds nothing."""
+    source, target = loop.iter, loop.target
+    if isinstance(source, ast.Call) and isinstance(source.func, ast.Name) and source.func.id == "enumerate":
+        source = source.args[0]
+        assert isinstance(target, ast.Tuple)
+        target = target.elts[1]
+    records = _value(source, scope)
+    if not isinstance(records, Many) or not isinstance(target, ast.Name):
+        yield {}
+        return
+    yield from ({target.id: each} for each in records)
+
+
+def _table(loop: ast.For) -> str:
+    text = ast.unparse(loop.iter)
+    return text.removeprefix("enumerate(").removesuffix(")").rpartition(".")[2]
+
+
+def _value(node: ast.expr, scope: dict[str, Any]) -> Any:
+    """Evaluate an expression on the world; None where it is on what only a tick knows."""
+    try:
+        return eval(compile(ast.Expression(node), "<condition>", "eval"), vars(step) | scope)
+    except (NameError, TypeError, AttributeError, ValueError):
+        return None
+
+
+def _holds(test: ast.expr, scope: dict[str, Any]) -> bool | None:
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
+    if "servo" in names:  # a fault comes and goes
+        return None
+    value = _value(test, scope)
+    return None if value is None else bool(value)
+
+
+def _words(test: ast.expr, wanted: bool) -> str:
+    """Say of a condition that no record of the world meets it."""
+    match test:
+        case ast.UnaryOp(ast.Not(), operand):
+            return _words(operand, not wanted)
+        case ast.Compare(ast.Attribute(ast.Name(owner), name), [ast.NotEq()], [ast.Name("NONE")]):
+            if owner in ONE:
+                return f"the {owner} has {'no' if wanted else 'a'} {name}"
+            return f"no {owner} has a {name}" if wanted else f"every {owner} has a {name}"
+        case ast.Attribute(ast.Name(owner), name):
+            if owner in ONE:
+                return f"the {owner} is {'not ' if wanted else ''}{name}"
+            return f"no {owner} is {name}" if wanted else f"every {owner} is {name}"
+        case _:
+            return f"{ast.unparse(test)}: {'never' if wanted else 'always'}"
+
+
+# Lines ----------------------------------------------------------------------------------------------------------------
+
+
+def _listed(names: Sequence[str]) -> str:
+    """List names, few of many."""
+    return ", ".join(names) if len(names) < 5 else f"{names[0]}, ..., {names[-1]} ({len(names)})"
+
+
+def _place(code: CodeType | None) -> str:
+    """Name the file and line of a function as it is written."""
+    if code is None:
+        return ""
+    file, line = code.co_filename, code.co_firstlineno
+    if file.endswith(LOWERED_FILE):
+        module, _, name = file[1:].removesuffix(LOWERED_FILE).rpartition(".")
+        code = written(getattr(sys.modules.get(module), name, None)).__code__
+        file, line = code.co_filename, code.co_firstlineno
+    for root in graspfx.__path__:
+        folder = Path(root).parent if Path(root).name == "graspfx" else Path(root)
+        if Path(file).is_relative_to(folder):
+            return f"{Path(file).relative_to(folder).as_posix()}:{line}"
+    return f"{file}:{line}"
