@@ -119,8 +119,14 @@ def _announced(group: str) -> Iterator[EntryPoint]:
 
 def version(package: str) -> str | None:
     """Read the version of an installed distribution; None for one that is not installed."""
+    return _version(package, distributions() or ())
+
+
+@lru_cache(256)
+def _version(package: str, all_: tuple[Distribution, ...]) -> str | None:
+    """Read a version once for as long as the installed distributions stay."""
     start = f"{re.sub(r'[-_.]+', '_', package).lower()}-"
-    for each in distributions() or ():
+    for each in all_:
         name = Path(each.folder).name.lower()
         if name.startswith(start) and name.endswith(".dist-info"):
             try:

@@ -105,7 +105,7 @@ def run(
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     file = None
-    with ExitStack() as stack:
+    with ExitStack() as stack, plugins.unchanged():
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
         pace = pace_of(stack, parts, layout, ticks, real_time=real_time)

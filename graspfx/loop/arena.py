@@ -243,23 +243,26 @@ class Arena:
             "servo": self.place(self.own),
             "pace": NONE if self.parts.safety is None else self.place(self.parts.safety.pace),
         }
-        self._fill(self.world, whole)
+        self._fill(World, 0, whole)
         for name, records in groups.items():
-            for entry, values in zip(getattr(self.world, MANY[name]), records, strict=True):
-                self._fill(entry, values)
-        for c, place in enumerate(columns):
-            self.world.columns[c] = place
+            group = getattr(self.world, MANY[name])
+            for i, values in enumerate(records):
+                self._fill(group.kind, group.offset + i * group.stride, values)
+        first = self.world.columns.offset
+        array[first : first + len(columns)] = columns
 
-    def _fill(self, entry: Record, values: Mapping[str, Any]) -> None:
-        """Write the fields of a record of the world."""
+    def _fill(self, kind: type[Record], at: int, values: Mapping[str, Any]) -> None:
+        """Write fields of a record of the world that stands at an entry of its memory."""
+        fields, memory = layout(kind), self.world.buffer
         for name, value in values.items():
+            entry = at + fields[name].start
             if isinstance(value, ForeignKernel):
-                value.entries.append(layout(type(entry))[name].place(entry))
+                value.entries.append(entry)
                 self.foreign.append(value)
             elif isinstance(value, dict):
-                self._fill(getattr(entry, name), value)
+                self._fill(fields[name].kind, entry, value)
             else:
-                setattr(entry, name, value)
+                memory[entry] = value
 
     def _kernel(self, kernel: Kernel, parameters: tuple[str, ...], *blocks: FloatArray) -> int | ForeignKernel:
         """Give the number of a kernel, or what leads to it later if it is none of the package's."""
