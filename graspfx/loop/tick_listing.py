@@ -55,7 +55,7 @@ class Call:
     """
 
     name: str
-    code: CodeType | None
+    code: CodeType
     count: int = 0
     parts: dict[str, None] = field(default_factory=dict)
     calls: dict[CodeType, Call] = field(default_factory=dict)
@@ -100,8 +100,13 @@ class Used:
 
     @property
     def kernels(self) -> frozenset[str]:
-        """Names of the kernels that ran."""
-        return frozenset(call.name for _, call in self.root.walk())
+        """Names of the kernels of parts that ran."""
+        return frozenset(call.name for _, call in self.root.walk() if not _is_stage(call))
+
+    @property
+    def stages(self) -> frozenset[str]:
+        """Names of the kernels of the step itself that ran."""
+        return frozenset(call.name for _, call in self.root.walk() if _is_stage(call))
 
 
 def used(servo: Servo, ticks: int = TICKS) -> Used:
@@ -257,11 +262,16 @@ STAGES = {
 }
 
 
+def _is_stage(call: Call) -> bool:
+    """Tell whether a kernel is one of the step itself; parts may have kernels of the same name."""
+    return call.code.co_filename == f"<{step.__name__}.{call.name}{LOWERED_FILE}"
+
+
 def _skipped(arena: Arena, root: Call) -> Iterator[Skipped]:
     """List the calls of stages that ran, and that no tick made, each with the first condition that was not met."""
     ran: dict[str, set[str]] = {}
     for _, call in root.walk():
-        if call.name in STAGES:
+        if _is_stage(call):
             ran.setdefault(call.name, set()).update(each.name for each in call.calls.values())
     for name in STAGES:
         if name not in ran:
@@ -377,14 +387,13 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) < 5 else f"{names[0]}, ..., {names[-1]} ({len(names)})"
 
 
-def _place(code: CodeType | None) -> str:
+def _place(code: CodeType) -> str:
     """Name the file and line of a function as it is written."""
-    if code is None:
-        return ""
     file, line = code.co_filename, code.co_firstlineno
     if file.endswith(LOWERED_FILE):
         module, _, name = file[1:].removesuffix(LOWERED_FILE).rpartition(".")
-        code = written(getattr(sys.modules.get(module), name, None)).__code__
+        function: Any = getattr(sys.modules.get(module), name, None)
+        code = getattr(written(function), "__code__", code)
         file, line = code.co_filename, code.co_firstlineno
     for root in graspfx.__path__:
         folder = Path(root).parent if Path(root).name == "graspfx" else Path(root)

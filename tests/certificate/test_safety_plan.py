@@ -8,7 +8,7 @@ import pytest
 
 from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow, plan
-from graspfx.certificate.prospect import kernels
+from graspfx.loop.tick_listing import used
 from graspfx.scene.load import load
 from graspfx.scene.model import Scene
 
@@ -29,7 +29,7 @@ def test_a_scene_without_the_table_has_no_chain() -> None:
     [row] = rows(scene())
     assert (row.step, row.runs) == ("safety", False)
     with build(scene()) as servo:
-        assert not {"restrain", "soften", "keep_pace"} & set(kernels(servo))
+        assert not {"restrain", "soften", "keep_pace"} & used(servo, 2).kernels
 
 
 CASES: list[tuple[dict[str, Any], str, bool, str]] = [
@@ -57,6 +57,6 @@ def test_steps(safety: dict[str, Any], step: str, runs: bool, why: str) -> None:
     assert why in row.why
 
 
-def test_the_program_has_the_steps_that_the_plan_says() -> None:
+def test_ticks_run_the_steps_that_the_plan_says() -> None:
     with build(scene(force=2.0)) as servo:
-        assert {"restrain", "soften", "keep_pace", "apply_gain"} <= set(kernels(servo))
+        assert {"restrain", "soften", "keep_pace", "apply_gain"} <= used(servo, 2).kernels

@@ -12,11 +12,11 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.certificate.plan import plan
-from graspfx.certificate.prospect import kernels
 from graspfx.commands.output import doubts
 from graspfx.coupling import block as at
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
+from graspfx.loop.tick_listing import used
 from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support import small_scenes
@@ -187,9 +187,10 @@ def test_where_it_does_nothing_it_costs_nothing(changes: dict[str, Any], why: st
     bare = scene.replace({"coupling.damping_depth": 0.0})
     assert np.array_equal(gx.run(scene).finger_force, gx.run(bare).finger_force)
     with build(scene) as one, build(bare) as other, build(closing()) as gradual:
-        assert kernels(one) == kernels(other)
-        assert {"damping_share", "compliance"} <= kernels(gradual)
-        assert not {"damping_share", "compliance", "add_compliance"} & kernels(one)
+        ran = used(one).kernels
+        assert ran == used(other).kernels
+        assert {"damping_share", "compliance"} <= used(gradual).kernels
+        assert not {"damping_share", "compliance", "add_compliance"} & ran
         assert one.objects[0].grasped.block.size == other.objects[0].grasped.block.size
     [row] = [each for each in plan(scene) if each.step == "damping by depth"]
     assert not row.runs and why in row.why

@@ -10,10 +10,10 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.certificate.plan import plan
-from graspfx.certificate.prospect import kernels
 from graspfx.commands.output import doubts
 from graspfx.coupling.law import normal_force
 from graspfx.errors import SceneError
+from graspfx.loop.tick_listing import used
 from tests.support import small_scenes
 
 PADS = np.array([2e4, 6e4, 1e5])
@@ -74,12 +74,12 @@ def test_a_touch_gives_way() -> None:
 
 
 def test_rigid_fingers_pay_nothing() -> None:
-    """No kernel of pads in a program without them; `graspfx check` has the step only where a finger has one."""
+    """No kernel of pads runs without them; `graspfx check` has the step only where a finger has one."""
     scene = closing()
     bare = scene.replace({f"finger.{i}.pad": None for i in range(3)})
     with build(scene) as one, build(bare) as other:
-        assert {"press", "predict", "learn"} <= kernels(one)
-        assert not {"press", "predict", "learn", "relax"} & kernels(other)
+        assert {"press", "predict", "learn"} <= used(one).kernels
+        assert not {"press", "predict", "learn", "relax"} & used(other).kernels
         assert other.objects[0].grasped.state.padded_count == 0
     [row] = [each for each in plan(scene) if each.step == "pads"]
     assert row.runs and "3 of 3 fingertips" in row.why and "20000 to 100000" in row.why

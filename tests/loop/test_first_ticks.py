@@ -111,7 +111,8 @@ def test_machine_code_takes_over_after_the_first_ticks(tmp_path: Path, monkeypat
         with build(scene, engine="compiled", record=False) as servo:
             engine = servo.engine
             assert isinstance(engine, Compiled) and engine._first is not None
-            interpreted, run = [], engine._first.run
+            run = engine._first.run
+            interpreted: list[int] = []
 
             def noted(k: int, count: int, row: int, run: Any = run, interpreted: Any = interpreted) -> int:
                 interpreted.append(count)

@@ -10,6 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.compile.kernel import written
+from graspfx.compile.records import Floats
 from graspfx.loop import step
 from graspfx.loop.world import BEGIN, WRITE, ServoState, World
 from tests.support.engines import TICKS, recorded
@@ -40,7 +41,7 @@ def plain_loop(scene: gx.Scene, ticks: int) -> dict[str, Any]:
         arena = servo.arena
         world = World(arena.buffer, arena.offset)
         own = ServoState(arena.buffer, world.servo)
-        rows = np.zeros(servo.layout.width)
+        rows = Floats(np.zeros(servo.layout.width))
         for k in range(ticks):
             for stage, arguments in (
                 (step.take, (k,)), (step.read, (k,)), (step.predict, ()), (step.couple_objects, (k,)),
