@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 from graspfx.build.build import meet
 from graspfx.errors import InputError
 from graspfx.loop.device_exchange import DeviceExchange
-from graspfx.loop.realtime.device_life import opened
-from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
-from graspfx.loop.realtime.frozen_memory import frozen_memory
-from graspfx.loop.realtime.gradual_entry import Entry
+from graspfx.loop.realtime.lifecycle import Rest, look_again, opened, settle
 from graspfx.loop.realtime.pacing import Clock, Pacer
-from graspfx.loop.realtime.standstill import Rest, look_again, settle
+from graspfx.loop.realtime.process import Exits, Interruption, frozen_memory, signals_end
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
@@ -98,8 +95,8 @@ class Hardware:
                 each.port.misses[0] = 0.0  # counted from the first tick on
             offset = np.array([self._offset[f] if f >= 0 else 0.0 * self._offset[0] for f in each.channels])
             if offset.any():
-                period = self._servo.period * each.fitting.every
-                each.entry = Entry(offset, period, self._servo.guards.soft_start)
+                step = self._servo.period * each.fitting.every
+                each.readings.let_in(offset, self._servo.guards.soft_start, step)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
         """Let the fingers meet their objects where they are; give by how much each is deeper, (n, d) [m].

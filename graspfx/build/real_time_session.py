@@ -17,8 +17,8 @@ from graspfx.build.run_header import split_rules
 from graspfx.build.session import Session
 from graspfx.card import Card
 from graspfx.errors import InputError
-from graspfx.loop.realtime.exits import Interruption
-from graspfx.loop.realtime.letters import Letter
+from graspfx.loop.realtime.process import Interruption
+from graspfx.loop.realtime.ring import Letter
 from graspfx.loop.recording.header import MARK, SPLIT, Header, RunFault
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.update import Update

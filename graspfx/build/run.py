@@ -22,7 +22,7 @@ from graspfx.build.run_header import source_name
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
-from graspfx.loop.realtime.refusal import require_simulations
+from graspfx.loop.realtime.lifecycle import require_simulations
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink

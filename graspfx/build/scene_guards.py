@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build.safety_limits import chain_table
-from graspfx.loop.realtime.guards import GUARDS, Guards
+from graspfx.loop.realtime.readings import GUARDS, Guards
 from graspfx.loop.safety.trust import DECAY
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
-from graspfx.loop.realtime.refusal import require_simulations
+from graspfx.loop.realtime.lifecycle import require_simulations
 from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, Header, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of

@@ -9,7 +9,7 @@ from graspfx.build.process.quenching import quenchers
 from graspfx.build.resolve import Parts
 from graspfx.errors import InputError
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime.native_choice import loop_text, why_python
+from graspfx.loop.realtime.lifecycle import loop_text, why_python
 from graspfx.system.child_process import is_possible
 
 Row = tuple[str, bool, str]

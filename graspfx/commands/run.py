@@ -22,7 +22,7 @@ from graspfx.commands.output import (
     require_place,
     say_faults,
 )
-from graspfx.loop.realtime.exits import NAMES as SIGNALS
+from graspfx.loop.realtime.process import NAMES as SIGNALS
 from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
 

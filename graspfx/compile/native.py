@@ -17,7 +17,7 @@ from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.emission import FULL, LANES, QUICK, address, emitted, loaded, platform, require_llvm
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
-from graspfx.compile.llvm.method import ENTRY, METHOD, SPREAD, method, method_text
+from graspfx.compile.llvm.method import CALLBACK, ENTRY, METHOD, SPREAD, method, method_text
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,6 +80,11 @@ class Native:
         self._method, self._spread = address(self._engine, METHOD), address(self._engine, SPREAD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(entry)
         self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
+
+    @property
+    def callback(self) -> int:
+        """Address of the code for who calls it with one table, of its buffers' addresses and then its numbers."""
+        return address(self._engine, CALLBACK)
 
     def bind(self, *buffers: Any) -> Bound:
         """Bind the program to these buffers: arrays or memoryviews of floats that stay where they are.

@@ -21,7 +21,7 @@ from graspfx.loop.energy.observer import BY_MODE, MET, OF_OBJECT
 from graspfx.loop.kernels import number_of
 from graspfx.loop.parts import DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
-from graspfx.loop.realtime.loop_state import LoopState, loop_memory
+from graspfx.loop.realtime.loop_log import LoopState, loop_memory
 from graspfx.loop.safety.safety_state import Pace
 from graspfx.loop.world import (
     CHUNK,

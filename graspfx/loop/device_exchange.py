@@ -10,20 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import source_function
+from graspfx.compile.records import start_of
 from graspfx.errors import DeviceError, abbreviate, message
 from graspfx.loop.device import LimitedDevice, is_hardware
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime.exits import Exits, Interruption
-from graspfx.loop.realtime.gradual_entry import Entry
-from graspfx.loop.realtime.guards import Guards
-from graspfx.loop.realtime.port_log import PortLog
-from graspfx.loop.realtime.readings import Readings
+from graspfx.loop.realtime.loop_log import LoopState, PortLog, note_times
+from graspfx.loop.realtime.pacing import Pacer
+from graspfx.loop.realtime.process import Exits, Interruption
+from graspfx.loop.realtime.readings import Guards, Readings
+from graspfx.loop.recording.layout import Layout
 from graspfx.loop.safety.trust import CAUSES, DEADMAN
 
 FloatArray = NDArray[np.float64]
 
 ZERO = "all forces are zero"
 DRIVERS = Exception, SystemExit  # what a driver may raise: a run with hardware does not end by `sys.exit` of a library
+READ_TIME, WRITE_TIME = start_of(LoopState, "io_read"), start_of(LoopState, "io_write")
 CALLS = "ask", "read", "write", "stop"  # of a device that may hang while a force is there
 
 
@@ -85,12 +88,10 @@ class DevicePort:
         name: in messages.
         channels: the finger that each channel is, -1 for none.
         workspace: lower and upper corner in the device's own axes [m], None where it tells none.
-        entry: of fingers that were inside an object; None without.
         fitting: to the scene.
-        readings: in the device's own axes, where the port has them in the scene's.
+        readings: of it, and what is known of it in its run.
         log: of what it tells besides, where that is recorded; None without.
         place: the number of its first call among those of all devices, from 1 on (`call_of`).
-        is_gone: whether a call of it has failed: it is not read again.
         is_unstopped: whether it did not let itself be stopped when it was last told to.
         is_up: whether its deadman was up at the last reading.
         watches: whether a deadman that is up takes the force away; before a run there is none to take.
@@ -104,12 +105,11 @@ class DevicePort:
         self.fitting = station.fitting
         self.hardware = is_hardware(self.device)
         self.place = 1 + len(CALLS) * port.station
-        self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
+        self.readings = Readings(port.position.shape, period, guards if self.hardware else None, self.fitting.frame)
         self._since = self.fitting.every - 1  # ticks since it was called
         self.workspace = self.device.features.workspace
-        self.entry: Entry | None = None
         self.log: PortLog | None = None
-        self.is_gone = self.is_up = False
+        self.is_up = False
         self.watches = True
         ask = getattr(self.device, "ask", None)
         self._ask: Callable[[], object] | None = ask if callable(ask) else None
@@ -118,6 +118,15 @@ class DevicePort:
     def fingers(self) -> list[int]:
         """Numbers of the fingers that it moves."""
         return [finger for finger in self.channels if finger >= 0]
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether a call of it has failed: it is not read again."""
+        return self.readings.is_gone
+
+    @is_gone.setter
+    def is_gone(self, is_it: bool) -> None:
+        self.readings.is_gone = is_it
 
     def open(self, period: float) -> str:
         """Make ready for a reading and a writing every period."""
@@ -167,14 +176,8 @@ class DevicePort:
             return self._failure("cannot be read", error)
         if text:
             return self._fault(text)
-        frame = self.fitting.frame
-        if frame is None:
-            port.position[...], port.velocity[...] = readings.position, readings.velocity
-        else:
-            port.position[...], port.velocity[...] = frame.place(readings.position), frame.turn(readings.velocity)
+        port.memory[1 : 1 + readings.placed.size] = readings.placed
         port.note(reading[2])
-        if self.entry is not None and not self.entry.apply(port.position, port.velocity):
-            self.entry = None
         port.memory[0] = 1.0
         return ""
 
@@ -350,3 +353,40 @@ def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
     if (limit > 0.0).all():
         return ""
     return f"told a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"
+
+
+class LoopLog:
+    """Notes each tick's time and how long its devices took, and reads and writes them.
+
+    Args:
+        memory: of the loop, `LoopState`.
+        layout: of its rows.
+        devices: in plain Python, whose ports note what else they tell.
+        pacer: that each tick has waited for.
+    """
+
+    def __init__(self, memory: FloatArray, layout: Layout, devices: DeviceExchange, pacer: Pacer) -> None:
+        self._numbers: Any = memory.data  # plain floats, where items of an array cost twice as much
+        self._devices, self._pacer, self._clock = devices, pacer, pacer.clock
+        LoopState(memory).array(LoopState.fresh)[:] = 1.0  # of simulated devices whose kernels read them
+        for each in devices.ports:
+            each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)
+        self.begin()
+
+    def begin(self) -> None:
+        """Note the time of a tick that begins now."""
+        source_function(note_times)(self._numbers, 0, self._pacer.buffer, 0)
+
+    def read(self, periods: int) -> list[str]:
+        """Read the devices, as `DeviceExchange.read` does."""
+        began = self._clock.now()
+        faults = self._devices.read(periods)
+        self._numbers[READ_TIME] = self._clock.now() - began
+        return faults
+
+    def write(self) -> str:
+        """Write the devices, as `DeviceExchange.write` does."""
+        began = self._clock.now()
+        fault = self._devices.write()
+        self._numbers[WRITE_TIME] = self._clock.now() - began
+        return fault

@@ -23,7 +23,7 @@ from graspfx.loop.kernels import announce, source
 from graspfx.progress import is_heard, waiting
 
 if TYPE_CHECKING:
-    from graspfx.compile.native import Bound, Native, Spread
+    from graspfx.compile.native import Bound, Native
 
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
@@ -143,13 +143,12 @@ class Compiled:
         return self._left > 0
 
     @property
-    def spread(self) -> Spread:
-        """The code for other machine code, with the numbers (world, k, count, r), until `write_to` is called again."""
+    def entry(self) -> int:
+        """Address of the code, i64 (arena, rows, world, k, count, r), for other machine code."""
         if not self._addressed:
             self._address()
-        assert self._bound is not None
-        assert self._bound.spread is not None
-        return self._bound.spread
+        assert self._program.arrays == ["arena", "rows"]
+        return self._program.entry
 
     def _address(self) -> None:
         """Write the addresses of kernels that the program has not into the world."""

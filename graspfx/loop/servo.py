@@ -15,7 +15,7 @@ from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.arena import Arena
 from graspfx.loop.coupling_report import coupling_report
 from graspfx.loop.device import is_hardware
-from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name
+from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.engine import Compiled, Engine, engine_for
 from graspfx.loop.guests import TURN, exchange_by_machine, settle_guests
@@ -24,12 +24,9 @@ from graspfx.loop.number_watch import Watch
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.played import Playback
-from graspfx.loop.realtime.guards import GUARDS, Guards
-from graspfx.loop.realtime.loop_log import LoopLog
-from graspfx.loop.realtime.native_choice import why_python
-from graspfx.loop.realtime.pacing import Pacer, WallClock, late_text
-from graspfx.loop.realtime.refusal import require_simulations
-from graspfx.loop.realtime.soft_end import SoftEnd
+from graspfx.loop.realtime.lifecycle import require_simulations, why_python
+from graspfx.loop.realtime.pacing import Pacer, SoftEnd, WallClock
+from graspfx.loop.realtime.readings import GUARDS, Guards
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
@@ -282,20 +279,21 @@ class Servo:
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
         """Run ticks, each at its deadline; hardware that waits too long has a fault; forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
+        pacer.most = self.guards.late
         if self._arena.loop is not None:
             self._io = log = LoopLog(self._arena.loop, self.layout, self._devices, pacer)
-        while self.ticks < end.last:
+        while end.goes_on(self.ticks, stop=False, faulted=self.faulted):
             self._periods = 1 + pacer.wait(stop)
             if stop is not None and stop():
-                if not end.stop(self.ticks, faulted=self.faulted):
+                if not end.goes_on(self.ticks, stop=True, faulted=self.faulted):
                     return
                 stop = None  # the rest are few
                 pacer.finish()
             if log is not None:
                 log.begin()
-            if self.hardware and pacer.row > self.guards.late:
-                self._tell(self.ticks, late_text(pacer.row, pacer.period, self.guards.late))
-            end.begin(self.ticks, recorder)
+            if self.hardware and pacer.is_too_late():
+                self._tell(self.ticks, pacer.late_text)
+            end.tell(recorder)
             self._run(1, recorder, None)
 
     def _run_native(self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Stop | None, pacer: Pacer) -> None:

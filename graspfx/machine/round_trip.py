@@ -11,10 +11,9 @@ from graspfx.errors import DeviceError, GraspFXError, message
 from graspfx.loop.device import LimitedDevice
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, Port
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime.device_life import opened
-from graspfx.loop.realtime.guards import GUARDS
+from graspfx.loop.realtime.lifecycle import opened, settle
 from graspfx.loop.realtime.pacing import Clock, Pacer, WallClock
-from graspfx.loop.realtime.standstill import settle
+from graspfx.loop.realtime.readings import GUARDS
 from graspfx.machine.finding import Finding
 
 DURATION = 1.0  # [s], and

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
-from graspfx.loop.realtime.priority import SERVO
+from graspfx.loop.realtime.process import SERVO
 from graspfx.machine.finding import Finding
 from graspfx.system.scheduling import most_locked, set_fifo
 

@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from threading import Thread
 
-from graspfx.loop.realtime.lateness import Lateness
-from graspfx.loop.realtime.pacing import Pacer
-from graspfx.loop.realtime.priority import SERVO
+from graspfx.loop.realtime.pacing import Lateness, Pacer
+from graspfx.loop.realtime.process import SERVO
 from graspfx.machine.finding import Finding
 from graspfx.system.exact_sleep import sleeper
 from graspfx.system.scheduling import set_fifo

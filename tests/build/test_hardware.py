@@ -18,8 +18,8 @@ from graspfx.compile import kernel as kernels
 from graspfx.compile.lower import lowering
 from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop import servo as servos
-from graspfx.loop.realtime import standstill
-from graspfx.loop.realtime.soft_end import decay_ticks
+from graspfx.loop.realtime import lifecycle
+from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
@@ -358,8 +358,8 @@ def test_an_object_that_is_no_data_is_named(tmp_path: Path) -> None:
 
 
 def test_settling_takes_a_fifth_of_a_second() -> None:
-    assert standstill.DURATION == 0.2
-    assert round(standstill.DURATION / CART["period"]) + 1 == SETTLING  # and a look before the run
+    assert lifecycle.DURATION == 0.2
+    assert round(lifecycle.DURATION / CART["period"]) + 1 == SETTLING  # and a look before the run
 
 
 def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

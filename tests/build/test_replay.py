@@ -22,7 +22,7 @@ from graspfx.build.resolve import resolve
 from graspfx.build.run_header import header_of
 from graspfx.build.steering import Steering
 from graspfx.errors import InputError, RecordingError, SceneError
-from graspfx.loop.realtime.soft_end import decay_ticks
+from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.recording.recorder import Recorder
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver
 from tests.support.servo_wires import BUSY, PRESSED, board, boards_scene, settled

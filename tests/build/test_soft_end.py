@@ -11,8 +11,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.build import pace
-from graspfx.loop.realtime.exits import Exits, Interruption
-from graspfx.loop.realtime.soft_end import decay_ticks
+from graspfx.loop.realtime.pacing import decay_ticks
+from graspfx.loop.realtime.process import Exits, Interruption
 from tests.support.hardware import EVIL, Evil, VirtualClock, driver, fakes
 
 PRESSED: dict[str, Any] = {

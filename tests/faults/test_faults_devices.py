@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build import pace
-from graspfx.loop.realtime.soft_end import decay_ticks
+from graspfx.loop.realtime.pacing import decay_ticks
 from tests.support.hardware import EVIL, LIMIT, VirtualClock, driver, fakes
 
 DURATION = 0.15  # 30 ticks

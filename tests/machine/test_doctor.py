@@ -15,6 +15,7 @@ import pytest
 from graspfx.__main__ import main
 from graspfx.commands import doctor
 from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.realtime.pacing import Lateness
 from graspfx.machine import round_trip, system_checks, wake_jitter
 from graspfx.machine.finding import Finding
 from graspfx.machine.lab_report import lab_report
@@ -102,10 +103,14 @@ def test_a_system_that_allows_less_is_told_what_to_add(monkeypatch: pytest.Monke
     assert memory_finding().ok
 
 
+def counts(late: Lateness) -> np.ndarray:
+    return late.array(Lateness.counts)
+
+
 def test_jitter_is_that_of_both_loops() -> None:
     both = wake_jitter.Jitter(0.001, 0.3)
     assert both.ticks == 150
-    assert sum(both.pacer.counts) == sum(both.bare.counts) == both.ticks
+    assert counts(both.pacer).sum() == counts(both.bare).sum() == both.ticks
     ours, bare = both.findings()
     assert "p99" in ours.text
     assert "left out" in bare.text
@@ -114,7 +119,7 @@ def test_jitter_is_that_of_both_loops() -> None:
 def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     both = wake_jitter.Jitter(0.001, 0.01)
     for loop, late in ((both.pacer, 5e-5), (both.bare, 4e-5)):
-        loop.counts, loop.most = [0] * len(loop.counts), 0.0
+        counts(loop)[:], loop.most = 0.0, 0.0
         for _ in range(1000):
             loop.add(late)
     both.ticks, both.missed, both.bare_missed = 1000, 0, 0
@@ -122,7 +127,8 @@ def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     both.missed = 2
     assert "PREEMPT_RT" in next(iter(both.findings())).remedy
     both.missed = 0
-    both.pacer.counts = [0] * 1000 + [1000] + [0] * (len(both.pacer.counts) - 1001)
+    counts(both.pacer)[:] = 0.0
+    counts(both.pacer)[1000] = 1000.0
     both.pacer.most = 1e-3
     assert "report it" in [*both.findings()][1].remedy
 

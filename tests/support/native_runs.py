@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.build.build import build
-from graspfx.loop.realtime.native_clock import FREE
 from graspfx.loop.realtime.native_loop import NativeLoop
-from graspfx.loop.realtime.pacing import Pacer
+from graspfx.loop.realtime.pacing import FREE, Pacer
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder

@@ -16,11 +16,9 @@ from graspfx.build.wiring import Wire
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, Port
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime.device_life import opened
-from graspfx.loop.realtime.exits import Interruption, signals_end
-from graspfx.loop.realtime.frozen_memory import frozen_memory
+from graspfx.loop.realtime.lifecycle import opened, settle
 from graspfx.loop.realtime.pacing import Clock, Pacer, late_text
-from graspfx.loop.realtime.standstill import settle
+from graspfx.loop.realtime.process import Interruption, frozen_memory, signals_end
 from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]

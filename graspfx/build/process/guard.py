@@ -18,9 +18,9 @@ from graspfx.build.process import boot
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.build.process.relay import Relay
 from graspfx.loop.device_exchange import call_of
-from graspfx.loop.realtime.guards import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.pacing import Clock, WallClock
-from graspfx.loop.realtime.priority import GUARD
+from graspfx.loop.realtime.process import GUARD
+from graspfx.loop.realtime.readings import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.ring import Phase, Ring, Word
 from graspfx.system import process_end
 from graspfx.system.scheduling import set_fifo

@@ -13,9 +13,7 @@ from graspfx.build.process.hold import Hold, is_carried
 from graspfx.build.process.orders import memories
 from graspfx.build.process.relay import Relay
 from graspfx.errors import InputError
-from graspfx.loop.realtime import letters
-from graspfx.loop.realtime.letters import Letter
-from graspfx.loop.realtime.ring import Ring, Word, fence
+from graspfx.loop.realtime.ring import Letter, Ring, Word, fence, write_letter
 from graspfx.loop.servo import Servo
 from graspfx.loop.update import CarriedPlant, Update
 
@@ -92,7 +90,7 @@ class Mail:
         """
         ring, number = self._ring, self._number + 1
         require()
-        letters.write(letter, ring.letters[number % 2])
+        write_letter(letter, ring.letters[number % 2])
         self._relay.letters[number] = values
         fence()
         ring.words[Word.MAIL] = self._number = number

@@ -7,9 +7,8 @@ from typing import Any
 
 from graspfx.build.process.goals import GoalTaker
 from graspfx.build.process.hold import Hold
-from graspfx.loop.realtime import letters
 from graspfx.loop.realtime.pacing import Pacer
-from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, fence
+from graspfx.loop.realtime.ring import FloatArray, Ring, RingRecorder, Word, fence, read_letter
 from graspfx.loop.servo import Servo
 from graspfx.loop.update import Steerable, Update
 
@@ -74,7 +73,7 @@ class Orders:
     def _take(self) -> None:
         """Write a letter's numbers into the servo's memories, between two ticks."""
         number, servo = int(self._words[Word.MAIL]), self._servo
-        letter = letters.read(self._ring.letters[number % 2])
+        letter = read_letter(self._ring.letters[number % 2])
         entries = [(self._memories[memory], places, numbers) for memory, places, numbers in letter.entries]
         objects = [servo.objects[i].grasped for i in letter.objects]
         holds = [self._holds[j] for j in letter.plants]
@@ -86,7 +85,7 @@ class Orders:
         self._words[Word.DONE] = number
 
 
-def memories(servo: Servo) -> list[letters.FloatArray]:
+def memories(servo: Servo) -> list[FloatArray]:
     """List the memories that a letter may write to: of the objects' grasps, then of the safety chain beside each."""
     chain = servo.safety.buffers if servo.safety is not None else []
     return [*(part.grasped.block for part in servo.objects), *chain]

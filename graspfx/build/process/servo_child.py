@@ -25,11 +25,9 @@ from graspfx.build.resolve import resolve
 from graspfx.build.run_header import header_of
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError
-from graspfx.loop.realtime import carried_errors
-from graspfx.loop.realtime.exits import NAMES, Exits, signals_end
 from graspfx.loop.realtime.pacing import WallClock
-from graspfx.loop.realtime.priority import take_priority
-from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word
+from graspfx.loop.realtime.process import NAMES, Exits, signals_end, take_priority
+from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word, pack_error
 from graspfx.loop.servo import Servo
 from graspfx.system.process_end import ASK, KILL, die_with_parent
 
@@ -56,7 +54,7 @@ def main(line_: int, ring_: int) -> None:
     except (EOFError, BrokenPipeError, ConnectionResetError):
         sys.exit(1)  # whoever began this is no more
     except BaseException as error:  # noqa: BLE001 - it is raised in the other process
-        line.send(("failed", carried_errors.pack(error)))
+        line.send(("failed", pack_error(error)))
 
 
 def _serve(errand: Errand, line: Connection, ring_: int) -> None:
@@ -145,7 +143,7 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
     try:
         hardware.run(errand.ticks, recorder, orders)
     except BaseException as raised:  # noqa: BLE001 - as in `main`
-        error = carried_errors.pack(raised)
+        error = pack_error(raised)
     if not hardware.has_unstopped:
         ring.words[Word.PHASE] = Phase.RESTED
     outcome = {"engine": servo.engine.name, **servo.coupling, **hardware.outcome}

@@ -21,10 +21,8 @@ from graspfx.build.scene_guards import guards_of
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime import carried_errors
-from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
-from graspfx.loop.realtime.priority import REMEDY, RealTimeWarning
-from graspfx.loop.realtime.ring import Phase, Ring, Word, create
+from graspfx.loop.realtime.process import REMEDY, Exits, Interruption, RealTimeWarning, signals_end
+from graspfx.loop.realtime.ring import Phase, Ring, Word, create, unpack_error
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
@@ -168,12 +166,12 @@ class ServoProcess:
             case "rested":
                 self._has_rested = True
                 self._ticks, self._result = rest[0], rest[1]
-                self.error = carried_errors.unpack(rest[2]) if rest[2] else None
+                self.error = unpack_error(rest[2]) if rest[2] else None
             case _ if kind == DEATH:
                 self.cause = "" if self._has_rested else rest[0]
                 self._has_rested = self._has_ended = True
             case "failed":
-                error = rest[0] if isinstance(rest[0], BaseException) else carried_errors.unpack(rest[0])
+                error = rest[0] if isinstance(rest[0], BaseException) else unpack_error(rest[0])
                 return kind, error
             case _:
                 return (kind, *rest)

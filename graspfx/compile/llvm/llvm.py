@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple, Protocol
 
 from graspfx.compile.llvm.entry import entry_of
+from graspfx.compile.llvm.late import DECLARATIONS, LATE
 from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, LlvmFunction, Number
 from graspfx.compile.llvm.llvm_expressions import Array, Value, flat, result_type
 from graspfx.compile.llvm.llvm_statements import Statements, type_of
@@ -17,24 +18,6 @@ INTRINSICS = "".join(
     f"declare double @llvm.{name}.f64(double{', double' if name == 'copysign' else ''})\n"
     for name in ("fabs", "copysign", "sqrt", "floor", "ceil", "trunc")
 )
-
-
-_INDIRECT = """define internal i64 @"{name}"(ptr %buffer, i64 %address{parameters}) nounwind {{
-  %function = inttoptr i64 %address to ptr
-  %code = call i64 %function(ptr %buffer{arguments})
-  ret i64 %code
-}}"""
-INDIRECT = {  # calls of machine code by its address, which gives a whole number
-    "call": _INDIRECT.format(name="call", parameters=", i64 %place", arguments=", i64 %place"),
-    "call_at": _INDIRECT.format(
-        name="call_at", parameters=", i64 %place, double %t", arguments=", i64 %place, double %t"
-    ),
-    "call_beside": _INDIRECT.format(
-        name="call_beside",
-        parameters=", i64 %place, i64 %beside, double %t",
-        arguments=", i64 %place, i64 %beside, double %t",
-    ),
-}
 
 
 class LlvmProgram(NamedTuple):
@@ -87,15 +70,16 @@ class Module:
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
-        known = name in self.trees or name in INDIRECT
+        known = name in self.trees or name in LATE
         return known or (self.externals is not None and self.externals.has(name))
 
     def function_for(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> LlvmFunction:
-        if name in INDIRECT and name not in self.trees:
+        if name in LATE and name not in self.trees:
             if name not in self.functions:
-                self.texts.append(INDIRECT[name])
-            indirect = self.functions[name] = LlvmFunction(name, INT)
-            return indirect
+                self.texts.append(LATE[name].text)
+                self.libm.update(LATE[name].library)
+            late = self.functions[name] = LlvmFunction(name, LATE[name].result)
+            return late
         if name not in self.trees:
             return self._external(name, arguments)
         roots = [a.root for a in arguments if isinstance(a, Array)]
@@ -205,6 +189,8 @@ def function_text(source: str, symbol: str, order: Sequence[int], types: Sequenc
 
 
 def declared(name: str) -> str:
+    if name in DECLARATIONS:
+        return DECLARATIONS[name]
     arguments = {"ldexp": "double, i32", **dict.fromkeys(BINARY_LIBM, "double, double")}.get(name, "double")
     return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
 

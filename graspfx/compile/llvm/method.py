@@ -10,7 +10,7 @@ from typing import Any
 
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 
-ENTRY, METHOD, SPREAD = "graspfx_entry", "graspfx_method", "graspfx_spread"
+ENTRY, METHOD, SPREAD, CALLBACK = "graspfx_entry", "graspfx_method", "graspfx_spread", "graspfx_callback"
 FASTCALL = 0x80  # METH_FASTCALL: f(self, array of arguments, how many)
 READ = {False: ("i64", "PyLong_AsLongLong"), True: ("double", "PyFloat_AsDouble")}
 DECLARED = {
@@ -40,7 +40,7 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
 
     That for Python has a `self`, a tuple that begins with the buffers' addresses, as bytes. That for other machine
     code, `graspfx_spread`, takes two addresses: of the table of the buffers' addresses, and of the numbers, eight bytes
-    each.
+    each. That for whoever calls back, `graspfx_callback`, takes one, of a table that holds both.
     """
     n = len(numbers)
     reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]
@@ -88,6 +88,11 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         *loading,
         *spread,
         f"  %result = call i64 @{entry}({', '.join(operands)})",
+        "  ret i64 %result",
+        "}",
+        f"define i64 @{CALLBACK}(ptr %table) nounwind {{",
+        f"  %numbers = getelementptr ptr, ptr %table, i64 {arrays}",
+        f"  %result = call i64 @{SPREAD}(ptr %table, ptr %numbers)",
         "  ret i64 %result",
         "}",
     ]

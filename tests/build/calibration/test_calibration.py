@@ -16,7 +16,7 @@ from graspfx.build.calibration.device_calibration import calibrate
 from graspfx.devices import haply_2diy, rig
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.realtime.exits import Exits
+from graspfx.loop.realtime.process import Exits
 from graspfx.testing.wire import DiyWire, RigWire, Wire
 from graspfx.testing.wire.c_compiler import compiler
 from tests.support.hardware import Line, VirtualClock

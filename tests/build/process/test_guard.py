@@ -22,7 +22,7 @@ from graspfx.build.process.guard import CLOSING, LONGER, OPENING, PATIENCE, STEP
 from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError, RecordingError
-from graspfx.loop.realtime.guards import MOST_STILL, WATCHDOGS
+from graspfx.loop.realtime.readings import MOST_STILL, WATCHDOGS
 from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink

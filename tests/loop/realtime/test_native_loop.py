@@ -17,8 +17,7 @@ import graspfx as gx
 from graspfx.build import pace
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
-from graspfx.loop.realtime.native_clock import ClockState
-from graspfx.loop.realtime.pacing import Pacer
+from graspfx.loop.realtime.pacing import Lateness, Pacer
 from graspfx.loop.realtime.ring import SLOTS
 from tests.support.native_runs import COLUMNS, PERIOD, Session, both, driver, scene
 from tests.support.optional import require
@@ -203,11 +202,9 @@ def test_many_ticks_lose_no_row(tmp_path: Path) -> None:
     """More ticks than the ring has rows, at once; the rows of a recorder that is away for too long are told as lost."""
     ticks = 3 * SLOTS
     session = Session(scene(driver(tmp_path), 400, native=True))
-    session.native.program.end.decay = 0
     for _ in range(12):
         session.run(ticks // 12)
-    clock = session.native.program.clock
-    assert clock.array(ClockState.duration).sum() == ticks // 12
+    assert session.pacer.duration.array(Lateness.counts).sum() == ticks
     rec = session.finish()
     assert rec.ticks == ticks
     assert not rec.outcome.faults

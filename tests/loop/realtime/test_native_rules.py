@@ -1,17 +1,26 @@
-"""Kernels of the loop without Python against the rules of Python's: deadlines, ends."""
+"""Rules of loops on the wall's clock against the same rules in plain words: deadlines, ends."""
 
 from __future__ import annotations
 
+import math
 import random
 
 import numpy as np
 import pytest
 
-from graspfx.compile.records import Floats, size_for
-from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState, arrive, count_in, set_deadline
-from graspfx.loop.realtime.native_end import EndState, go_on
-from graspfx.loop.realtime.pacing import Pacer
-from graspfx.loop.realtime.soft_end import SoftEnd, decay_ticks
+from graspfx.compile.records import size_for
+from graspfx.loop.realtime.pacing import (
+    DRIVEN,
+    ClockState,
+    EndState,
+    Lateness,
+    Pacer,
+    SoftEnd,
+    arrive,
+    decay_ticks,
+    go_on,
+    set_deadline,
+)
 
 PERIOD = 0.001
 
@@ -29,30 +38,53 @@ class Script:
         self.time += duration + self.lateness.pop()
 
 
+class Plain:
+    """Deadlines t_0 + k T, and what a tick that comes too late leaves out."""
+
+    def __init__(self, clock: Script) -> None:
+        self.clock, self.deadline, self.start = clock, 0.0, -1.0
+        self.skipped = self.row = self.left_out = 0
+        self.late = self.wall = self.latest = self.most = 0.0
+        self.counts = [0] * 4096
+
+    def wait(self) -> int:
+        clock = self.clock
+        if self.start < 0.0:
+            self.deadline = self.start = clock.now()
+            return 0
+        self.deadline += PERIOD
+        is_early = clock.now() < self.deadline
+        while clock.now() < self.deadline:
+            clock.sleep(min(self.deadline - clock.now(), 0.005))
+        late = clock.now() - self.deadline
+        skipped = math.floor(late / PERIOD) if late >= PERIOD else 0
+        self.deadline += skipped * PERIOD
+        self.skipped += skipped
+        self.row = 0 if is_early and not skipped else self.row + skipped
+        self.late, self.left_out = late - skipped * PERIOD, skipped
+        self.wall = self.deadline + self.late - self.start
+        self.latest, self.most = max(self.latest, self.late), max(self.most, late)
+        self.counts[min(max(int(1e6 * late), 0), 4095)] += 1
+        return skipped
+
+
 @pytest.mark.parametrize("seed", range(5))
-def test_deadlines_are_those_of_the_pacer(seed: int) -> None:
+def test_deadlines_stay_on_the_grid_of_the_first(seed: int) -> None:
     """Lateness, periods left out, wall and counts are the same to the bit, for ticks that come when they will."""
     random.seed(seed)
     late = [random.choice((0.0, 1e-5, 3e-4, 1.5e-3, 7.2e-3)) * random.random() for _ in range(2000)]
-    own, other = Script([*late]), Pacer(PERIOD)
-    pacer = Pacer(PERIOD, own)
-    clock = ClockState(np.zeros(size_for(ClockState)))
-    clock.mode, clock.period = PACED, PERIOD
+    one, other = Script([*late]), Script([*late])
+    pacer, plain = Pacer(PERIOD, one), Plain(other)
     for _ in range(400):
         busy = random.choice((0.0, 2e-4, 2.5e-3)) * random.random()
-        before = own.time
-        skipped = pacer.wait()
-        deadline = set_deadline(clock, before)
-        assert deadline <= own.time or deadline == before
-        assert arrive(clock, own.time) == skipped
-        assert (clock.deadline, clock.late, clock.row) == (pacer.deadline, pacer.late, pacer.row)
-        assert (clock.skipped, clock.left_out) == (pacer.skipped, pacer.left_out)
-        assert clock.wall == pacer.wall
-        own.time += busy
-    assert clock.latest == pacer.latest
-    assert clock.most_late == pacer.lateness.most
-    assert clock.array(ClockState.lateness).tolist() == pacer.lateness.counts
-    assert other.deadline is None
+        assert pacer.wait() == plain.wait()
+        assert (pacer.deadline, pacer.late, pacer.row) == (plain.deadline, plain.late, plain.row)
+        assert (pacer.skipped, pacer.left_out, pacer.wall) == (plain.skipped, plain.left_out, plain.wall)
+        one.time += busy
+        other.time += busy
+    assert one.time == other.time
+    assert (pacer.latest, pacer.lateness.most) == (plain.latest, plain.most)
+    assert pacer.lateness.array(Lateness.counts).tolist() == plain.counts
 
 
 def test_a_caller_with_the_clock_is_never_late_for_long() -> None:
@@ -70,30 +102,54 @@ def test_a_caller_with_the_clock_is_never_late_for_long() -> None:
 
 
 def test_times_are_counted_by_the_microsecond() -> None:
-    bins = np.zeros(4096)
+    times = Lateness()
     for time in (-1.0, 0.0, 1.5e-6, 4.0945e-3, 4.0951e-3, 1.0, 1e300):
-        count_in(Floats(bins), time)
+        times.add(time)
+    bins = times.array(Lateness.counts)
     assert (bins[0], bins[1], bins[4094], bins[4095]) == (2.0, 1.0, 1.0, 3.0)
+    assert times.most == 1e300
+
+
+class Ending:
+    """The last ticks of a run, in which forces decay: those of its duration, or as many more once it is to stop."""
+
+    def __init__(self, last: int) -> None:
+        self.ticks, self.last, self.is_stopped, self.start = decay_ticks(PERIOD), last, False, -1
+
+    def goes_on(self, k: int, *, stop: bool, faulted: bool) -> bool:
+        if stop and faulted:
+            return False
+        if stop and not self.is_stopped:
+            self.is_stopped, self.last = True, min(self.last, k + self.ticks)
+        if k < self.last and self.start < 0 and k >= self.last - self.ticks:
+            self.start = k
+        return k < self.last
 
 
 @pytest.mark.parametrize("stop", [None, 0, 5, 85, 95])
 @pytest.mark.parametrize("faulted", [False, True])
-def test_a_loop_ends_as_pythons_does(stop: int | None, faulted: bool) -> None:
-    last = 100
-    chain = type("Chain", (), {"rest": lambda self: None})()
-    soft, end = SoftEnd(chain, PERIOD, last), EndState(np.zeros(size_for(EndState)))
-    end.decay, end.last = decay_ticks(PERIOD), last
-    k, told = 0, False
+def test_forces_decay_in_the_last_ticks(stop: int | None, faulted: bool) -> None:
+    rests: list[int] = []
+    chain = type("Chain", (), {"rest": lambda self: rests.append(k)})()
+    soft, plain, k = SoftEnd(chain, PERIOD, 100), Ending(100), 0
     while True:
         asked = stop is not None and k >= stop
-        runs = k < soft.last
-        if runs and asked and not told:
-            told, runs = True, soft.stop(k, faulted=faulted)
-            runs = runs and k < soft.last
-        assert go_on(end, k, int(asked), float(faulted)) == int(runs)
+        runs = plain.goes_on(k, stop=asked, faulted=faulted)
+        assert soft.goes_on(k, stop=asked, faulted=faulted) == runs
         if not runs:
             break
-        soft.begin(k, None)
-        assert bool(end.is_begun) == soft._is_begun
+        soft.tell(None)
         k += 1
-    assert end.last == soft.last or faulted
+    assert k == (stop if faulted and stop is not None else min(100, 100 if stop is None else stop + plain.ticks))
+    assert rests == ([plain.start] if plain.start >= 0 else [])
+    assert soft.last <= plain.last
+
+
+def test_a_run_without_a_chain_ends_at_once() -> None:
+    soft = SoftEnd(None, PERIOD, 100)
+    assert soft.goes_on(7, stop=False, faulted=False)
+    assert not soft.goes_on(7, stop=True, faulted=False)
+    assert soft.last == 7  # whoever looks on from outside sees the end
+    end = EndState(np.zeros(size_for(EndState)))
+    end.last = 3
+    assert [go_on(end, k, 0, 0.0) for k in range(4)] == [1, 1, 1, 0]

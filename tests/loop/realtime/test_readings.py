@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.loop.realtime.guards import GUARDS, Guards
-from graspfx.loop.realtime.readings import Readings
+from graspfx.loop.realtime.readings import GUARDS, Guards, Readings
 
 T = 0.001
 

@@ -16,10 +16,20 @@ from graspfx.build.process import relay as relays
 from graspfx.build.process.relay import Relay
 from graspfx.build.resolve import resolve
 from graspfx.errors import DeviceError, InputError, RecordingError, SceneError, UnknownNameError
-from graspfx.loop.realtime import carried_errors, letters
-from graspfx.loop.realtime.lateness import Lateness
-from graspfx.loop.realtime.letters import Letter
-from graspfx.loop.realtime.ring import NOTES, SLOTS, Ring, RingRecorder, Word, create
+from graspfx.loop.realtime.pacing import Lateness
+from graspfx.loop.realtime.ring import (
+    NOTES,
+    SLOTS,
+    Letter,
+    Ring,
+    RingRecorder,
+    Word,
+    create,
+    pack_error,
+    read_letter,
+    unpack_error,
+    write_letter,
+)
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
@@ -163,13 +173,13 @@ def test_a_letter_is_read_as_it_was_written() -> None:
         (0, np.zeros(0, np.intp), np.zeros(0)),
         (1, np.array([3], np.intp), np.array([2.5])),
     ]
-    letters.write(Letter(entries, [1, 0], [2]), place)
-    letter = letters.read(place)
+    write_letter(Letter(entries, [1, 0], [2]), place)
+    letter = read_letter(place)
     assert (letter.objects, letter.plants) == ([1, 0], [2])
     for (memory, places, numbers), (m, p, n) in zip(entries, letter.entries, strict=True):
         assert (memory, places.tolist(), numbers.tobytes()) == (m, p.tolist(), n.tobytes())
     with pytest.raises(InputError, match="bytes at most"):
-        letters.write(Letter([(0, np.zeros(999, np.intp), np.zeros(999))], []), place)
+        write_letter(Letter([(0, np.zeros(999, np.intp), np.zeros(999))], []), place)
 
 
 def test_lateness_is_counted_in_bins() -> None:
@@ -199,7 +209,7 @@ def test_lateness_is_counted_in_bins() -> None:
     ids=lambda error: type(error).__name__,
 )
 def test_errors_travel_whole(error: BaseException) -> None:
-    again = carried_errors.unpack(carried_errors.pack(error))
+    again = unpack_error(pack_error(error))
     assert type(again) is type(error)
     assert (str(again), again.args) == (str(error), error.args)
     for name in ("name", "given", "expected", "do", "kind", "known", "source", "faults", "code", "errno"):
@@ -208,7 +218,7 @@ def test_errors_travel_whole(error: BaseException) -> None:
 
 def test_errors_travel_in_their_own_way_whatever_way_others_register(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(copyreg.dispatch_table, SystemExit, lambda error: (SystemExit.__new__, (SystemExit, 7)))
-    again = carried_errors.unpack(carried_errors.pack(SystemExit(7)))
+    again = unpack_error(pack_error(SystemExit(7)))
     assert isinstance(again, SystemExit) and again.code == 7
 
 
@@ -216,8 +226,8 @@ def test_errors_that_cannot_travel_leave_their_words() -> None:
     class Local(Exception):
         """An error of a function's."""
 
-    assert str(carried_errors.unpack(carried_errors.pack(Local("no way")))) == "Local: no way"
+    assert str(unpack_error(pack_error(Local("no way")))) == "Local: no way"
     odd = DeviceError("with a device")
     odd.device = lambda: 0  # type: ignore[attr-defined]
-    again = carried_errors.unpack(carried_errors.pack(odd))
+    again = unpack_error(pack_error(odd))
     assert (type(again), str(again)) == (DeviceError, "with a device")

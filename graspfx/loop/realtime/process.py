@@ -1,14 +1,27 @@
-"""Signals that end a run with hardware: force is zero first, files are whole, and then the signal does what it does."""
+"""What a process with hardware asks of its system: signals that end it with zero force, priority and still memory."""
 
 from __future__ import annotations
 
+import gc
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
+from typing import Any
+
+from graspfx.system import scheduling
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # those that a system has
+SERVO, GUARD = 80, 79  # real-time priorities
+SWITCH = 1e-4  # after which Python's threads change [s]
+GOVERNOR = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
+REMEDY = (
+    "the servo runs without real-time priority, and other programs make it late: add '@realtime - rtprio 80' and "
+    "'@realtime - memlock unlimited' to /etc/security/limits.d/graspfx.conf, and yourself to the group realtime"
+)
 
 
 class Interruption(BaseException):
@@ -74,3 +87,49 @@ def signals_end() -> Iterator[Exits]:
             signal.raise_signal(number)
     if interrupted:
         raise KeyboardInterrupt
+
+
+# Priority and memory --------------------------------------------------------------------------------------------------
+
+
+class RealTimeWarning(UserWarning):
+    """A machine that does not let a run have what real time needs."""
+
+
+def take_priority() -> dict[str, Any]:
+    """Give this thread and process what real time needs, as far as the system lets them; tell what they have.
+
+    Entries are `policy`, `memory`, `slack` [s], `governor`.
+    """
+    memory = scheduling.lock_memory()
+    scheduling.leave_no_core()
+    policy = scheduling.set_fifo(SERVO)
+    slack = scheduling.set_exact_timers()
+    sys.setswitchinterval(SWITCH)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return {
+        "policy": policy,
+        "memory": memory,
+        **({"slack": 1e-9} if slack else {}),
+        **({"governor": governor} if (governor := _governor()) else {}),
+    }
+
+
+def _governor() -> str:
+    try:
+        return Path(GOVERNOR).read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
+
+
+@contextmanager
+def frozen_memory() -> Iterator[None]:
+    """Keep the collector of cycles from all objects that there are now: to look through them takes tens of ms."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

@@ -1,0 +1,336 @@
+"""A turn of a loop without Python: wait, ask, read, compute, write, record; Python's own loop does the same.
+
+`beat` runs turns of any scene whose devices are C functions: it loops over the records of its `Beat`, whose fields are
+places in the scene's arena, as those of its `World` are. Python's own source of it runs interpreted, too.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+import time
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.marks import bound_late
+from graspfx.compile.memory import Scattered, address_of
+from graspfx.compile.program import program_source
+from graspfx.compile.records import Floats, Many, Record, floats, many
+from graspfx.loop.realtime.loop_log import LoopState, note_times
+from graspfx.loop.realtime.pacing import (
+    DRIVEN,
+    ClockState,
+    EndState,
+    arrive,
+    count_in,
+    go_on,
+    is_late,
+    set_deadline,
+)
+from graspfx.loop.realtime.readings import LATE, NO_ASK, NO_WRITE, PortState, fail, limit_forces, take_sample
+from graspfx.loop.realtime.ring import Word
+from graspfx.loop.safety.safety_state import Pace
+from graspfx.loop.step import copy
+from graspfx.loop.world import NATIVE, NONE, ServoState, World, latch
+
+if TYPE_CHECKING:
+    from graspfx.compile.native import Native
+
+# Words of a loop: whether it ends before the next tick, is to stop softly, may bring no force any more, is called for
+# the last time; whether a call of it goes on; and which call of a device has its thread, as `DevicePort.place` counts
+# them, 0 for none.
+HALT, STOP, QUIT, OVER, BUSY, CALLED = range(6)
+WORDS = 6
+HEAD, STOPPED, SKIPPED = Word.HEAD.value, Word.STOP.value, Word.SKIPPED.value  # places in the ring's words
+
+
+class Port(Record):
+    """A device in the loop."""
+
+    state: int  # place of its `PortState`
+    functions: Floats = floats("8")  # ask, read, write, stop: bits of an address and a context, no numbers
+
+
+class Beat(Record):
+    """What a turn runs over; the other fields are places."""
+
+    tick: int  # that comes next
+    span: int  # ticks of the ring
+    code: int  # address of `steps`
+    nested: bool  # whether devices are written in the reverse of the order in which they are asked
+    rows: int
+    world: int
+    clock: int
+    end: int
+    times: int  # what is recorded of its time, NONE for nothing
+    own: int  # its words
+    ring: int  # words that it shares with who records
+    port_count: int
+    ports: Many[Port] = many("port_count")
+
+
+@kernel
+def beat(loop: Beat) -> int:
+    """Run turns: one where a device's maker has the clock and calls, else all until the loop ends.
+
+    Gives 1 to be called again, 0 for the last time.
+    """
+    publish(loop.buffer, loop.own + BUSY, 1)
+    again = 1
+    if peek(loop.buffer, loop.own + OVER) != 0:
+        again = 0
+    else:
+        driven = ClockState(loop.buffer, loop.clock).mode == DRIVEN
+        runs = goes_on(loop)
+        while runs != 0:
+            turn(loop, loop.tick)
+            loop.tick += 1
+            runs = 0
+            if not driven:
+                runs = goes_on(loop)
+    publish(loop.buffer, loop.own + BUSY, 0)
+    return again
+
+
+@kernel
+def goes_on(loop: Beat) -> int:
+    """Tell whether another tick is run, 1 or 0."""
+    if peek(loop.buffer, loop.own + HALT) != 0:
+        return 0
+    servo = ServoState(loop.buffer, World(loop.buffer, loop.world).servo)
+    stop = peek(loop.buffer, loop.own + STOP) + peek(loop.buffer, loop.ring + STOPPED)
+    faulted = 0.0
+    if servo.faulted:
+        faulted = 1.0
+    return go_on(EndState(loop.buffer, loop.end), loop.tick, stop, faulted)
+
+
+@kernel
+def turn(loop: Beat, k: int) -> None:
+    """Run tick k."""
+    world, clock = World(loop.buffer, loop.world), ClockState(loop.buffer, loop.clock)
+    servo = ServoState(loop.buffer, world.servo)
+    deadline = set_deadline(clock, now(loop.buffer))
+    if deadline > now(loop.buffer):  # to wait for what is past takes tens of microseconds
+        sleep_until(loop.buffer, deadline)
+    began = now(loop.buffer)
+    left_out = arrive(clock, began)
+    if is_late(clock) != 0:
+        latch(servo, k, NATIVE, loop.port_count, LATE)
+    end, pace = EndState(loop.buffer, loop.end), Pace(loop.buffer, world.pace)
+    times = LoopState(loop.buffer, loop.times)
+    if world.pace != NONE and end.is_begun:
+        pace.resting = True
+    if loop.times != NONE:
+        note_times(times, clock)
+    read_all(loop, servo, k, left_out + 1)
+    if loop.times != NONE:
+        times.io_read = now(loop.buffer) - began
+    if servo.faulted:  # before anything else is computed
+        stop_all(loop, k)
+        run_tick(loop, k, 0)
+    else:
+        run_tick(loop, k, 0)
+        display(loop, servo, k)
+    head = peek(loop.buffer, loop.ring + HEAD)
+    sound = not servo.faulted
+    run_tick(loop, k, head % loop.span)
+    if sound and servo.faulted:  # what has moved cannot go on: its forces end now
+        stop_all(loop, k)
+    publish(loop.buffer, loop.ring + HEAD, head + 1)
+    publish(loop.buffer, loop.ring + SKIPPED, clock.skipped)
+    count_in(clock.duration, now(loop.buffer) - began)
+
+
+@kernel
+def run_tick(loop: Beat, k: int, row: int) -> None:
+    """Run tick k up to its devices' writing, or from there on."""
+    run_steps(loop.buffer, loop.code, loop.rows, loop.world, k, row)
+
+
+@kernel
+def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
+    """Ask all devices, then read them; one that has failed is neither asked nor read again."""
+    memory, world = Floats(loop.buffer, 0), World(loop.buffer, loop.world)
+    devices, pace = world.devices, Pace(loop.buffer, world.pace)
+    misses = pace.misses
+    for i, port in enumerate(loop.ports):
+        memory[devices[i].state] = 0.0  # it could not be read
+        note_fresh(loop, world, i, 0.0)
+        if world.pace != NONE:
+            pace.elapsed = periods
+        state = PortState(loop.buffer, port.state)
+        if not state.is_gone:
+            code = call_port(loop, port, i, 0, state.raw.offset)
+            if code < 0:
+                latch(servo, k, NATIVE, i, fail(state, NO_ASK, code))
+    for i, port in enumerate(loop.ports):
+        state = PortState(loop.buffer, port.state)
+        if not state.is_gone:
+            code = call_port(loop, port, i, 1, state.raw.offset)
+            why = take_sample(state, code, periods)
+            if why != 0:
+                latch(servo, k, NATIVE, i, why)
+            else:
+                place = devices[i].state
+                copy(memory, place + 1, state.placed.offset, 2 * state.entries)
+                note_fresh(loop, world, i, 1.0 if state.is_fresh else 0.0)
+                if world.pace != NONE:
+                    misses[i] = 0.0 if state.is_fresh else misses[i] + 1.0
+                memory[place] = 1.0
+    publish(loop.buffer, loop.own + CALLED, 0)
+
+
+@kernel
+def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
+    """Note whether a device's fingers have a new sample."""
+    if loop.times != NONE:
+        device, entries = world.devices[i], LoopState(loop.buffer, loop.times).fresh
+        for c in range(device.first, device.first + device.count):
+            entries[world.channels[c].finger] = fresh
+
+
+@kernel
+def display(loop: Beat, servo: ServoState, k: int) -> None:
+    """Write all forces, up to the first device that fails; once there is a fault stop all.
+
+    Where Python has stopped the devices beside a function that did not return, its late return ends in zero, too.
+    """
+    if not servo.faulted:
+        began = now(loop.buffer)
+        for j in range(loop.port_count):
+            if not servo.faulted:
+                write(loop, servo, closing(loop, j), k)
+        publish(loop.buffer, loop.own + CALLED, 0)
+        if loop.times != NONE:
+            times = LoopState(loop.buffer, loop.times)
+            times.io_write = now(loop.buffer) - began
+    if servo.faulted or peek(loop.buffer, loop.own + QUIT) != 0:
+        stop_all(loop, k)
+
+
+@kernel
+def stop_all(loop: Beat, k: int) -> None:
+    """Stop all devices, sound ones first."""
+    for j in range(loop.port_count):
+        i = closing(loop, j)
+        state = PortState(loop.buffer, loop.ports[i].state)
+        if not state.is_gone:
+            code = call_port(loop, loop.ports[i], i, 3, state.forces.offset)
+            if code < 0:
+                state.stop_code = code
+                state.stop_tick = k
+                state.is_gone = True
+    for j in range(loop.port_count):
+        i = closing(loop, j)
+        state = PortState(loop.buffer, loop.ports[i].state)
+        if state.is_gone:
+            call_port(loop, loop.ports[i], i, 3, state.forces.offset)
+    publish(loop.buffer, loop.own + CALLED, 0)
+
+
+@kernel
+def closing(loop: Beat, j: int) -> int:
+    """Give the device that is written and stopped as number j."""
+    return loop.port_count - 1 - j if loop.nested else j
+
+
+@kernel
+def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
+    """Write a device's forces, which are finite and within its limit."""
+    port, device = loop.ports[i], World(loop.buffer, loop.world).devices[i]
+    state = PortState(loop.buffer, port.state)
+    half = state.entries
+    copy(Floats(loop.buffer, 0), state.orders.offset, device.state + 1 + 2 * half, half)
+    why = limit_forces(state)
+    if why == 0 and peek(loop.buffer, loop.own + QUIT) == 0:
+        code = call_port(loop, port, i, 2, state.forces.offset)
+        if code < 0:
+            why = fail(state, NO_WRITE, code)
+    if why != 0:
+        latch(servo, k, NATIVE, i, why)
+
+
+@kernel
+def call_port(loop: Beat, port: Port, i: int, which: int, block: int) -> int:
+    """Call a device's function, ask, read, write or stop by number, and show which one has the thread."""
+    publish(loop.buffer, loop.own + CALLED, 1 + 4 * i + which)
+    return call_device(loop.buffer, port.functions.offset + 2 * which, block)
+
+
+# What only machine code has (graspfx/compile/llvm/late.py) ------------------------------------------------------------
+
+
+@bound_late
+def now(buffer: Any) -> float:
+    """Tell the time of the clock that never runs back [s]."""
+    return time.clock_gettime(time.CLOCK_MONOTONIC)
+
+
+@bound_late
+def sleep_until(buffer: Any, deadline: float) -> int:
+    """Wait for a time of the clock."""
+    while (left := deadline - now(buffer)) > 0.0:
+        time.sleep(left)
+    return 0
+
+
+@bound_late
+def call_device(buffer: Any, words: int, block: int) -> int:
+    """Call a C function with its context and the address of a block; without one nothing happens, which is 0."""
+    function, context = _bits(buffer[words]), _bits(buffer[words + 1])
+    return int(_CALLED(function)(context, buffer.address(block))) if function else 0
+
+
+@bound_late
+def run_steps(buffer: Any, code: int, rows: int, world: int, k: int, row: int) -> int:
+    """Run `steps` for tick k, up to its devices' writing or from there on."""
+    return int(buffer.steps(k, 1, row))
+
+
+@bound_late
+def peek(buffer: Any, place: int) -> int:
+    """Read a word that another thread may write."""
+    return _bits(buffer[place])
+
+
+@bound_late
+def publish(buffer: Any, place: int, number: int) -> int:
+    """Write a word: who sees it sees all that was written before."""
+    buffer[place] = struct.unpack("d", struct.pack("q", number))[0]
+    return 0
+
+
+_CALLED = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+def _bits(number: float) -> int:
+    """Read the bits of a float as a whole number."""
+    return int(struct.unpack("q", struct.pack("d", number))[0])
+
+
+class Reach(Scattered):
+    """All memory of a loop as one buffer, for kernels that run interpreted.
+
+    Args:
+        memory: of the scene.
+        arrays: all that stand apart.
+        steps: runs ticks, as `Engine.run` does.
+    """
+
+    def __init__(self, memory: Any, arrays: Any, steps: Any) -> None:
+        super().__init__(memory, arrays)
+        self._base, self.steps = address_of(memory.floats), steps
+
+    def address(self, place: int) -> int:
+        """Give the address of an entry."""
+        return self._base + 8 * place
+
+
+@cache
+def program() -> Native:
+    """Load the program of all loops, or compile it: once per version and machine."""
+    from graspfx.compile.native import compiled
+
+    return compiled(program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"], {}))
