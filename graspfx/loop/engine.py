@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import log
+from graspfx.compile.cache import lock_folder
 from graspfx.compile.emission import require_llvm
 from graspfx.compile.kernel import keep_lowerings, source_function, written
 from graspfx.compile.kernel_checks import check, checked_function
@@ -21,6 +22,7 @@ from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.arena import Arena, ForeignKernel
 from graspfx.loop.kernels import announce, source
 from graspfx.progress import is_heard, waiting
+from graspfx.system.file_lock import alone
 
 if TYPE_CHECKING:
     from graspfx.compile.native import Bound, Native
@@ -190,8 +192,9 @@ def program() -> Native:
     text = "compiling kernels, once per version and machine"
     if not is_heard() and sys.stderr is not None and sys.stderr.isatty():
         print(f"{text} ...", file=sys.stderr, flush=True)  # a person waits at Python itself
-    with waiting(text):
-        return compiled(source())
+    with waiting(text), alone(lock_folder(), "kernels") as waited:
+        kept = kept_program() if waited else None  # another process has compiled it meanwhile
+        return kept or compiled(source())
 
 
 def kept_program() -> Native | None:

@@ -1,1 +1,0 @@
-"""One tick of a scene: its code, the parts that it runs over, and the text that it becomes."""
