@@ -20,7 +20,7 @@ from graspfx.compile.generic import library, single
 from graspfx.compile.joined import joined
 from graspfx.compile.machine import compiled
 
-SMALL = ("graspfx.loop.tick.memory.latch", "graspfx.coupling.sample.let_go")
+SMALL = ("graspfx.loop.world.latch", "graspfx.coupling.sample.let_go")
 
 
 def shift(A: Any, B: Any, n: int) -> float:
@@ -140,7 +140,7 @@ def test_machine_code_that_others_may_call_outlives_its_library(folder: Path) ->
     """Programs are bound to it by address: were it freed, they would run on in whatever stands there by then."""
     library.cache_clear()
     home = library(SMALL)
-    symbol = home.find("graspfx.loop.tick.memory.latch", ("ptr", *["i64"] * 5))
+    symbol = home.find("graspfx.loop.world.latch", ("ptr", *["i64"] * 5))
     assert symbol is not None
     home.load([symbol.name])
     engine = weakref.ref(home._engines[0])
@@ -157,7 +157,7 @@ def test_without_further_processes_this_one_compiles(folder: Path, monkeypatch: 
     library.cache_clear()
     monkeypatch.setattr(emitters, "start", refused)
     home = library(SMALL)
-    symbol = home.find("graspfx.loop.tick.memory.latch", ("ptr", *["i64"] * 5))
+    symbol = home.find("graspfx.loop.world.latch", ("ptr", *["i64"] * 5))
     assert not home.cached and symbol is not None and symbol.result is None
     library.cache_clear()
 
