@@ -90,7 +90,7 @@ def test_every_rule_of_the_coupling_takes_an_object_without_fingers(changes: dic
     assert gx.check(scene).verdict == gx.check(alone(scene)).verdict
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 def test_engines_replays_batches_and_pages_take_it(engine: str, tmp_path: Path) -> None:
     scene = two_blocks(2, engine=engine, duration=0.01)
     recording = gx.run(scene)

@@ -49,8 +49,8 @@ class RestedRun:
         self.recording = self.run(round(duration / scene.period))
         self.grasped = self.servo.objects[0].grasped
         self.state = self.grasped.body_state
-        self._arrays = self.servo.script.script.arrays
-        self._rest = {name: array.copy() for name, array in self._arrays.items()}
+        self._arrays = self.servo.arena.arrays
+        self._rest = [array.copy() for array in self._arrays]
 
     def close(self) -> None:
         self._stack.close()
@@ -62,8 +62,8 @@ class RestedRun:
 
     def restore(self) -> None:
         """Put everything back to rest."""
-        for name, array in self._arrays.items():
-            array[:] = self._rest[name]
+        for array, rest in zip(self._arrays, self._rest, strict=True):
+            array[:] = rest
 
     def set_external(self, stiffness: float) -> None:
         self.grasped.block[at.EXTERNAL_STIFFNESS] = stiffness

@@ -162,7 +162,7 @@ def test_a_guide_without_goals_changes_no_number_of_a_run(name: str) -> None:
     for column in ("finger_position", "finger_velocity", "finger_force", "object_position"):
         assert np.array_equal(getattr(plain, column), getattr(guided, column)), column
     goals = {f"{guide}.offset": [0.004] * scene.dimensions, f"{guide}.squeeze": 0.002}
-    runs = [gx.run(scene.replace({**goals, "engine": engine}), duration=0.6) for engine in ("interpreted", "generic")]
+    runs = [gx.run(scene.replace({**goals, "engine": engine}), duration=0.6) for engine in ("interpreted", "compiled")]
     for column in ("finger_position", "finger_velocity", "finger_force", "object_position"):
         assert np.array_equal(getattr(runs[0], column), getattr(runs[1], column)), column
     assert np.abs(runs[0].finger_position - plain.finger_position).max() > 1e-3

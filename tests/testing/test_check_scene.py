@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.compile.kernel import kernel
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.sample import conclude
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.step import couple_objects
 from graspfx.testing import ConformanceError, check_scene
 from graspfx.testing.scene_promises import _check_recording, _check_wrench
 
@@ -157,9 +158,10 @@ def conclude_twice(grasp: GraspState, fault: int) -> int:
 
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
-    monkeypatch.setattr("graspfx.loop.tick.tick.conclude", conclude_twice)
+    names = source_function(couple_objects).__globals__
+    monkeypatch.setitem(names, "conclude_k", source_function(conclude_twice))
     monkeypatch.setattr("graspfx.testing.scene_promises._check_wrench", lambda *_: None)
-    waved = gx.load("paper-waving")
+    waved = gx.load("paper-waving", {"engine": "interpreted"})
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):
         check_scene(waved, duration=2.5)
     check_scene(waved, duration=0.5, energy=None)

@@ -72,7 +72,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
             that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for a
             recording without its scene) and `text`, all in a sentence.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
-        engine: what ran the ticks, "generic", "compiled" or "interpreted", or since when; None if not known.
+        engine: what ran the ticks, "compiled" or "interpreted", or what an earlier version said; None if not known.
         faults: how many.
         changes: how many values of keys were replaced in mid-run; None if none was.
         recorded: what the rest is of, where a recording has not every number of every tick, in a sentence; else None.

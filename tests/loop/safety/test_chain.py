@@ -142,13 +142,13 @@ TIGHT = {"force": 0.2, "rate": 6.0, "soft_start": 0.05, "workspace": [[-0.03], [
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_engine_gives_the_same_bits(kind: str) -> None:
-    """Interpreted, generic and compiled, with every limit biting; wrench, work and displayed force are of one force."""
+    """Interpreted and compiled, with every limit biting; wrench, work and displayed force are of one force."""
     d, changes = KINDS[kind]
     box = [[-0.027] * d, [0.027] * d]
     scene = pinch(d, safety=TIGHT | {"workspace": box}, **changes)
     rec = recorded(scene, "interpreted", ticks=160)
     assert not rec.faults
-    for engine in ("generic", "compiled"):
+    for engine in ("compiled",):
         assert same(rec, recorded(scene, engine, ticks=160)), engine
     assert np.array_equal(rec.displayed_force, -rec.finger_force)
     size = sizes(rec)
@@ -216,7 +216,7 @@ def odd(folder: Path, safety: dict[str, Any], **settings: Any) -> gx.Scene:
     return pinch(safety=safety, finger__0__device=device)
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 def test_late_readings_are_let_pass_then_forces_decay_to_a_fault(tmp_path: Path, engine: str) -> None:
     """Three samples without a reading change nothing, from the fourth on forces decay in 20 ms.
 
@@ -237,7 +237,7 @@ def test_late_readings_are_let_pass_then_forces_decay_to_a_fault(tmp_path: Path,
     assert sizes(rec)[131].any()
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 @pytest.mark.parametrize("where", ["position", "velocity"])
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
 def test_a_reading_that_is_no_number_gives_no_force_in_that_tick(

@@ -51,7 +51,7 @@ def stored(session: gx.Session) -> float:
     return 0.5 * float(f @ np.linalg.solve(K, f))
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 def test_a_gain_change_under_load_is_paid_by_the_tank(engine: str) -> None:
     """30 to 400 N/m under 0.3 N: dV = w'dK w/2 leaves the tank, exactly, and the springs store so much more.
 
