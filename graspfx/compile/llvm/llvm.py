@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from graspfx.compile.llvm.entry import entry_of
 from graspfx.compile.llvm.late import DECLARATIONS, LATE
 from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, LlvmFunction, Number
-from graspfx.compile.llvm.llvm_expressions import Array, Value, flat, result_type
+from graspfx.compile.llvm.llvm_expressions import Array, Value, result_type
 from graspfx.compile.llvm.llvm_statements import Statements, type_of
 from graspfx.compile.llvm.method import ENTRY
 from graspfx.errors import GraspFXError, InputError
@@ -29,7 +29,6 @@ class LlvmProgram(NamedTuple):
         numbers: the types of its other parameters, INT or FLOAT.
         lanes: whether it has loops over lanes, of which the turns may be done side by side.
         libm: functions of the platform's library that it calls, as `graspfx_` and their name.
-        symbols: functions of other machine code that it calls.
         checked: whether an index outside of its buffer is noticed.
     """
 
@@ -38,40 +37,22 @@ class LlvmProgram(NamedTuple):
     numbers: tuple[str, ...]
     lanes: bool
     libm: tuple[str, ...]
-    symbols: tuple[str, ...] = ()
     checked: bool = False
-
-
-class Externals(Protocol):
-    """Functions that a program calls by symbol, in other machine code."""
-
-    def has(self, name: str) -> bool:
-        """Tell whether a name is one of them."""
-        ...
-
-    def find(self, name: str, types: tuple[str, ...]) -> LlvmFunction:
-        """Find the symbol of one for these types of arguments, buffers as `ptr`."""
-        ...
 
 
 class Module:
     """The functions of a program, written as they are called."""
 
-    def __init__(
-        self, trees: Sequence[ast.FunctionDef], *, checked: bool = False, externals: Externals | None = None
-    ) -> None:
+    def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool = False) -> None:
         self.trees = {tree.name: tree for tree in trees}
         self.checked = checked
-        self.externals = externals
-        self.symbols: dict[str, str] = {}  # of externals, with their declarations
         self.functions: dict[object, LlvmFunction | None] = {}
         self.texts: list[str] = []
         self.notes: list[str] = []  # metadata
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
-        known = name in self.trees or name in LATE
-        return known or (self.externals is not None and self.externals.has(name))
+        return name in self.trees or name in LATE
 
     def function_for(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> LlvmFunction:
         if name in LATE and name not in self.trees:
@@ -80,8 +61,6 @@ class Module:
                 self.libm.update(LATE[name].library)
             late = self.functions[name] = LlvmFunction(name, LATE[name].result)
             return late
-        if name not in self.trees:
-            return self._external(name, arguments)
         roots = [a.root for a in arguments if isinstance(a, Array)]
         # which of the buffers are the same; what is checked knows them by their names
         arrays = tuple(roots if self.checked else map(roots.index, roots))
@@ -100,22 +79,12 @@ class Module:
             raise why("calls itself")
         return function
 
-    def _external(self, name: str, arguments: Sequence[Value]) -> LlvmFunction:
-        assert self.externals is not None
-        types = tuple("ptr" if isinstance(a, Array) else a.type for a in flat(arguments))
-        function = self.externals.find(name, types)
-        declaration = f'declare {result_type(function.result)} @"{function.name}"({", ".join(types)}) nounwind'
-        self.symbols[function.name] = declaration
-        return function
-
 
 def llvm_program(
     source: str,
     floats: Collection[str] = (),
     *,
     checked: bool = False,
-    buffers: Collection[str] = (),
-    externals: Externals | None = None,
     apart: bool = True,
 ) -> LlvmProgram:
     """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
@@ -124,23 +93,20 @@ def llvm_program(
         source: the program as Python, such as `Program.source()` gives it.
         floats: the entry's parameters that are floats; those that are indexed are buffers, the others whole numbers.
         checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
-        buffers: parameters of the entry that are buffers though nothing in the source shows it.
-        externals: functions of other machine code that it calls.
         apart: whether no two buffers are the same memory.
 
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
     """
-    entry = entry_of(source, buffers)
+    entry = entry_of(source)
     tree, names, arrays = entry.tree, list(entry.names), entry.arrays
     unknown = set(floats) - set(entry.numbers)
     if unknown:
         raise InputError("floats", sorted(unknown), f"numbers among the parameters of {tree.name}")
     numbers = tuple(FLOAT if name in floats else INT for name in entry.numbers)
 
-    module = Module(entry.trees, checked=checked, externals=externals)
-    alone = apart and externals is None  # else a kernel may be called with the same memory twice
-    parameters: list[Array | Number] = [Array(name if alone else "any", f"%p{k}") for k, name in enumerate(arrays)]
+    module = Module(entry.trees, checked=checked)
+    parameters: list[Array | Number] = [Array(name if apart else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
     def why(text: str) -> GraspFXError:
@@ -150,15 +116,14 @@ def llvm_program(
     texts = [
         INTRINSICS,
         *map(declared, sorted(module.libm)),
-        *module.symbols.values(),
         *module.texts,
-        _entry(function, parameters, "noalias " if alone else ""),
+        _entry(function, parameters, "noalias " if apart else ""),
         *module.notes,
     ]
     if checked:
         texts.insert(0, _checking(arrays))
-    libm, symbols = tuple(sorted(module.libm)), tuple(module.symbols)
-    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, symbols, checked)
+    libm = tuple(sorted(module.libm))
+    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, checked)
 
 
 def function_text(source: str, symbol: str, order: Sequence[int], types: Sequence[str]) -> LlvmProgram:

@@ -1,1 +1,0 @@
-"""Functions over a scene's parts, unfolded into programs."""
