@@ -17,7 +17,7 @@ from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.emission import FULL, LANES, QUICK, address, emitted, loaded, platform, require_llvm
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
-from graspfx.compile.llvm.method import CALLBACK, ENTRY, METHOD, SPREAD, method, method_text
+from graspfx.compile.llvm.method import CALLBACK, ENTRY, METHOD, method, method_text
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,21 +29,6 @@ Run = Callable[..., int]
 
 
 @dataclass(frozen=True)
-class Spread:
-    """A bound program as other machine code calls it, i64 (table of buffers, numbers).
-
-    Args:
-        address: of the function.
-        table: of the buffers' addresses.
-        owner: keeps the code and the buffers.
-    """
-
-    address: int
-    table: Any
-    owner: Any
-
-
-@dataclass(frozen=True)
 class Bound:
     """A program with its buffers, which it keeps.
 
@@ -51,13 +36,11 @@ class Bound:
         brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
         long: the same with the lock released: other threads run meanwhile.
         pointers: to the buffers, by name; each holds its own.
-        spread: the same for other machine code; None of a program that is interpreted or checked.
     """
 
     brief: Run
     long: Run
     pointers: Mapping[str, ctypes.c_void_p] = field(default_factory=dict)
-    spread: Spread | None = None
 
 
 class Native:
@@ -77,7 +60,7 @@ class Native:
         self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
-        self._method, self._spread = address(self._engine, METHOD), address(self._engine, SPREAD)
+        self._method = address(self._engine, METHOD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(entry)
         self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
 
@@ -107,8 +90,7 @@ class Native:
             lengths = {name: len(pointer.memory) for name, pointer in pointers.items()}  # type: ignore[attr-defined]
             brief, long = self._watched(brief, lengths), self._watched(long, lengths)
             return Bound(brief, long, pointers)
-        table = (ctypes.c_void_p * len(pointers))(*(pointer.value for pointer in pointers.values()))
-        return Bound(brief, long, pointers, Spread(self._spread, table, (self._engine, pointers)))
+        return Bound(brief, long, pointers)
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
         """Check every index of a program: one outside of its buffer is an error."""
@@ -224,7 +206,6 @@ def native_of(
     began: float,
     *,
     wide: bool = False,
-    more: Mapping[str, Any] | None = None,
 ) -> Native:
     """Emit the machine code of a program, and keep it under a key.
 
@@ -234,11 +215,9 @@ def native_of(
         level: of optimisation.
         began: when its making began [s].
         wide: with the longest vectors that the processor has.
-        more: entries of its description.
     """
     description = {
-        "arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": program.checked,
-        **(more or {}),
+        "arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": program.checked
     }  # fmt: skip
     wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
     machine = emitted(f"{program.text}{wrapper}\n", level, lanes=program.lanes, wide=wide)

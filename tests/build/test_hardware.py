@@ -15,10 +15,11 @@ import graspfx as gx
 from graspfx.build import hardware, pace
 from graspfx.build.build import build
 from graspfx.compile import kernel as kernels
+from graspfx.compile import native
 from graspfx.compile.lower import lowering
 from graspfx.errors import DeviceError, InputError, RecordingError
+from graspfx.loop import engine as engines
 from graspfx.loop import servo as servos
-from graspfx.loop.engine import Compiled
 from graspfx.loop.realtime import lifecycle
 from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.recording import recorder as recorders
@@ -84,6 +85,29 @@ def test_the_order_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert fakes(file)[-1].log[-1][1] == "close"
 
 
+def test_auto_is_one_engine_from_the_first_tick_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Machine code is there before hardware is opened, and nothing is compiled from then on."""
+    require("llvmlite")
+    file, events = driver(tmp_path), list[str]()
+    compiled, opens = native.compiled, Fake.open
+
+    def noting(*arguments: Any, **options: Any) -> Any:
+        events.append("compiled")
+        return compiled(*arguments, **options)
+
+    def opening(fake: Fake, period: float) -> None:
+        events.append("open")
+        opens(fake, period)
+
+    engines.program.cache_clear()
+    monkeypatch.setattr(native, "compiled", noting)
+    monkeypatch.setattr(Fake, "open", opening)
+    rec = gx.run(cart(file, engine="auto"), real_time=True)
+    assert rec.outcome.engine == "compiled"
+    assert events[0] == "compiled"
+    assert events[-1] == "open"
+
+
 def test_a_rehearsal_leaves_no_trace(tmp_path: Path) -> None:
     """Every memory of the tick is to the bit what it was, time and contacts too."""
     with build(cart(driver(tmp_path))) as servo:
@@ -116,7 +140,7 @@ def test_nothing_comes_between_a_fault_and_zero_force(
 
     monkeypatch.setitem(EVIL, "fails", Evil(read=fail) if how == "read" else Evil(write=fail))
     noting(Fake, "stop")
-    noting(Compiled, "run")
+    noting(engines.Interpreted, "run")
     noting(servos, "latch")
     scene = cart(file).replace({"finger.0.device.evil": "fails"})
     other = scene.to_dict()["finger"][0] | {"device": {"name": str(file), "position": [[-0.03]]}, "start": [-0.03]}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.compile.kernel import source_function
+from graspfx.loop.realtime.beat import Reach, beat
 from graspfx.loop.realtime.native_loop import NativeLoop
 from graspfx.loop.realtime.pacing import FREE, Pacer
 from graspfx.loop.recording.header import Header
@@ -113,6 +117,21 @@ class Session:
 
         vars(native)["run"] = partial(NativeLoop.run, native, mode=FREE)
         servo._run_native(native, ticks, self.recorder, None, self.pacer)
+
+    def interpret(self) -> None:
+        """Let the loop without Python run its source in Python from now on."""
+        native: Any = self.native
+
+        def run(place: int) -> int:
+            native._code.write_to(native._running.rows)
+            memory = native._arena.memory
+            own = [native.beat.buffer, native.words, native._running.words, native._pacer.buffer, native._end.buffer]
+            own += [each.readings.memory for each in self.devices.ports]
+            arrays = [np.asarray(each).view(np.float64) for each in [*native._arena.arrays, *own]]
+            function: Callable[..., int] = source_function(beat)
+            return function(Reach(memory, arrays, native._code.run), place)
+
+        native._bound = SimpleNamespace(long=run)
 
     def finish(self) -> Recording:
         """End the run; give its recording."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from graspfx.errors import InputError
@@ -31,12 +31,8 @@ class Entry:
         return self.names[len(self.arrays) :]
 
 
-def entry_of(source: str, buffers: Collection[str] = ()) -> Entry:
+def entry_of(source: str) -> Entry:
     """Read a program's entry.
-
-    Args:
-        source: the program as Python.
-        buffers: parameters of the entry that are buffers though nothing in the source shows it.
 
     Raises:
         InputError: no function, or a number before a buffer.
@@ -46,7 +42,7 @@ def entry_of(source: str, buffers: Collection[str] = ()) -> Entry:
         raise InputError("source", source, "at least one function")
     tree, functions = trees[-1], {t.name: t for t in trees}
     names = tuple(a.arg for a in tree.args.args)
-    arrays = tuple(name for name in names if name in buffers or is_indexed(tree, name, functions))
+    arrays = tuple(name for name in names if is_indexed(tree, name, functions))
     if arrays != names[: len(arrays)]:
         raise InputError(f"{tree.name}", list(names), "buffers first, then numbers")
     return Entry(trees, tree, names, arrays)

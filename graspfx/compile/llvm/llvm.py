@@ -85,7 +85,6 @@ def llvm_program(
     floats: Collection[str] = (),
     *,
     checked: bool = False,
-    buffers: Collection[str] = (),
     apart: bool = True,
 ) -> LlvmProgram:
     """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
@@ -94,13 +93,12 @@ def llvm_program(
         source: the program as Python, such as `Program.source()` gives it.
         floats: the entry's parameters that are floats; those that are indexed are buffers, the others whole numbers.
         checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
-        buffers: parameters of the entry that are buffers though nothing in the source shows it.
         apart: whether no two buffers are the same memory.
 
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
     """
-    entry = entry_of(source, buffers)
+    entry = entry_of(source)
     tree, names, arrays = entry.tree, list(entry.names), entry.arrays
     unknown = set(floats) - set(entry.numbers)
     if unknown:

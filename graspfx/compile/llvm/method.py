@@ -10,7 +10,7 @@ from typing import Any
 
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 
-ENTRY, METHOD, SPREAD, CALLBACK = "graspfx_entry", "graspfx_method", "graspfx_spread", "graspfx_callback"
+ENTRY, METHOD, CALLBACK = "graspfx_entry", "graspfx_method", "graspfx_callback"
 FASTCALL = 0x80  # METH_FASTCALL: f(self, array of arguments, how many)
 READ = {False: ("i64", "PyLong_AsLongLong"), True: ("double", "PyFloat_AsDouble")}
 DECLARED = {
@@ -39,12 +39,12 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
     """Write LLVM's text of the functions that read their arguments and call the entry.
 
     That for Python has a `self`, a tuple that begins with the buffers' addresses, as bytes. That for other machine
-    code, `graspfx_spread`, takes two addresses: of the table of the buffers' addresses, and of the numbers, eight bytes
-    each. That for whoever calls back, `graspfx_callback`, takes one, of a table that holds both.
+    code, `graspfx_callback`, takes one address: of a table of the buffers' addresses and then the numbers, eight bytes
+    each.
     """
     n = len(numbers)
     reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]
-    spread = []
+    unpacking = []
     for k, type_ in enumerate(numbers):
         kind, reader = READ[type_ == FLOAT]
         reading += [
@@ -53,7 +53,8 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
             f"  %n{k} = call {kind} @{reader}(ptr %object{k})",
         ]
         operands.append(f"{kind} %n{k}")
-        spread += [f"  %at{k} = getelementptr i64, ptr %numbers, i64 {k}", f"  %n{k} = load {kind}, ptr %at{k}"]
+        unpacking += [f"  %at{k} = getelementptr i64, ptr %table, i64 {arrays + k}"]
+        unpacking += [f"  %n{k} = load {kind}, ptr %at{k}"]
     loading = []
     for k in range(arrays):
         loading += [f"  %slot{k} = getelementptr ptr, ptr %table, i64 {k}", f"  %p{k} = load ptr, ptr %slot{k}"]
@@ -84,15 +85,10 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         "fail:",
         "  ret ptr null",
         "}",
-        f"define i64 @{SPREAD}(ptr %table, ptr %numbers) nounwind {{",
-        *loading,
-        *spread,
-        f"  %result = call i64 @{entry}({', '.join(operands)})",
-        "  ret i64 %result",
-        "}",
         f"define i64 @{CALLBACK}(ptr %table) nounwind {{",
-        f"  %numbers = getelementptr ptr, ptr %table, i64 {arrays}",
-        f"  %result = call i64 @{SPREAD}(ptr %table, ptr %numbers)",
+        *loading,
+        *unpacking,
+        f"  %result = call i64 @{entry}({', '.join(operands)})",
         "  ret i64 %result",
         "}",
     ]

@@ -17,7 +17,7 @@ import graspfx as gx
 from graspfx.build import pace
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
-from graspfx.loop.realtime.pacing import Lateness, Pacer
+from graspfx.loop.realtime.pacing import ClockState, Lateness, Pacer
 from graspfx.loop.realtime.ring import SLOTS
 from tests.support.native_runs import COLUMNS, PERIOD, Session, both, driver, scene
 from tests.support.optional import require
@@ -74,6 +74,35 @@ def test_recordings_are_those_of_pythons_loop(tmp_path: Path, kind: str) -> None
     if says:
         later = native.stations[1].written[one.outcome.faults[0].tick + 1 :]
         assert np.isnan(later).all()  # nobody is written to after a fault
+
+
+@pytest.mark.parametrize(
+    "kind", ["all well", "held samples", "a read that fails", "a write that fails", "NaN", "a jump", "a limit"]
+)
+def test_machine_code_is_what_its_source_says(tmp_path: Path, kind: str) -> None:
+    """The source of a beat, run by Python, leaves the same in every device, every row and every memory, to the bit."""
+    changes = dict(KINDS[kind][0])
+    spoil, sessions, recordings = changes.pop("spoil", None), [], []
+    for is_interpreted in (False, True):
+        session = Session(scene(driver(tmp_path), TICKS, native=True, **changes))
+        if spoil is not None:
+            session.stations[0].numbers[spoil[0]] = spoil[1]
+        if is_interpreted:
+            session.interpret()
+        session.run(TICKS)
+        sessions.append(session)
+        recordings.append(session.finish())
+    for column in COLUMNS:
+        assert np.array_equal(*[getattr(each, column) for each in recordings]), column
+    assert len(recordings[0]) == TICKS
+    first, second = sessions
+    for one, other in zip(first.devices.ports, second.devices.ports, strict=True):
+        assert np.array_equal(one.readings.memory, other.readings.memory, equal_nan=True)
+        assert np.array_equal(one.device.written, other.device.written, equal_nan=True)
+        assert one.device.stops == other.device.stops
+    assert [each.tick for each in recordings[0].faults] == [each.tick for each in recordings[1].faults]
+    assert first.native.words.tolist() == second.native.words.tolist()
+    assert first.pacer.array(ClockState.wall) == second.pacer.array(ClockState.wall)
 
 
 @pytest.mark.parametrize("code", [2, 7, 1 << 40])
