@@ -17,7 +17,6 @@ BENCHMARKS = {  # whole calls, for which a user waits, before what they are made
     "maps": "graspfx.bench.cases.limit_maps",
     "ticks": "graspfx.bench.cases.ticks",
     "jitter": "graspfx.bench.cases.jitter",
-    "skips": "graspfx.bench.cases.skips",
     "eq4": "graspfx.bench.cases.eq4",
     "projection": "graspfx.bench.cases.cone_projection",
     "contact": "graspfx.bench.cases.mesh_fingers",

@@ -95,13 +95,13 @@ class RestedRun:
         self.restore()
         self.set_external(external)
         self.grasped.rows[:, at.COEFFICIENT] *= 1e3
-        rough = {name: array.copy() for name, array in self._arrays.items()}
+        rough = [array.copy() for array in self._arrays]
         columns = []
         for i in range(self._size()):
             ends = []
             for sign in (1.0, -1.0):
-                for name, array in self._arrays.items():
-                    array[:] = rough[name]
+                for array, before in zip(self._arrays, rough, strict=True):
+                    array[:] = before
                 before = self._read()
                 self._move(i, sign * STEP)
                 self.run(1)

@@ -98,8 +98,10 @@ def test_machine_code_is_what_its_source_says(tmp_path: Path, kind: str) -> None
     first, second = sessions
     for one, other in zip(first.devices.ports, second.devices.ports, strict=True):
         assert np.array_equal(one.readings.memory, other.readings.memory, equal_nan=True)
-        assert np.array_equal(one.device.written, other.device.written, equal_nan=True)
-        assert one.device.stops == other.device.stops
+        mine: Any = one.device
+        theirs: Any = other.device
+        assert np.array_equal(mine.written, theirs.written, equal_nan=True)
+        assert mine.stops == theirs.stops
     assert [each.tick for each in recordings[0].faults] == [each.tick for each in recordings[1].faults]
     assert first.native.words.tolist() == second.native.words.tolist()
     assert first.pacer.array(ClockState.wall) == second.pacer.array(ClockState.wall)
