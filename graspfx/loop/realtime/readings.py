@@ -300,7 +300,7 @@ class Readings:
     @property
     def is_fresh(self) -> bool:
         """Whether the last reading brought a sample."""
-        return self._numbers[IS_FRESH] != 0.0
+        return bool(self._numbers[IS_FRESH] != 0.0)
 
     @property
     def samples(self) -> int:
@@ -315,7 +315,7 @@ class Readings:
     @property
     def is_gone(self) -> bool:
         """Whether a call of the device has failed."""
-        return self._numbers[GONE] != 0.0
+        return bool(self._numbers[GONE] != 0.0)
 
     @is_gone.setter
     def is_gone(self, is_it: bool) -> None:

@@ -130,6 +130,7 @@ class Ending:
 @pytest.mark.parametrize("faulted", [False, True])
 def test_forces_decay_in_the_last_ticks(stop: int | None, faulted: bool) -> None:
     rests: list[int] = []
+    k: int
     chain = type("Chain", (), {"rest": lambda self: rests.append(k)})()
     soft, plain, k = SoftEnd(chain, PERIOD, 100), Ending(100), 0
     while True:
