@@ -144,22 +144,39 @@ def damping_in_cones(grasp: GraspState) -> int:
     The implicit integrator has f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s,
     for the object's new state, with s0 the slip of the elastic force: one system for all three.
     """
+    if damping_stays(grasp):
+        return 0
     problem = grasp.damping_problem
     pose_problem(grasp, problem, True)
-    law = COULOMB
     if grasp.recoils:
         law = damping_of_recoil(grasp, problem)
     elif grasp.implicit:
         law = damping_in_square(grasp, problem)
     else:
-        for i, finger in enumerate(grasp.fingers):
-            problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
-            problem.contacts[i].base_force = in_frame(grasp, finger, finger.local)
-        if grasp.rays or not all_touch(grasp) or not is_whole(grasp) or not stays(grasp, problem):
-            law = damping_of_slip(grasp, problem)
+        law = damping_of_slip(grasp, problem)
     for i, finger in enumerate(grasp.fingers):
         finger.local = out_of_frame(grasp, finger, problem.contacts[i].force)
     return UNRESOLVED if law == NONE else 0
+
+
+@kernel
+def damping_stays(grasp: GraspState) -> bool:
+    """Add all the damping to fingers that all touch; tell whether the forces stay in the cones, else take it back."""
+    closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
+    if not closed or not all_touch(grasp) or not is_whole(grasp):
+        return False
+    keep_elastic(grasp)
+    if grasp.recoils:
+        recoil(grasp, True, True)
+    else:
+        bilateral(grasp, False, True)
+        for finger in grasp.fingers:
+            finger.local += finger.elastic
+    if sticks(grasp):
+        return True
+    for finger in grasp.fingers:
+        finger.local = finger.elastic
+    return False
 
 
 @kernel
@@ -220,14 +237,6 @@ def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
 def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
     """Find elastic force and damping of an object that moves under them; give the law of the answer."""
     keep_elastic(grasp)
-    if all_touch(grasp) and is_whole(grasp):
-        recoil(grasp, True, True)
-        if sticks(grasp):
-            for i, finger in enumerate(grasp.fingers):
-                problem.contacts[i].force = in_frame(grasp, finger, finger.local)
-            return COULOMB
-        for finger in grasp.fingers:
-            finger.local = finger.elastic
     law = damping_in_columns(grasp, problem, grasp.coordinates, True)
     if law == NONE:
         forget_start(problem)
@@ -239,6 +248,9 @@ def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
 @kernel
 def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
     """Find the damping where some finger slips or is free; give the law of the answer."""
+    for i, finger in enumerate(grasp.fingers):
+        problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
+        problem.contacts[i].base_force = in_frame(grasp, finger, finger.local)
     if grasp.dense:
         for i in range(grasp.count):
             write_coordinates(grasp, grasp.start, i, problem.contacts[i].base_force)
@@ -249,18 +261,6 @@ def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
         return friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
     pose_compliances(grasp, problem)
     return force_of_modes(grasp, problem, Gains(grasp.external_damping, grasp.internal_damping), False).law
-
-
-@kernel
-def stays(grasp: GraspState, problem: FrictionProblem) -> bool:
-    """Tell whether the elastic force and all the damping lie in the cones; their sum becomes the problem's force."""
-    bilateral(grasp, False, True)
-    inside = True
-    for i, finger in enumerate(grasp.fingers):
-        contact = problem.contacts[i]
-        contact.force = in_frame(grasp, finger, finger.local) + contact.base_force
-        inside = inside and is_inside_cone(grasp, finger, contact.force)
-    return inside
 
 
 @kernel

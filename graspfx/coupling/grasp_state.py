@@ -152,15 +152,16 @@ class GraspState(Record):
     gains_rotation: Matrix  # of the object, that K and D were computed from
     freedom: Freedom
     body: BodyState
+    mode_force: Floats = floats("6")  # what each mode adds to the internal force
     fingers: Many[FingerState] = many("count")
     modes: Table = table("6", "1 + width * count")  # a blend, then each finger's motion (`grasp.rigid_modes`)
+    recoil: RecoilState = room("recoil_entries")
     square: Table = table("unknowns", "unknowns")  # the law in contact frames; pivots change it
     vector: Floats = floats("unknowns")  # that goes with it
     diagonal: Floats = floats("unknowns")  # of the square before any pivot
     start: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
     marks: Floats = floats("count * coordinates")  # 1.0 for a contact coordinate to be released
     engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 left alone
-    mode_force: Floats = floats("6")  # what each mode adds to the internal force
     part: Table = table("count * coordinates", "count * coordinates")  # K or D / T by itself, implicit integrator
     rest: Floats = floats("count * coordinates")  # vector that goes with it
     levers: Table = table("6", "count * coordinates")  # G in contact frames, implicit integrator
@@ -176,7 +177,6 @@ class GraspState(Record):
     pad_slope: Table = table("padded_count", "padded_count")  # B, d f_n/d e_n as it is known [N/m]
     pad_square: Table = table("padded_count", "padded_count")  # of the model, and the vector that goes with it
     pad_vector: Floats = floats("padded_count")
-    recoil: RecoilState = room("recoil_entries")
 
     @property
     def alone(self) -> bool:

@@ -31,42 +31,42 @@ def bilateral(grasp: GraspState, elastic: bool, damping: bool) -> None:
 def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -> None:
     """Compute f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4) with one projection of one vector.
 
-    f = s + P d with s = kip e + kid e' and d = (kep - kip) e + (ked - kid) e', weights left and right.
+    f = s + P d, s = kip e + kid e', d = (kep - kip) e + (ked - kid) e', P = sum_k sqrt(w) q_k beta_k q_k' sqrt(w).
     """
-    for finger in grasp.fingers:
-        if not grasp.equal:
-            finger.sqrt_weight = math.sqrt(finger.weight)
+    # where nothing turns, the modes are the free translations: known before the program runs
+    modes = grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts
+    count = modes if kep != kip or ked != kid else 0  # without a difference P is not needed
+    width, soft = grasp.width, grasp.coordinates > 3
+    z = grasp.mode_force
+    for k in range(6):
+        z[k] = 0.0
+    for i, finger in enumerate(grasp.fingers):
         s = kip * finger.displacement
+        d = (kep - kip) * finger.displacement
         if kid != 0.0:
             s += kid * finger.rate
+        if ked != kid:
+            d += (ked - kid) * finger.rate
         finger.local = finger.weight * s
-    if not grasp.equal:
-        # where nothing turns, the modes are the free translations: known before the program runs
-        for k in range(grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts):
-            add_mode(grasp, k, kep - kip, ked - kid)
-
-
-@kernel
-def add_mode(grasp: GraspState, k: int, stiffness: float, damping: float) -> None:
-    """Add mode k's part of P d to the forces: sqrt(w) q_k beta_k q_k' sqrt(w) d."""
-    mode = grasp.modes[k]
-    z = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        motion = motion_of(mode, i, grasp.width)
-        d = stiffness * finger.displacement
-        if damping != 0.0:
-            d += damping * finger.rate
-        along = dot(motion.shift, d.vector)
-        if grasp.coordinates > 3:
-            along += motion.twist * d.t
-        z += finger.sqrt_weight * along
-    z *= mode[0]
-    if grasp.friction:
-        grasp.mode_force[k] = z
-    for i, finger in enumerate(grasp.fingers):
-        motion = motion_of(mode, i, grasp.width)
-        twist = motion.twist if grasp.coordinates > 3 else 0.0
-        finger.local += z * finger.sqrt_weight * with_torsion(motion.shift, twist)
+        if count > 0:
+            root = math.sqrt(finger.weight)
+            finger.sqrt_weight = root
+            for k in range(count):
+                motion = motion_of(grasp.modes[k], i, width)
+                along = dot(motion.shift, d.vector)
+                if soft:
+                    along += motion.twist * d.t
+                z[k] += root * along
+    for k in range(count):
+        z[k] *= grasp.modes[k, 0]
+    if count > 0:
+        for i, finger in enumerate(grasp.fingers):
+            f = finger.local
+            for k in range(count):
+                motion = motion_of(grasp.modes[k], i, width)
+                twist = motion.twist if soft else 0.0
+                f += z[k] * finger.sqrt_weight * with_torsion(motion.shift, twist)
+            finger.local = f
 
 
 @kernel
