@@ -269,6 +269,8 @@ class Servo:
             if log is not None:
                 log.begin()
             if self.hardware and pacer.row > self.guards.late:
+                if not self._own.faulted:
+                    self._stop()
                 self._tell(self.ticks, late_text(pacer.row, pacer.period, self.guards.late))
             end.begin(self.ticks, recorder)
             self._run(1, recorder, None)

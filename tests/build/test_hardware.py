@@ -106,16 +106,19 @@ def test_a_rehearsal_leaves_no_trace(tmp_path: Path) -> None:
         assert servo.ticks == 0
 
 
-@pytest.mark.parametrize("how", ["read", "write"])
+@pytest.mark.parametrize("how", ["read", "write", "late"])
 def test_nothing_comes_between_a_fault_and_zero_force(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All devices are stopped before the coupling is asked again, and before the fault is told."""
+    """All devices are stopped before one is read or the coupling is asked again, and before the fault is told."""
     file, events = driver(tmp_path), list[str]()
 
     def fail(fake: Fake, *arguments: Any) -> Any:
-        events.append("fault")
-        raise OSError("unplugged")
+        if "fault" not in events:
+            events.append("fault")
+            VirtualClock.time += 0.05 if how == "late" else 0.0
+        if how != "late":
+            raise OSError("unplugged")
 
     def noting(owner: Any, name: str) -> None:
         whole = getattr(owner, name)
@@ -128,6 +131,8 @@ def test_nothing_comes_between_a_fault_and_zero_force(
 
     monkeypatch.setitem(EVIL, "fails", Evil(read=fail) if how == "read" else Evil(write=fail))
     noting(Fake, "stop")
+    if how == "late":
+        noting(Fake, "read")
     noting(Interpreted, "begin")
     noting(servos, "latch")
     scene = cart(file).replace({"finger.0.device.evil": "fails"})

@@ -104,6 +104,8 @@ def turn(beat: NativeBeat, k: int) -> None:
     left_out = arrive(beat.clock, began)
     late = is_late(beat.clock)
     if late != 0:
+        if beat.faulted[0] == 0.0:
+            stop_all(beat, k)
         latch(beat.servo, k, NATIVE, len(beat.ports), LATE)
     if beat.resting is not None and beat.is_resting[0] != 0.0:
         beat.resting[0] = 1.0

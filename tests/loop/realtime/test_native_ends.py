@@ -142,6 +142,36 @@ def test_devices_are_stopped_before_the_tick_of_a_fault_is_computed(
     session.finish()
 
 
+def test_devices_are_stopped_before_they_are_read_where_a_tick_is_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tick that follows too many periods that were left out: the force of before them ends first."""
+    real, events = vars(Scripted)["calls"].fget, list[str]()
+
+    def noting(role: str, function: Any) -> Any:
+        @KIND
+        def note(context: int, block: int) -> int:
+            events.append(role)
+            if role == "write" and events.count(role) == 2 * HANG:
+                session.native.program.clock.row = 99
+            return int(function(context, block))
+
+        return note
+
+    def calls(device: Scripted) -> Calls:
+        own: Calls = real(device)
+        noted = {role: noting(role, KIND(getattr(own, role))) for role in ("read", "write", "stop")}
+        places = {role: ctypes.cast(each, ctypes.c_void_p).value or 0 for role, each in noted.items()}
+        return own._replace(**places, keep=(own.keep, noted))
+
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True))
+    session.run(HANG + 1)
+    last = len(events) - events[::-1].index("write")
+    assert events[last : last + 4] == ["stop", "stop", "read", "read"]
+    assert "99 periods of" in session.finish().outcome.faults[0].message
+
+
 @pytest.mark.parametrize("scale", [0.5, 3.0])
 def test_a_device_askew_is_that_of_pythons_loop(tmp_path: Path, scale: float) -> None:
     """A frame with a rotation, an origin and a scale: the same recording, and the same forces in the device's axes.
