@@ -101,7 +101,8 @@ def test_a_function_that_does_not_return_is_a_fault_of_the_run(tmp_path: Path, m
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
     release = hang_in("write", monkeypatch, lambda device: device.numbers[0, 0, 0, 0] > 0.0, 30)
     try:
-        rec = gx.run(scene(driver(tmp_path), TICKS, native=True, rest=SETTLING), real_time=True, out=tmp_path / "rec")
+        made = scene(driver(tmp_path), TICKS, native=True, rest=SETTLING)
+        rec = gx.run(made, {"safety.watchdog": 60.0}, real_time=True, out=tmp_path / "rec")  # late is no matter here
     finally:
         release.set()
     [fault] = rec.faults
