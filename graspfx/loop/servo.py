@@ -292,6 +292,8 @@ class Servo:
             if log is not None:
                 log.begin()
             if self.hardware and pacer.is_too_late():
+                if not self._own.faulted:
+                    self._stop()
                 self._tell(self.ticks, pacer.late_text)
             end.tell(recorder)
             self._run(1, recorder, None)

@@ -118,16 +118,19 @@ def test_a_rehearsal_leaves_no_trace(tmp_path: Path) -> None:
         assert servo.ticks == 0
 
 
-@pytest.mark.parametrize("how", ["read", "write"])
+@pytest.mark.parametrize("how", ["read", "write", "late"])
 def test_nothing_comes_between_a_fault_and_zero_force(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All devices are stopped before the coupling is asked again, and before the fault is told."""
+    """All devices are stopped before one is read or the coupling is asked again, and before the fault is told."""
     file, events = driver(tmp_path), list[str]()
 
     def fail(fake: Fake, *arguments: Any) -> Any:
-        events.append("fault")
-        raise OSError("unplugged")
+        if "fault" not in events:
+            events.append("fault")
+            VirtualClock.time += 0.05 if how == "late" else 0.0
+        if how != "late":
+            raise OSError("unplugged")
 
     def noting(owner: Any, name: str) -> None:
         whole = getattr(owner, name)
@@ -140,12 +143,16 @@ def test_nothing_comes_between_a_fault_and_zero_force(
 
     monkeypatch.setitem(EVIL, "fails", Evil(read=fail) if how == "read" else Evil(write=fail))
     noting(Fake, "stop")
+    if how == "late":
+        noting(Fake, "read")
     noting(engines.Interpreted, "run")
     noting(servos, "latch")
     scene = cart(file).replace({"finger.0.device.evil": "fails"})
     other = scene.to_dict()["finger"][0] | {"device": {"name": str(file), "position": [[-0.03]]}, "start": [-0.03]}
     gx.run(gx.Scene(**{**scene.to_dict(), "finger": [*scene.to_dict()["finger"], other]}), real_time=True)
     after = events[events.index("fault") + 1 :]
+    if how == "late":
+        assert after.pop(0) == "run"  # the rest of the tick that took so long
     assert after[:3] == ["stop", "stop", "latch"]
 
 

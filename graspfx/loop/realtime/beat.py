@@ -117,6 +117,8 @@ def turn(loop: Beat, k: int) -> None:
     began = now(loop.buffer)
     left_out = arrive(clock, began)
     if is_late(clock) != 0:
+        if not servo.faulted:
+            stop_all(loop, k)
         latch(servo, k, NATIVE, loop.port_count, LATE)
     end, pace = EndState(loop.buffer, loop.end), Pace(loop.buffer, world.pace)
     times = LoopState(loop.buffer, loop.times)

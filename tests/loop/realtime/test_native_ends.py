@@ -101,7 +101,8 @@ def test_a_function_that_does_not_return_is_a_fault_of_the_run(tmp_path: Path, m
     monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
     release = hang_in("write", monkeypatch, lambda device: device.numbers[0, 0, 0, 0] > 0.0, 30)
     try:
-        rec = gx.run(scene(driver(tmp_path), TICKS, native=True, rest=SETTLING), real_time=True, out=tmp_path / "rec")
+        made = scene(driver(tmp_path), TICKS, native=True, rest=SETTLING)
+        rec = gx.run(made, {"safety.watchdog": 60.0}, real_time=True, out=tmp_path / "rec")  # late is no matter here
     finally:
         release.set()
     [fault] = rec.faults
@@ -140,6 +141,36 @@ def test_devices_are_stopped_before_the_tick_of_a_fault_is_computed(
     assert all(commands == last for _, _, commands in seen)
     assert min(abs(force) for force in last) > 0.01
     session.finish()
+
+
+def test_devices_are_stopped_before_they_are_read_where_a_tick_is_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tick that follows too many periods that were left out: the force of before them ends first."""
+    real, events = vars(Scripted)["calls"].fget, list[str]()
+
+    def noting(role: str, function: Any) -> Any:
+        @KIND
+        def note(context: int, block: int) -> int:
+            events.append(role)
+            if role == "write" and events.count(role) == 2 * HANG:
+                session.native.program.clock.row = 99
+            return int(function(context, block))
+
+        return note
+
+    def calls(device: Scripted) -> Calls:
+        own: Calls = real(device)
+        noted = {role: noting(role, KIND(getattr(own, role))) for role in ("read", "write", "stop")}
+        places = {role: ctypes.cast(each, ctypes.c_void_p).value or 0 for role, each in noted.items()}
+        return own._replace(**places, keep=(own.keep, noted))
+
+    monkeypatch.setattr(Scripted, "calls", property(calls))
+    session = Session(scene(driver(tmp_path), TICKS, native=True))
+    session.run(HANG + 1)
+    last = len(events) - events[::-1].index("write")
+    assert events[last : last + 4] == ["stop", "stop", "read", "read"]
+    assert "99 periods of" in session.finish().outcome.faults[0].message
 
 
 @pytest.mark.parametrize("scale", [0.5, 3.0])
