@@ -20,7 +20,7 @@ ROUNDS, TICKS = 7, 400
 
 
 def test_a_lane_takes_a_part_of_a_single_tick() -> None:
-    """Friction and moving hands, per core: of the same program for one 0.33 was measured by eight lanes, 0.75 by four."""
+    """Friction and moving hands, per core: of a single tick 0.33 was measured with eight lanes, 0.75 with four."""
     pytest.importorskip("llvmlite")
     scene = gx.load("sphere-three-fingers")
     friction = np.linspace(0.4, 0.8, 16)

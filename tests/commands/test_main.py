@@ -13,7 +13,6 @@ import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import graspfx
@@ -293,22 +292,6 @@ def test_a_second_interrupt_ends_the_process_and_what_was_written_can_be_read() 
     code, _, written = interrupted(2)
     assert code == -signal.SIGINT
     assert len(graspfx.Recording.load(Path("cut"))) >= written
-
-
-@pytest.mark.parametrize(("engine", "patience"), [("interpreted", 1), ("auto", 64), ("compiled", 64)])
-def test_a_run_from_python_may_be_stopped(engine: str, patience: int) -> None:
-    scene = graspfx.load("reference-1dof", {"engine": engine})
-    asked = iter([False] * 5 + [True])
-    rec = graspfx.run(scene, stop=lambda: next(asked))
-    assert (len(rec), rec.outcome.complete) == (5 * patience, False)
-    assert np.array_equal(rec.rows, graspfx.run(scene, duration=5 * patience * 0.005).rows)
-    assert len(graspfx.run(scene, out="none", stop=lambda: True)) == 0
-
-
-def test_rows_of_a_run_are_the_same_from_its_file() -> None:
-    scene = graspfx.load("reference-1dof")
-    kept, read = graspfx.run(scene, duration=1.5), graspfx.run(scene, duration=1.5, out="here")
-    assert kept.rows.tobytes() == read.rows.tobytes()
 
 
 @pytest.mark.parametrize(("key", "value"), [("period", 1e-40), ("period", 1e-59), ("duration", 1e12)])
