@@ -1,7 +1,8 @@
 """Mutation check: put seeded mistakes into a copy of the sources, one at a time, and run the tests (`make mutations`).
 
 Each mistake is a sign, an off by one, a dropped term or a swapped axis in a kernel, a recording, a certificate or the
-safety chain. The tests of its room run first, then those of `make fast`, then all: the table says which found it.
+safety chain. The tests of its room run first, then those of `make fast`, the slow ones of the room, and all: the table
+says which found it. What `room` finds is found by `make fast`, and what `slow-room` finds by `make test`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ LONG = "large or stress or faults or rest"
 STAGES = {
     "room": f"not (alone or slow or {LONG})",
     "fast": f"not (alone or slow or {LONG})",
+    "slow-room": f"slow and not (alone or {LONG})",
     "test": f"not (alone or {LONG})",
 }
 PATIENCE = 3600.0  # of tests that a mistake may keep from ending [s]
@@ -136,7 +138,7 @@ def verdict(mutation: Mutation, copy: Path, workers: str, stages: Sequence[str])
     room = next(folder for folder in folders if (copy / folder).is_dir())
     try:
         for stage in stages:
-            folders_of_stage = [str(room), *LAWS] if stage == "room" else []
+            folders_of_stage = {"room": [str(room), *LAWS], "slow-room": [str(room)]}.get(stage, [])
             if test := failing(copy, workers, STAGES[stage], *folders_of_stage):
                 return stage, test
         return "", ""
