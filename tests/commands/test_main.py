@@ -21,6 +21,7 @@ from graspfx.__main__ import main
 from graspfx.build import pace
 from graspfx.commands.arguments import override
 from tests.support.hardware import VirtualClock
+from tests.support.waiting import finish
 
 ROOT = Path(__file__).parents[2]
 
@@ -266,13 +267,14 @@ sys.exit(main(["run", "reference-1dof", "--duration", "100000", "--no-figure", "
 
 def interrupted(times: int) -> tuple[int, str, int]:
     """Exit code and standard error of a run of 100 000 s that sends itself SIGINT, and the rows of its first blocks."""
-    done = subprocess.run(
+    process = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED.format(times=times)], env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, timeout=60,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+    _, said = finish(process)
     rows = int(Path("written").read_text())
     assert rows > 100
-    return done.returncode, done.stderr.strip(), rows
+    return process.returncode, said.strip(), rows
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
