@@ -17,16 +17,13 @@ from graspfx.__main__ import main
 from graspfx.build.build import build
 from graspfx.build.meshes import scene_mesh
 from graspfx.certificate.plan import plan
-from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.contacts import place_contact
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
 from graspfx.objects.body_state import BodyState
-from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from tests.support.meshes import ell, plate, sheet
 from tests.support.optional import require
@@ -505,19 +502,3 @@ def test_a_scene_in_python_takes_arrays_and_goes_back_to_tables() -> None:
     again = gx.Scene(**scene.to_dict())
     assert again == scene and again.finger[0].radius == 0.004
     assert scene.replace({"object.shape.scale": 2.0}).object[0].shape.scale == 2.0  # type: ignore[union-attr]
-
-
-def test_compiled_contact_points_are_the_interpreted_ones_bit_for_bit() -> None:
-    """Points and balls on a mesh and on a box, on the blocks of a scene: contact, normal, frame, gap and proxies."""
-    kernel = compiled(place_contact)
-    rng = np.random.default_rng(4)
-    for shape in (BLOCK, inline(ell()), {"kind": "box", "size": [0.05, 0.04, 0.03]}):
-        with grasped(table(3, shape, [[0.03, 0.0, 0.0]] * 2, radius=[0.0, 0.004])) as g:
-            other = g.block.copy()
-            p = np.array([0.03, 0.0, 0.0])
-            for _ in range(60):
-                p = 0.9 * p + rng.normal(size=3) * 0.01
-                for finger in g.state.fingers:
-                    place_contact(g.state, finger, Vector(*p.tolist()))
-                    kernel(other, 0, other, finger.offset, *p.tolist())
-            assert np.array_equal(g.block, other)

@@ -5,26 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.compile.kernel import written
 from graspfx.compile.records import Floats, Many, Table
 from graspfx.cones import complement as complementarity
-from graspfx.cones import cone, cut, elimination, friction, mode_equations, square_equations
+from graspfx.cones import cone, cut, friction
 from graspfx.cones.complement import Contacts
 from graspfx.cones.cut import HALF_SPACE, NO_CONE
 from graspfx.cones.problem import ConeContact, FrictionProblem, Gains, ModePart, Unknown, problem_size, set_up
 from graspfx.spatial import Matrix, Vector, Vector4
-
-MODULES = (complementarity, cone, cut, elimination, friction, mode_equations, square_equations)
-
-
-@pytest.fixture
-def in_python(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Let kernels that are called by name from other kernels run as they are written too, until it is undone."""
-    for module in MODULES:
-        for name, member in vars(module).items():
-            if hasattr(member, "__kernel__"):
-                monkeypatch.setattr(module, name, written(member))
-    return monkeypatch
+from tests.support.written import plain_python
 
 
 def random_problem(rng: np.random.Generator, n: int, d: int, room: int) -> FrictionProblem:
@@ -54,35 +42,35 @@ def copy(problem: FrictionProblem) -> FrictionProblem:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_friction_of_modes(seed: int, in_python: pytest.MonkeyPatch) -> None:
+def test_friction_of_modes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n, d = int(rng.integers(1, 5)), int(rng.integers(1, 5))
     one = random_problem(rng, n, d, 6)
     other = copy(one)
     gains = Gains(*10.0 ** rng.uniform(0.0, 2.0, 2)) if seed % 7 else Gains(0.0, 0.0)
     coulomb = seed % 2 == 0
-    answer = friction.friction_force(one, d, gains, coulomb, 2)
-    in_python.undo()
+    with plain_python():
+        answer = friction.friction_force(one, d, gains, coulomb, 2)
     assert friction.friction_force(other, d, gains, coulomb, 2) == answer
     assert one.buffer.tobytes() == other.buffer.tobytes()
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_friction_of_a_square(seed: int, in_python: pytest.MonkeyPatch) -> None:
+def test_friction_of_a_square(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n, d = int(rng.integers(1, 4)), int(rng.integers(1, 5))
     one = random_problem(rng, n, d, n * d)
     other = copy(one)
     A = rng.normal(size=(n * d, n * d))
     K = Table((A @ A.T + np.eye(n * d)).ravel() * (seed % 7 > 0), 0, n * d)
-    answer = friction.friction_force_square(one, d, K, True, seed % 2 == 0, 2)
-    in_python.undo()
+    with plain_python():
+        answer = friction.friction_force_square(one, d, K, True, seed % 2 == 0, 2)
     assert friction.friction_force_square(other, d, K, True, seed % 2 == 0, 2) == answer
     assert one.buffer.tobytes() == other.buffer.tobytes()
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_pivoting(seed: int, in_python: pytest.MonkeyPatch) -> None:
+def test_pivoting(seed: int) -> None:
     rng = np.random.default_rng(seed)
     contacts = Contacts(int(rng.integers(1, 5)), int(rng.integers(1, 5)), seed % 3 == 0)
     n, m = contacts.count, contacts.count * contacts.coordinates
@@ -99,13 +87,13 @@ def test_pivoting(seed: int, in_python: pytest.MonkeyPatch) -> None:
         complementarity.settle(M, q, Floats(displacement), engaged, contacts)
         return [bytes([code]), *(a.tobytes() for a in (square, vector, marks, state))]
 
-    first = run()
-    in_python.undo()
+    with plain_python():
+        first = run()
     assert run() == first
 
 
 @pytest.mark.parametrize("d", [1, 2, 3, 4])
-def test_modes_in_contact_frames(d: int, in_python: pytest.MonkeyPatch) -> None:
+def test_modes_in_contact_frames(d: int) -> None:
     rng = np.random.default_rng(2)
     n, count = 3, 5
     frames: Many[Matrix] = Many(Matrix, rng.normal(size=9 * n), 0, n)
@@ -113,28 +101,32 @@ def test_modes_in_contact_frames(d: int, in_python: pytest.MonkeyPatch) -> None:
     motions = Table(rng.normal(size=count * lead), 0, lead)
     one = random_problem(rng, n, d, 6)
     other = copy(one)
-    friction.turn_modes(frames, motions, one, d, count)
-    in_python.undo()
+    with plain_python():
+        friction.turn_modes(frames, motions, one, d, count)
     friction.turn_modes(frames, motions, other, d, count)
     assert one.buffer.tobytes() == other.buffer.tobytes()
 
 
-def test_values(in_python: pytest.MonkeyPatch) -> None:
+def test_values() -> None:
     """Frames, lengths and slopes of 200 random forces, statuses and limits."""
     rng = np.random.default_rng(3)
-    results: list[list[object]] = [[], []]
     draws = [(rng.normal(size=12).tolist(), *rng.integers(0, 4, 2).tolist()) for _ in range(200)]
-    for turn in range(2):
+
+    def values() -> list[object]:
+        found = list[object]()
         for x, status, k in draws:
             normal, d = Vector(*x[:3]), k + 1
             force, other = Vector4(*x[3:7]), Vector4(*x[7:11])
             face = cut.Face(status, normal, abs(x[11]))
-            results[turn] += [
+            found += [
                 cone.contact_frame(normal, min(d, 3)),
                 cut.force_size(force, d),
                 cut.shorten(force, d, abs(x[11])),
                 cut.cone_slope(face, abs(x[0]), float(k % 2), other),
                 cut.ball_slope(force, d, abs(x[11]), other),
             ]
-        in_python.undo()
-    assert results[0] == results[1]
+        return found
+
+    with plain_python():
+        first = values()
+    assert values() == first

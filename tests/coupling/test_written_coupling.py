@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -21,25 +17,7 @@ from graspfx.coupling.rules import Rules
 from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import INERTIA, ON_A_LINE, grasped, law
-
-
-@contextmanager
-def plain_python() -> Iterator[None]:
-    """Let kernels that are called by name run as they are written, in every module that is loaded."""
-    modules = [module for name, module in sys.modules.items() if name.startswith("graspfx.")]
-    lowered = [
-        (module, name, member)
-        for module in modules
-        for name, member in list(vars(module).items())
-        if isinstance(member, FunctionType) and hasattr(member, "__kernel__")
-    ]
-    try:
-        for module, name, member in lowered:
-            setattr(module, name, written(member))
-        yield
-    finally:
-        for module, name, member in lowered:
-            setattr(module, name, member)
+from tests.support.written import plain_python
 
 
 def matrix(rng: np.random.Generator, size: int, low: float) -> np.ndarray:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.compile.machine import compiled
@@ -17,7 +19,8 @@ from graspfx.loop.device import FusedDevice, fused
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine
 from graspfx.loop.plant import fused as fused_plant
-from tests.support.fused import Arena, called, on_memory
+
+FloatArray = NDArray[np.float64]
 
 two_link: Any = plugins.load("devices", "two-link")
 
@@ -33,21 +36,86 @@ ARMS: dict[str, dict[str, Any]] = {
 }
 
 
+class Arena:
+    """One simulated device, its plant and its hand on one array, each block somewhere in it; nan between them."""
+
+    def __init__(self, parts: tuple[Any, Any, Any], T: float, kernels: Callable[[Any], Any]) -> None:
+        device, plant, hand = parts
+        plant.hold(hand, T)
+        self.device, self.plant, self.hand, self.T, self.ticks = device, plant, hand, T, 0
+        gap = np.full(3, np.nan)
+        blocks = [device.state, plant.state, hand.state]
+        self.S = np.concatenate([part for block in blocks for part in (gap, block)])
+        sizes = [len(gap) + len(block) for block in blocks]
+        self.at_device, self.at_plant, self.at_hand = np.cumsum([len(gap), *sizes[:2]]).tolist()
+        self.reading, self.writing = kernels(device.reading), kernels(device.writing)
+        self.aim, self.move = kernels(hand.kernel), kernels(plant.kernel)
+
+    def tick(self, force: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+        """One sample: position, velocity and effort of the device, and the plant's position after it."""
+        S, ports, moved, shape = self.S, self.device.ports, self.plant.ports, self.plant.position.shape
+        N, o, p, h = shape[0] * shape[1], self.at_device, self.at_plant, self.at_hand
+        seen = self.device.sensed
+        S[o + ports.sensed : o + ports.sensed + len(seen)] = S[p + seen]
+        assert self.reading(S, o) == 0
+        x, v = (S[o + at : o + at + N].reshape(shape) for at in (ports.position, ports.velocity))
+        S[o + ports.command : o + ports.command + N] = force(x, v).ravel()
+        assert self.writing(S, o) == 0
+        S[p + moved.effort : p + moved.effort + N] = S[o + ports.effort : o + ports.effort + N]
+        begin, end = self.ticks * self.T, (self.ticks + 1) * self.T
+        for at, time in ((moved.middle, 0.5 * (begin + end)), (moved.end, end)):
+            if at is not None:
+                self.aim(S, h, time)
+                for to, ours in zip((at, at + N), self.hand.ports, strict=True):
+                    S[p + to : p + to + N] = S[h + ours : h + ours + N]
+        assert self.move(S, p) == 0
+        self.ticks += 1
+        y = S[p + moved.position : p + moved.position + N].reshape(shape)
+        return np.array([x, v, S[o + ports.effort : o + ports.effort + N].reshape(shape), y])
+
+
+def called(device: Any, plant: Any, hand: Any, T: float, force: Callable[[FloatArray, FloatArray], FloatArray]) -> Any:
+    """Run the sample by the methods."""
+    x, v, _ = device.read()
+    device.write(force(x, v))
+    effort = np.array(device.effort)
+    plant.advance(effort, hand, T)
+    return np.array([x, v, effort, plant.position])
+
+
+def on_memory(kernel: Any) -> Any:
+    """The kernel as it is, on a memoryview of the array that it is given."""
+    return lambda S, *rest: kernel(memoryview(S), *rest)
+
+
 def points(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
-    device = connect(mass=0.15, damping=0.2, fingers=2, dimensions=2, **settings)
-    return ready(device, START)
+    return *opened(connect(mass=0.15, damping=0.2, fingers=2, dimensions=2, **settings), START), hand(START)
 
 
 def arm(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
-    return ready(two_link.connect(base=(-0.04, -0.18), **settings), START[:1])
+    return *opened(two_link.connect(base=(-0.04, -0.18), **settings), START[:1]), hand(START[:1])
 
 
-def ready(device: Any, start: Any) -> tuple[Any, Any, Hand]:
+def together(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
+    """Three fingers in space that one hand waves and squeezes: its gains couple them."""
+    start = np.random.default_rng(12).normal(0.0, 0.01, (3, 3))
+    held = Hand.arm_and_grip(
+        start + 0.01, arm=(30.0, 1.0), grip=(200.0, np.linspace(0.0, 1.0, 3)), motion=Sine(0.05, 0.5, np.ones(3)),
+        squeeze=0.01, inward=np.ones((3, 3)),
+    )  # fmt: skip
+    return *opened(connect(mass=0.15, damping=0.2, fingers=3, dimensions=3, **settings), start), held
+
+
+def opened(device: Any, start: FloatArray) -> tuple[Any, Any]:
     plant = type(device).plant([device])
     plant.place(start)
     device.open(T)
+    return device, plant
+
+
+def hand(start: FloatArray) -> Hand:
     inward = np.tile([[0.0, 1.0]], (len(start), 1))
-    return device, plant, Hand(start, 60.0, 1.0, Sine(0.03, 0.8, [1.0, 0.5], 0.1, 0.5), 0.004, inward)
+    return Hand(start, 60.0, 1.0, Sine(0.03, 0.8, [1.0, 0.5], 0.1, 0.5), 0.004, inward)
 
 
 def wall(x: Any, v: Any) -> Any:
@@ -57,23 +125,26 @@ def wall(x: Any, v: Any) -> Any:
     return force
 
 
-CASES = [(points, settings) for settings in POINTS.values()] + [(arm, settings) for settings in ARMS.values()]
+CASES = [
+    *((points, settings) for settings in POINTS.values()), *((arm, settings) for settings in ARMS.values()),
+    (together, {}),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("make", "settings"), CASES, ids=[*POINTS, *ARMS])
+@pytest.mark.parametrize(("make", "settings"), CASES, ids=[*POINTS, *ARMS, "together"])
 def test_blocks_alone_are_the_methods_to_the_bit(make: Any, settings: dict[str, Any]) -> None:
-    device, plant, hand = make(settings)
+    device, plant, held = make(settings)
     assert isinstance(device, FusedDevice)
     arena = Arena(make(settings), T, on_memory)
     for _ in range(300):
-        np.testing.assert_array_equal(arena.tick(wall), called(device, plant, hand, T, wall))
+        np.testing.assert_array_equal(arena.tick(wall), called(device, plant, held, T, wall))
     structure = device.structure
     np.testing.assert_array_equal(device.state[structure], arena.device.state[structure])
     np.testing.assert_array_equal(device.state[structure], np.rint(device.state[structure]))
     assert np.isnan(arena.S).sum() == 9  # nothing was written between the blocks
 
 
-@pytest.mark.parametrize(("make", "settings"), [CASES[1], CASES[3]], ids=["points", "arm"])
+@pytest.mark.parametrize(("make", "settings"), [CASES[1], CASES[3], CASES[4]], ids=["points", "arm", "together"])
 def test_compiled_it_is_the_same_to_rounding(make: Any, settings: dict[str, Any]) -> None:
     # Rounding of positions around 0.1 m, that of velocities over 5 ms and of forces by 150 N/m; no count of these runs
     # is so near to a half that it falls on its other side.

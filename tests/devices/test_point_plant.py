@@ -10,13 +10,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from graspfx.compile.machine import compiled
 from graspfx.devices.simulated import PointDevice, connect, points
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand, join
 from graspfx.loop.motion.motion import Sine
-from graspfx.loop.plant import FusedPlant
-from tests.support.fused import advanced, drive
 
 T = 0.005
 M, B = 0.15, 0.2  # [kg], [N s/m]
@@ -234,44 +231,6 @@ def test_gains_period_and_hand_may_change_between_samples():
         x = (expm(A * period) @ [*x, 1.0])[:4]
         np.testing.assert_allclose(plant.position[:, 0], x[:2], atol=1e-16)
     assert plant.time == pytest.approx(3 * T + 2 * 0.001, rel=1e-15)
-
-
-def grasped(n, d):
-    """A hand that waves and squeezes the fingers, with efforts of 300 samples and where they start."""
-    rng = np.random.default_rng(12)
-    start = rng.normal(0.0, 0.01, (n, d))
-    hand = Hand.arm_and_grip(
-        start + 0.01,
-        arm=(30.0, 1.0),
-        grip=(200.0, np.linspace(0.0, 1.0, d)),
-        motion=Sine(0.05, 0.5, np.ones(d)),
-        squeeze=0.01,
-        inward=rng.normal(size=(n, d)),
-    )
-    return start, hand, rng.normal(0.0, 0.5, (300, n, d))
-
-
-@pytest.mark.parametrize(("n", "d"), [(1, 1), (2, 1), (3, 2), (5, 3)])
-def test_the_kernel_on_the_block_is_the_plant_to_the_bit(n, d):
-    start, hand, efforts = grasped(n, d)
-    one, other = made(start), made(start)
-    assert isinstance(other, FusedPlant)
-    expected = advanced(one, efforts, hand, T)
-    got = drive(other, efforts, hand, T)
-    np.testing.assert_array_equal(got, expected)
-    np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
-    plants: list[Any] = [one, other]
-    assert [plant.time for plant in plants] == [300 * T, 300 * T]
-    np.testing.assert_array_equal(advanced(one, efforts[:5], hand, T), advanced(other, efforts[:5], hand, T))
-
-
-def test_the_compiled_kernel_moves_a_block_that_stands_anywhere():
-    # To rounding: a compiler may make one operation of a product and a sum.
-    start, hand, efforts = grasped(3, 2)
-    expected = advanced(made(start), efforts, hand, T)
-    plant = made(start)
-    got = drive(plant, efforts, hand, T, compiled(plant.kernel), 7)
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("where", ["effort", "position", "velocity"])

@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.compile.kernel import written
-from graspfx.compile.machine import compiled
 from graspfx.devices.two_link.arm import Both, joint_angles, link_directions
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine
-from graspfx.loop.plant import FusedPlant
-from tests.support.fused import advanced, drive
 
 two_link: Any = plugins.load("devices", "two-link")
 dynamics: Any = importlib.import_module("graspfx.devices.two_link.arm_dynamics")
@@ -274,35 +271,6 @@ def test_integrator_is_of_sixth_order() -> None:
     errors = [np.abs(end(int(s)) - best).max() for s in steps]
     order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order == pytest.approx(6.0, abs=0.25)
-
-
-@pytest.mark.parametrize("drives", [("base",), ("base", "elbow"), ("elbow", "base")])
-def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]) -> None:
-    """200 samples with a hand that waves and squeezes: the same by `advance` and through the protocol alone."""
-    devices, start, hand, torques = grasped(drives)
-    one, other = (type(devices[0]).plant(devices) for _ in range(2))
-    for plant in (one, other):
-        plant.place(start)
-    assert isinstance(other, FusedPlant)
-    expected = advanced(one, torques, hand, T)
-    got = drive(other, torques, hand, T)
-    np.testing.assert_array_equal(got, expected)
-    np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
-    plants: list[Any] = [one, other]
-    assert [plant.time for plant in plants] == [200 * T, 200 * T]
-    np.testing.assert_array_equal(advanced(one, torques[:5], hand, T), advanced(other, torques[:5], hand, T))
-
-
-def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:
-    """The two agree within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
-    devices, start, hand, torques = grasped(("base", "elbow"))
-    one, other = (type(devices[0]).plant(devices) for _ in range(2))
-    for plant in (one, other):
-        plant.place(start)
-    expected = advanced(one, torques, hand, T)
-    got = drive(other, torques, hand, T, compiled(other.kernel), 7)
-    assert np.abs(got[:, 0] - expected[:, 0]).max() < 1e-13
-    assert np.abs(got[:, 1] - expected[:, 1]).max() < 1e-11
 
 
 def test_a_kernel_that_cannot_go_on_moves_nothing() -> None:

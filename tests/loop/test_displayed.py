@@ -19,39 +19,9 @@ from graspfx.loop.recording.record import Recording
 from tests.support import foreign_parts
 from tests.support.engines import recorded, same
 from tests.support.optional import require
+from tests.support.pinches import flick, pinch
 
 TORQUE = 0.0012  # of a motor [N m], at a gear of 15 and links of 128 mm: 0.14 N at the finger
-
-
-def pinch(d: int = 2, n: int = 3, **changes: Any) -> gx.Scene:
-    """Fingers around a ball or between two walls of a line, squeezed to more than 0.2 N while they wave."""
-    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
-    around = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(n)])[:, :d]
-    if d == 1:
-        around = np.array([[-1.0], [1.0]])
-    motion = {"kind": "sine", "amplitude": 0.01, "frequency": 1.0, "axis": "x"}
-    made = gx.Scene(
-        dimensions=d,
-        period=0.002,
-        duration=0.6,
-        object={
-            "mass": 0.1, "viscosity": 0.5, "integrator": "semi-implicit",
-            "shape": {"kind": "sphere", "radius": 0.025} if d > 1 else {"kind": "box", "size": [0.05]},
-        } | ({} if d == 1 else {"rotational_viscosity": 3e-4}),
-        coupling={
-            "external": {"stiffness": 60.0, "damping": 0.05}, "internal": {"stiffness": 150.0, "damping": 0.1},
-        },
-        finger=[
-            {
-                "start": (0.0255 * each).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "damping": 0.2},
-                "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": (-each).tolist(),
-                         "motion": motion},
-            }
-            for each in around
-        ],
-    )  # fmt: skip
-    return made.replace({key.replace("__", "."): value for key, value in changes.items()})
 
 
 LIMIT: dict[str, Any] = {"finger__0__device__force_limit": 0.2}
@@ -198,32 +168,12 @@ def test_recordings_keep_what_was_displayed(tmp_path: Path) -> None:
 # A flick ----------------------------------------------------------------------------------------------------------
 
 
-def flick(limit: float | None) -> gx.Scene:
-    """A stiff hand that pushes a finger 20 mm into a free body of 0.1 kg and draws it back, 20 ms each."""
-    device = {"name": "simulated", "mass": 0.02} | ({} if limit is None else {"force_limit": limit})
-    motion = {"kind": "path", "times": [0.0, 0.02, 0.04], "positions": [[0.0], [0.02], [0.0]]}
-    return gx.Scene(
-        dimensions=1,
-        period=0.0001,
-        duration=0.1,
-        object={"mass": 0.1, "viscosity": 0.0, "integrator": "exact", "shape": {"kind": "box", "size": [0.05]}},
-        coupling={"external": {"stiffness": 300.0}, "internal": {"stiffness": 300.0}},
-        finger=[
-            {
-                "start": [-0.025],
-                "device": device,
-                "hand": {"stiffness": 4000.0, "damping": 18.0, "motion": motion},
-            }
-        ],
-    )
-
-
 def test_a_flick_at_the_limit_makes_no_energy() -> None:
     """The object gains what the user gave it, but for what holding forces over samples makes: L v T, 0.05 mJ.
 
     With the limit of 0.5 N at the device alone it gained 48 mJ for 7.1 mJ of the user's work.
     """
-    rec = gx.run(flick(0.5))
+    rec = gx.run(flick(finger__0__device__force_limit=0.5))
     gained = 0.05 * float(rec.object_velocity[-1, 0]) ** 2
     work = -float(rec.device_energy[-1, 0])
     assert rec.saturated is not None
@@ -255,7 +205,7 @@ def test_a_device_of_ones_own_is_limited_as_ours(tmp_path: Path) -> None:
 @pytest.mark.skipif(not is_installed("pybullet"), reason="PyBullet has no wheel for this Python")
 def test_a_body_of_other_software_receives_what_was_displayed() -> None:
     """PyBullet's body in place of ours: limits, wrench and work, and a push of 0.2 N at most moves it."""
-    scene = pinch(3, 3, object__dynamics="bullet", coupling__friction=0.6, **LIMIT)
+    scene = pinch(3, object__dynamics="bullet", coupling__friction=0.6, **LIMIT)
     rec = recorded(scene, "compiled", ticks=200)
     assert same(rec, recorded(scene, "interpreted", ticks=200))
     require_consistent(rec, np.array([0.2, np.inf, np.inf]))
@@ -273,7 +223,7 @@ def arms(**settings: Any) -> gx.Scene:
         }
         for side, elbow in ((-1.0, "left"), (1.0, "right"))
     ]
-    table = pinch(2, 2).to_dict()
+    table = pinch(2).to_dict()
     return gx.Scene(**(table | {"finger": fingers, "duration": 0.5}))
 
 

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
 from graspfx.errors import SceneError
 from tests.support.carriers import CARRIERS
 from tests.support.carriers import require as require_dynamics
-from tests.support.hardware import VirtualClock
 from tests.support.optional import require
 
 LINE: dict[str, Any] = {
@@ -25,12 +23,6 @@ LINE: dict[str, Any] = {
     "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
 }
 POINT = {"name": "simulated", "mass": 0.15, "damping": 0.2}
-
-
-@pytest.fixture(autouse=True)
-def clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let no time pass: hardware is never late on a machine that is."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
 
 
 def finger(start: float, **changes: Any) -> dict[str, Any]:
@@ -46,77 +38,6 @@ def test_time_is_the_tick_count() -> None:
     rec = gx.run(scene(finger(-0.025), finger(0.025)), duration=1.001)
     assert len(rec.time) == 200
     assert np.array_equal(rec.time, np.arange(200) * 0.005)
-
-
-DRIVER = """
-import numpy as np
-from graspfx.loop.device import Features
-from graspfx.errors import DeviceError
-
-class Broken:
-    features = Features(fingers=1, dimensions=1)
-    def __init__(self, how):
-        self.how, self.ticks, self.written = how, 0, []
-    def open(self, period): pass
-    def read(self):
-        self.ticks += 1
-        x = np.array([[-0.02]])
-        if self.ticks > 61 and self.how == "nan":
-            x[:] = np.nan
-        if self.ticks > 61 and self.how == "raises":
-            raise DeviceError("the cable is out; plug it in")
-        return x, np.zeros((1, 1)), 0.005 * self.ticks
-    def write(self, forces): self.written.append(forces.copy())
-    def stop(self): self.written.append(np.zeros((1, 1)))
-    def close(self): pass
-    def __enter__(self): return self
-    def __exit__(self, *exc): self.close()
-
-made = []
-def connect(*, how):
-    made.append(Broken(how))
-    return made[-1]
-"""
-
-
-RAMP = {**LINE["coupling"], "enter": "ramp"}  # for a device that is inside the object from the first tick on
-
-
-@pytest.mark.parametrize(("how", "says"), [("nan", "finger0 (Broken) gave [[nan]] for positions"), ("raises", "cable")])
-def test_a_broken_reading_gives_zero_force_and_a_fault(tmp_path: Path, how: str, says: str) -> None:
-    """Pushed in by 5 mm until sample 20; from that very sample on nothing is displayed, nothing acts on the object.
-
-    Forty readings settle the device, and one looks whether it is still there.
-    """
-    driver = tmp_path / "broken.py"
-    driver.write_text(DRIVER)
-    broken = {"start": [-0.02], "device": {"name": str(driver), "how": how}}
-    rec = gx.run(scene(broken, finger(0.025), coupling=RAMP), duration=0.3, real_time=True)
-    assert len(rec.time) == 60
-    assert not rec.finger_force[0].any()
-    assert (rec.finger_force[1:20, 0] > 0.0).all()
-    assert not rec.finger_force[20:].any() and not rec.wrench[20:].any()
-    [fault] = rec.faults
-    assert fault.tick == 20 and says in fault.message
-    from graspfx import plugins
-
-    device = plugins.load("devices", str(driver)).made[-1]
-    assert all(np.isfinite(f).all() for f in device.written)
-    assert not any(f.any() for f in device.written[:41]) and not any(f.any() for f in device.written[60:])
-    assert all(f.any() for f in device.written[41:60])
-
-
-def test_a_finger_that_leaves_its_workspace_faults() -> None:
-    inside = {**POINT, "workspace": [[-0.03], [0.0]]}
-    away = {"stiffness": 60.0, "motion": {"kind": "reach", "displacement": [-0.03], "duration": 0.3}}
-    rec = gx.run(scene(finger(-0.025, device=inside, hand=away), finger(0.025)))
-    assert len(rec.faults) == 1 and "workspace" in rec.faults[0].message
-    assert not rec.finger_force[rec.faults[0].tick :].any()
-
-
-def test_a_start_out_of_reach_is_a_clear_error() -> None:
-    with pytest.raises(SceneError, match=r"paper-waving\.toml: finger\.0\.start: .*arm works from"):
-        gx.run(gx.load("paper-waving", {"finger.0.start": [-0.5, 0.0]}))
 
 
 def test_arm_and_grip_of_one_hand() -> None:
@@ -199,34 +120,6 @@ def test_port_energy_is_what_the_tips_and_their_springs_have() -> None:
     assert np.ptp(energy) > 1e-4
 
 
-BOARD = """
-class Board:
-    def __init__(self): self.reads = 0
-    def open(self, period): pass
-    def counts(self):
-        self.reads += 1
-        if self.reads > 61: raise OSError("cable out")
-        return 21720, 6680
-    def torque(self, first, second):
-        if self.reads > 61: raise OSError("cable out")
-    def close(self): pass
-
-def connect(**settings):
-    from graspfx.devices.two_link import connect
-    return connect(board=Board(), **settings)
-"""
-
-
-def test_a_board_that_is_unplugged_latches_a_fault_and_stops_the_others(tmp_path: Path) -> None:
-    driver = tmp_path / "unplugged.py"
-    driver.write_text(BOARD)
-    gone = {"start": [-0.025, 0.0], "device": {"name": str(driver), "base": [-0.04, -0.18]}}
-    rec = gx.run(gx.load("paper-waving", {"finger.0": gone, "coupling.enter": "ramp"}), duration=0.5, real_time=True)
-    assert len(rec) == 100
-    assert len(rec.faults) == 1 and "cable out" in rec.faults[0].message
-    assert not rec.finger_force[rec.faults[0].tick :].any()
-
-
 def test_a_body_that_diverges_latches_a_fault() -> None:
     """Far beyond what explicit integration bears: the run goes on to its end without force, nothing is raised."""
     tips = [[0.02, 0.0, 0.0], [-0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]
@@ -251,58 +144,12 @@ def test_a_body_that_diverges_latches_a_fault() -> None:
     assert not rec.finger_force[rec.faults[0].tick :].any()
 
 
-MUTE = """
-import numpy as np
-from graspfx.errors import DeviceError
-from graspfx.loop.device import Features
-
-class Mute:
-    features = Features(fingers=1, dimensions=1)
-    def __init__(self): self.writes = 0
-    def open(self, period): pass
-    def read(self): return np.array([[-0.02]]), np.zeros((1, 1)), 0.005 * self.writes
-    def write(self, forces):
-        self.writes += 1
-        if self.writes > 50: raise DeviceError("the amplifier is off")
-    def stop(self): pass
-    def close(self): pass
-    def __enter__(self): return self
-    def __exit__(self, *exc): self.close()
-
-def connect():
-    return Mute()
-"""
-
-
-def test_a_force_that_could_not_be_displayed_is_not_recorded_as_if_it_were(tmp_path: Path) -> None:
-    file = tmp_path / "mute.py"
-    file.write_text(MUTE)
-    mute = {"start": [-0.02], "device": {"name": str(file)}}
-    rec = gx.run(scene(mute, finger(0.025), coupling=RAMP), duration=0.1, real_time=True)
-    assert rec.faults[0].tick == 10
-    assert rec.finger_force[9, 0, 0] > 0.0
-    assert not rec.finger_force[10:].any() and not rec.wrench[10:].any()
-
-
 def test_fade_that_begins_too_near_is_in_the_summary() -> None:
     pushed = finger(-0.025, hand={"stiffness": 200.0, "squeeze": 0.02})
     coupling = {**LINE["coupling"], "absent": "fade", "fade": [0.0005, 0.001]}
     summary = gx.run(scene(pushed, finger(0.0255, hand={"stiffness": 200.0}), coupling=coupling)).summary()
     assert summary["fade_shortfall"] > 1e-4
     assert gx.run(scene(finger(-0.025), finger(0.025))).summary()["fade_shortfall"] is None
-
-
-def test_hand_on_a_real_device_is_refused(tmp_path: Path) -> None:
-    driver = tmp_path / "real.py"
-    driver.write_text(DRIVER)
-    held = {"start": [-0.02], "device": {"name": str(driver), "how": "fine"}, "hand": {"stiffness": 10.0}}
-    with pytest.raises(SceneError, match=r"finger\.0\.hand: a real device"):
-        gx.run(scene(held, finger(0.025)))
-
-
-def test_channel_that_a_device_does_not_have() -> None:
-    with pytest.raises(SceneError, match=r"finger\.0\.channel: expected less than 1"):
-        gx.run(scene(finger(-0.025, channel=1), finger(0.025)))
 
 
 @pytest.mark.parametrize("dynamics", CARRIERS)

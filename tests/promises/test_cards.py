@@ -111,6 +111,11 @@ def test_a_recording_says_what_it_is(nouns: dict[str, Any]) -> None:
                  "coupling.internal.stiffness = 60.0", " N\n", ".to_xarray()", ".plot()"):  # fmt: skip
         assert part in text, part
     assert "NOT complete" not in text
+    recording = nouns["recording"]
+    peaks = np.sqrt((recording.finger_force**2).sum(axis=2).max(axis=0))
+    shares = 5.0 * recording.touching.sum(axis=0)  # of 20 ticks [%]
+    assert f"  touching    {shares[0]:.0f} %, {shares[1]:.0f} % of the time\n" in text
+    assert f"  peak force  {peaks[0]:.3g}, {peaks[1]:.3g} N\n" in text
 
 
 def test_a_recording_names_faults_and_changes() -> None:

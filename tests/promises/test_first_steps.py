@@ -115,10 +115,3 @@ def test_a_truncated_stl_is_said_to_be_truncated(kind: str, share: float, tmp_pa
                 gx.Scene(**table)
         else:
             gx.Scene(**table)
-
-
-def test_the_glossary_has_the_words_that_newcomers_search_for() -> None:
-    """Each is a term of its own on the site, which its search leads to."""
-    rows = (Path(__file__).parents[2] / "docs" / "glossary.md").read_text("utf-8").splitlines()
-    words = {word.strip() for row in rows if row.startswith("| ") for word in row.split("|")[1].split(",")}
-    assert words >= {"admittance", "god object", "penetration", "teleoperation", "UDP"}

@@ -68,19 +68,6 @@ def test_every_page_is_reached_from_the_start_page() -> None:
     assert len(reached) > 100
 
 
-@pytest.mark.parametrize("words", ["motion capture", "mocap", "csv", "prescribed motion", "j^t", "udp"])
-def test_words_that_people_search_for_stand_in_how_to_pages(words: str) -> None:
-    """The search of the site is one of whole pages; `J' f` is written as J^T too, for those who look for it."""
-    assert any(words in path.read_text("utf-8").lower() for path in (DOCS / "how-to").glob("*.md"))
-
-
-@pytest.mark.parametrize("page", ["force-dimension", "haply-2diy", "haply-inverse", "home-made", "open-haptics",
-                                  "real-board", "rig", "c-library", "inputs", "hardware"])  # fmt: skip
-def test_pages_of_devices_begin_with_sign_frame_and_units(page: str) -> None:
-    top = (DOCS / "how-to" / f"{page}.md").read_text("utf-8").partition("\n## ")[0]
-    assert "device.md#sign-frame-and-units" in top
-
-
 def test_every_public_name_is_asked_for_on_a_page() -> None:
     asked = [ask for path in (DOCS / "reference").glob("*.md") for ask in ASKED.findall(path.read_text("utf-8"))]
     documented = [f"{module}.{name}" for module, group in asked for name in names(module, group)]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.support.waiting import wait_until
+from tests.support.waiting import finish, wait_until
 
 ROOT = Path(__file__).parents[2]
 LONG = 600.0  # of a driver that hangs: nobody waits for its end [s]
@@ -223,7 +223,7 @@ class LoggedRun:
 
     def end(self) -> tuple[int, str]:
         """Wait for its end; give its exit code and its messages."""
-        _, messages = self.process.communicate(timeout=120)
+        _, messages = finish(self.process, 120.0)
         return self.process.returncode, messages
 
     def time_to_zero(self, since: float) -> float:

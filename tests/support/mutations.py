@@ -1,7 +1,8 @@
 """Mutation check: put seeded mistakes into a copy of the sources, one at a time, and run the tests (`make mutations`).
 
 Each mistake is a sign, an off by one, a dropped term or a swapped axis in a kernel, a recording, a certificate or the
-safety chain. The tests of its room run first, then those of `make fast`, then all: the table says which found it.
+safety chain. The tests of its room run first, then those of `make fast`, the slow ones of the room, and all: the table
+says which found it. What `room` finds is found by `make fast`, and what `slow-room` finds by `make test`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import shutil
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -31,8 +32,10 @@ LONG = "large or stress or faults or rest"
 STAGES = {
     "room": f"not (alone or slow or {LONG})",
     "fast": f"not (alone or slow or {LONG})",
+    "slow-room": f"slow and not (alone or {LONG})",
     "test": f"not (alone or {LONG})",
 }
+PATIENCE = 3600.0  # of tests that a mistake may keep from ending [s]
 AXES = {"x": "y", "y": "z", "z": "x"}
 
 
@@ -116,14 +119,17 @@ def failing(copy: Path, workers: str, mark: str, *folders: str) -> str:
     """Run the tests on a copy; give the first that fails, or the last line where they do not run; "" if they pass."""
     words = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "--tb=no", "-n", workers, "-m", mark]
     words += ["--dist", "worksteal", "-p", "no:cacheprovider", *folders]
-    out = subprocess.run(words, cwd=copy, capture_output=True, text=True).stdout
+    try:
+        out = subprocess.run(words, cwd=copy, capture_output=True, text=True, timeout=PATIENCE).stdout
+    except subprocess.TimeoutExpired:
+        return f"no end within {PATIENCE:g} s"
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", out, re.MULTILINE)
     if failed is not None:
         return failed.group(1)
     return "" if " passed" in out else out.strip().splitlines()[-1][:80]
 
 
-def verdict(mutation: Mutation, copy: Path, workers: str) -> tuple[str, str]:
+def verdict(mutation: Mutation, copy: Path, workers: str, stages: Sequence[str]) -> tuple[str, str]:
     """Run the tests on a copy with a mistake; give the stage that found it, and the first test that failed."""
     file = copy / mutation.file
     source = file.read_text("utf-8")
@@ -131,8 +137,9 @@ def verdict(mutation: Mutation, copy: Path, workers: str) -> tuple[str, str]:
     folders = Path("tests", *Path(mutation.file).parts[1:]).parents
     room = next(folder for folder in folders if (copy / folder).is_dir())
     try:
-        for stage, mark in STAGES.items():
-            if test := failing(copy, workers, mark, *([str(room), *LAWS] if stage == "room" else [])):
+        for stage in stages:
+            folders_of_stage = {"room": [str(room), *LAWS], "slow-room": [str(room)]}.get(stage, [])
+            if test := failing(copy, workers, STAGES[stage], *folders_of_stage):
                 return stage, test
         return "", ""
     finally:
@@ -145,9 +152,13 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--seed", type=int, default=25)
     parser.add_argument("--workers", default="auto")
+    parser.add_argument("--stages", nargs="+", choices=STAGES, default=[*STAGES], help="which tests, in this order")
+    parser.add_argument("--only", nargs="+", type=int, help="numbers of the mistakes to try, as those that were left")
     parser.add_argument("--list", action="store_true", help="list the mistakes and run nothing")
     options = parser.parse_args()
-    chosen = choose(options.count, options.seed)
+    chosen = dict(enumerate(choose(options.count, options.seed)))
+    if options.only:
+        chosen = {k: chosen[k] for k in options.only}
     with TemporaryDirectory() as folder:
         copy = Path(folder, "copy")
         if not options.list:
@@ -155,12 +166,12 @@ def main() -> None:
             for name in files.splitlines():
                 (copy / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(ROOT / name, copy / name)
-        if not options.list and (test := failing(copy, options.workers, STAGES["test"])):
+        if not (options.list or options.only) and (test := failing(copy, options.workers, STAGES[options.stages[-1]])):
             sys.exit(f"without a mistake in it, the copy fails: {test}")
         print("| # | mistake | where | was | is | found by |\n|---|---|---|---|---|---|", flush=True)
         left = 0
-        for k, each in enumerate(chosen):
-            stage, test = ("", "") if options.list else verdict(each, copy, options.workers)
+        for k, each in chosen.items():
+            stage, test = ("", "") if options.list else verdict(each, copy, options.workers, options.stages)
             left += not stage
             line = (ROOT / each.file).read_text("utf-8").count("\n", 0, each.start) + 1
             where = f"{each.file.removeprefix('graspfx/')}:{line}"

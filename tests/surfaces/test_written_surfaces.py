@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.compile.kernel import written
 from graspfx.spatial import ZERO, Vector
-from graspfx.surfaces.closed_form import proxy, proxy_ellipsoid, proxy_flat, proxy_round
+from graspfx.surfaces.closed_form import proxy
 from graspfx.surfaces.nearest import Nearest
-from graspfx.surfaces.triangles import ball, boxes, constraints, triangle, walk
+from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.mesh import STATE
 from graspfx.surfaces.triangles.mesh_finger import TOUCHING, MeshFinger
 from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, flatten
 from tests.support.meshes import SHAPES, plate
+from tests.support.written import plain_python
 
-MODULES = (proxy, proxy_ellipsoid, proxy_flat, proxy_round, ball, boxes, constraints, triangle, walk)
 SIZES = {
     proxy.BOX: Vector(0.03, 0.02, 0.01), proxy.SPHERE: Vector(0.03, 0.0, 0.0), proxy.HALF_SPACE: Vector(0.6, 0.0, 0.8),
     proxy.PLANE: Vector(0.0, 0.6, -0.8), proxy.CAPSULE: Vector(0.01, 0.03, 0.0),
@@ -24,16 +23,6 @@ SIZES = {
 }  # fmt: skip
 LEAST = {proxy.CAPSULE: 2, proxy.CYLINDER: 3, proxy.ELLIPSOID: 2}  # dimensions
 FACES = {proxy.BOX: 6, proxy.PLANE: 2, proxy.CAPSULE: 2, proxy.CYLINDER: 3, proxy.ELLIPSOID: 2}
-
-
-@pytest.fixture
-def in_python(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Let kernels that are called by name from other kernels run as they are written too, until it is undone."""
-    for module in MODULES:
-        for name, member in vars(module).items():
-            if hasattr(member, "__kernel__"):
-                monkeypatch.setattr(module, name, written(member))
-    return monkeypatch
 
 
 def positions(rng: np.random.Generator, size: Vector, count: int) -> list[Vector]:
@@ -47,17 +36,20 @@ def positions(rng: np.random.Generator, size: Vector, count: int) -> list[Vector
 
 
 @pytest.mark.parametrize("kind", SIZES)
-def test_closed_forms(kind: int, in_python: pytest.MonkeyPatch) -> None:
+def test_closed_forms(kind: int) -> None:
     """150 positions of point and ball, in each dimension that the shape has, from each face."""
-    results: list[list[str]] = [[], []]
-    for turn in range(2):
-        rng = np.random.default_rng(kind)
+
+    def contacts() -> list[str]:
+        rng, found = np.random.default_rng(kind), list[str]()
         for p, last in zip(positions(rng, SIZES[kind], 150), positions(rng, ZERO, 150), strict=True):
             d = int(rng.integers(LEAST.get(kind, 1), 4))
             face = int(rng.integers(-1, FACES.get(kind, 1)))
-            results[turn].append(repr(proxy.closest_to_ball(kind, d, SIZES[kind], 0.001, p, face, last)))
-        in_python.undo()
-    assert results[0] == results[1]
+            found.append(repr(proxy.closest_to_ball(kind, d, SIZES[kind], 0.001, p, face, last)))
+        return found
+
+    with plain_python():
+        first = contacts()
+    assert contacts() == first
 
 
 def along(path: FloatArray, M: FloatArray, radius: float, reach: float) -> tuple[list[Nearest], FloatArray, int]:
@@ -89,27 +81,27 @@ def wandering(vertices: FloatArray, rng: np.random.Generator, steps: int) -> Flo
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("radius", [0.0, 0.004])
 @pytest.mark.parametrize("name", ["plate", "ell", "knife"])
-def test_meshes(name: str, radius: float, closed: bool, in_python: pytest.MonkeyPatch) -> None:
+def test_meshes(name: str, radius: float, closed: bool) -> None:
     """Points and balls on thin and sharp solids and shells: every contact, and the whole state, to the bit."""
     rng = np.random.default_rng(5)
     vertices, faces = SHAPES[name]()
     M = flatten(vertices, faces, closed=closed)
     path = wandering(vertices, rng, 60)
-    contacts, state, touches = along(path, M, radius, 0.01)
-    in_python.undo()
+    with plain_python():
+        contacts, state, touches = along(path, M, radius, 0.01)
     others, other_state, _ = along(path, M, radius, 0.01)
     assert list(map(repr, contacts)) == list(map(repr, others))
     assert state.tobytes() == other_state.tobytes()
     assert touches > 5
 
 
-def test_a_ball_in_a_corner_is_stopped_by_three_planes(in_python: pytest.MonkeyPatch) -> None:
+def test_a_ball_in_a_corner_is_stopped_by_three_planes() -> None:
     """A box turned inside out is a room: the ball goes into its corner."""
     vertices, faces = plate(0.1, 0.1, 0.1)
     M = flatten(vertices, faces[:, ::-1], closed=True)
     path = np.linspace([0.0, 0.0, 0.0], [0.06, 0.055, 0.07], 40)
-    contacts, state, _ = along(path, M, 0.004, np.inf)
-    in_python.undo()
+    with plain_python():
+        contacts, state, _ = along(path, M, 0.004, np.inf)
     others, other_state, touches = along(path, M, 0.004, np.inf)
     assert list(map(repr, contacts)) == list(map(repr, others))
     assert state.tobytes() == other_state.tobytes()

@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, JoinedHands, join
 from graspfx.loop.motion.motion import Levels, Path, Reach, Rest, Sine, Sum
-from graspfx.loop.motion.targets import count_until
+from graspfx.loop.motion.state import HandState, JoinedHandsState
+from graspfx.loop.motion.targets import count_until, joined_target, target
 from graspfx.loop.motion.turn import Turn
 from graspfx.loop.plant import FusedHand
+from tests.support.written import plain_python
 
 FloatArray = NDArray[np.float64]
 
@@ -60,10 +63,17 @@ def by_kernel(hand: Any, kernel: Any, o: int = 0) -> FloatArray:
 
 @pytest.mark.parametrize("name", HANDS)
 def test_the_kernel_on_the_block_is_the_method_to_the_bit(name: str) -> None:
+    """As it is lowered, and as it is written."""
     hand = HANDS[name]
     assert isinstance(hand, FusedHand)
     got = by_kernel(hand, lambda S, o, t: hand.kernel(memoryview(S), o, t), 5)
     np.testing.assert_array_equal(got, [hand.target(t) for t in TIMES])
+    joined = name == "joined"
+    kernel: Any = written(joined_target if joined else target)
+    kind: Any = JoinedHandsState if joined else HandState
+    with plain_python():
+        plain = by_kernel(hand, lambda S, o, t: kernel(kind(memoryview(S), o), t), 5)
+    assert plain.tobytes() == got.tobytes()
     np.testing.assert_array_equal(hand.state[hand.structure], np.rint(hand.state[hand.structure]))
 
 
@@ -83,7 +93,8 @@ def test_times_are_counted_by_bisection() -> None:
     for count in (1, 2, 7, 64):
         times = np.sort(np.round(rng.uniform(0.0, 1.0, count), 2))
         for t in [*rng.uniform(-0.1, 1.1, 30), *times]:
-            assert count_until(Floats(times), count, t) == bisect_right(times.tolist(), t)
+            until = bisect_right(times.tolist(), t)
+            assert count_until(Floats(times), count, t) == written(count_until)(Floats(times), count, t) == until
 
 
 class Jump:

@@ -154,7 +154,7 @@ def test_devices_are_stopped_before_they_are_read_where_a_tick_is_late(
         def note(context: int, block: int) -> int:
             events.append(role)
             if role == "write" and events.count(role) == 2 * HANG:
-                session.native.program.clock.row = 99
+                session.native._pacer.row = 99
             return int(function(context, block))
 
         return note

@@ -26,36 +26,10 @@ from tests.support.closed_paths import gain_per_loop
 from tests.support.engines import recorded, same
 from tests.support.grasps import law
 from tests.support.optional import require
+from tests.support.pinches import PERIOD as T
+from tests.support.pinches import flick, pinch
 
-T = 0.002
 GAINS = [f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")]
-
-
-def pinch(d: int = 2, *, safety: dict[str, Any] | None = None, **changes: Any) -> gx.Scene:
-    """Three fingers around a ball, two between the walls of a line, that squeeze it with 0.4 N or so and wave."""
-    n = 2 if d == 1 else 3
-    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
-    around = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(n)])[:, :d].round(15)
-    motion = {"kind": "sine", "amplitude": 0.01, "frequency": 1.0, "axis": "x"}
-    table = {
-        "dimensions": d, "period": T, "duration": 0.6,
-        "object": {
-            "mass": 0.1, "viscosity": 0.5,
-            "shape": {"kind": "sphere", "radius": 0.025} if d > 1 else {"kind": "box", "size": [0.05]},
-        } | ({} if d == 1 else {"rotational_viscosity": 3e-4}),
-        "coupling": {
-            "external": {"stiffness": 60.0, "damping": 0.05}, "internal": {"stiffness": 150.0, "damping": 0.1},
-        },
-        "finger": [
-            {
-                "start": (0.0255 * each).tolist(), "device": {"name": "simulated", "mass": 0.1, "damping": 0.2},
-                "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": (-each).tolist(),
-                         "motion": motion},
-            }
-            for each in around
-        ],
-    } | ({} if safety is None else {"safety": safety})  # fmt: skip
-    return gx.Scene(**table).replace({key.replace("__", "."): value for key, value in changes.items()})
 
 
 def sizes(rec: Recording) -> np.ndarray:
@@ -353,23 +327,6 @@ def test_saturated_closed_motions_make_no_energy(rules: Rules, gain: float) -> N
     assert np.mean(shares) > (0.5 if rules.attached else 0.9)
 
 
-def flick(passivity: str, **safety: Any) -> gx.Scene:
-    """A stiff hand that pushes a finger 20 mm into a free body of 0.1 kg and draws it back, 20 ms each."""
-    motion = {"kind": "path", "times": [0.0, 0.02, 0.04], "positions": [[0.0], [0.02], [0.0]]}
-    return gx.Scene(
-        dimensions=1, period=0.0001, duration=0.1,
-        object={"mass": 0.1, "viscosity": 0.0, "shape": {"kind": "box", "size": [0.05]}},
-        coupling={"external": {"stiffness": 300.0}, "internal": {"stiffness": 300.0}, "passivity": passivity},
-        safety={"soft_start": 0.0} | safety,
-        finger=[
-            {
-                "start": [-0.025], "device": {"name": "simulated", "mass": 0.02},
-                "hand": {"stiffness": 4000.0, "damping": 18.0, "motion": motion},
-            }
-        ],
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("safety", [{"force": 0.5}, {"force": 0.5, "rate": 200.0}, {"force": 0.5, "soft_start": 0.02}])
 def test_a_flick_gives_the_object_no_more_than_the_user_did(safety: dict[str, float]) -> None:
     """Under control: at most what one sample lets pass, L v T/2 = 6 uJ of 1.2 to 1.7 mJ, in the end.
@@ -377,7 +334,7 @@ def test_a_flick_gives_the_object_no_more_than_the_user_did(safety: dict[str, fl
     A rate makes energy where it bites (0.4 mJ here), and a soft start under load takes it from the tank (0.5 mJ): the
     brake takes it back.
     """
-    rec = gx.run(flick("control", **safety))
+    rec = gx.run(flick(coupling__passivity="control", safety={"soft_start": 0.0} | safety))
     gained = 0.05 * float(rec.object_velocity[-1, 0]) ** 2
     work = -float(rec.device_energy[-1, 0])
     assert rec.saturated is not None
@@ -389,7 +346,7 @@ def test_a_flick_gives_the_object_no_more_than_the_user_did(safety: dict[str, fl
 
 def test_a_flick_at_the_limit_makes_no_energy_without_a_brake() -> None:
     """But for what holding forces over samples makes: L v T, 0.1 mJ of 1.7."""
-    rec = gx.run(flick("off", force=0.5))
+    rec = gx.run(flick(safety={"soft_start": 0.0, "force": 0.5}))
     gained = 0.05 * float(rec.object_velocity[-1, 0]) ** 2
     assert gained > 1e-3
     assert gained + float(rec.device_energy[-1, 0]) < 0.5 * 1.0 * 2 * 1e-4
