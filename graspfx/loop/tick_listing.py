@@ -269,20 +269,21 @@ def _is_stage(call: Call) -> bool:
 
 def _skipped(arena: Arena, root: Call) -> Iterator[Skipped]:
     """List the calls of stages that ran, and that no tick made, each with the first condition that was not met."""
-    ran: dict[str, set[str]] = {}
+    ran: dict[str, set[CodeType]] = {}
     for _, call in root.walk():
         if _is_stage(call):
-            ran.setdefault(call.name, set()).update(each.name for each in call.calls.values())
+            ran.setdefault(call.name, set()).update(call.calls)
     for name in STAGES:
         if name not in ran:
             continue
         function = written(STAGES[name])
+        named = {source_function(each).__code__ for each in vars(step).values() if hasattr(each, LOWERED)}
         for node, guards in _calls(definition(function).body, ()):
             callee = node.func.id if isinstance(node.func, ast.Name) else ""
             kernel = function.__globals__.get(callee)
-            if hasattr(kernel, LOWERED) and kernel.__name__ not in ran[name]:
+            if hasattr(kernel, LOWERED) and source_function(kernel).__code__ not in ran[name]:
                 yield Skipped(name, kernel.__name__, node.lineno, _reason(arena, guards))
-            elif callee in BY_NUMBER and not ran[name] - set(function.__globals__):
+            elif callee in BY_NUMBER and ran[name] <= named:
                 yield Skipped(name, ast.unparse(node.args[1]), node.lineno, _reason(arena, guards))
 
 
