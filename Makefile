@@ -21,7 +21,7 @@ WORK_READY := $(VENV)/.ready-to-work
 SITE_READY := $(VENV)/.ready-for-the-site
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures screenshots map face reference site fast test alone together long part others wheel lock sizes durations mutations coverage lint types contracts clean
+.PHONY: help bench demo pictures screenshots map face reference site fast test alone together long part others wheel lock sizes durations mutations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -43,14 +43,13 @@ demo: $(RUN_READY) ## wave a cube with one stiffness and with two: sinks in, sha
 	@$(WAVE) --out $(OUT)/proposed >/dev/null
 	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --brief --out $(OUT) --overwrite
 
-pictures: demo ## draw every figure of the docs: of the demo, scenes, explanations and benchmarks
+pictures: demo ## draw every figure of the docs: of the demo, scenes and explanations
 	@cp $(OUT)/light-hand/comparison.png docs/pictures/demo.png
 	@$(INTERPRETER) docs/pictures/the_paper_answered.py
 	@$(INTERPRETER) docs/pictures/device_masses.py
 	@$(INTERPRETER) docs/pictures/your_own_scene.py
 	@$(BIN)/graspfx stability paper-spring --sweep object.viscosity=0.8:1.5:15 --out $(OUT)/fig-15 --overwrite >/dev/null
 	@cp $(OUT)/fig-15/stability.png docs/pictures/stability-paper-spring.png
-	@$(BIN)/graspfx bench --redraw --out docs --overwrite
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
@@ -103,6 +102,10 @@ wheel: $(WORK_READY) ## build wheel and source distribution, and run them in a f
 lock: ## pin the versions that are tested: .ci/requirements.txt
 	uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
 		--custom-compile-command "make lock" pyproject.toml -o .ci/requirements.txt $(UPGRADE)
+
+bench: $(WORK_READY) ## measure GraspFX beside its peers, those of [bench] that can be installed, and write docs/benchmarks.md
+	$(INSTALL) --editable '.[dev,bench]'
+	$(INTERPRETER) -m tests.bench --out docs $(if $(QUICK),--quick)
 
 sizes: $(WORK_READY) ## measure what an installation takes, by extra
 	$(INTERPRETER) -m tests.support.sizes

@@ -31,7 +31,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "calibrate": "measure a scene's hardware: how late its forces are, mass, friction, axes",
     "export": "write a recording as comma-separated text, netCDF or a bag of ROS, for other programs",
     "warmup": "compile scenes before they are needed",
-    "bench": "measure run time against error, beside peers",
+    "bench": "measure run time against error, of a scene's choices or of common calls",
     "completion": "print a script with which a shell completes commands, options, scenes and recordings",
     "devices": "list the drivers, and what is plugged in or installed for them; nothing is opened",
     "doctor": "say whether this machine, and the hardware of a scene, can do a loop in real time",

@@ -1,1 +1,1 @@
-"""Run time against error: every method beside its peers, in one run, on the same inputs."""
+"""Run time against error: of one scene's choices, and of what a user calls most."""

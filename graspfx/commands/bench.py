@@ -1,18 +1,25 @@
-"""graspfx bench: run time against error, of every method beside its peers, or of the choices of a scene."""
+"""graspfx bench: run time against error, of a scene's choices or of what a user calls most."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import FORMATS, add_overrides, add_style
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import SUCCESS
+from graspfx.commands.arguments import add_overrides, add_style, picture_name
+from graspfx.commands.destination import add_destination, destination, require_room
+from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.loop.recording.places import make_folder, placing
+from graspfx.progress import waiting
 
-EXAMPLE = """  graspfx bench eq4 ticks --quick
-  graspfx bench paper-spring --set coupling.internal.stiffness=60"""
+if TYPE_CHECKING:
+    from graspfx.bench.timing import Row
+
+EXAMPLE = """  graspfx bench paper-spring --set coupling.internal.stiffness=60
+  graspfx bench eq4 ticks --quick"""
+PICTURE = "bench"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -21,35 +28,22 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_overrides(parser)
     parser.add_argument("--duration", metavar="S", type=float, help="seconds of a scene to simulate (its own, up to 2)")
     parser.add_argument("--quick", action="store_true", help="a few seconds each, and rougher")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
-    parser.add_argument("--redraw", action="store_true", help="measure nothing: draw the figures of --out anew")
+    parser.add_argument("--json", action="store_true", help="print rows as JSON, and nothing else")
     add_style(parser)
-    parser.add_argument("--readme", metavar="FILE", type=Path, help="file whose table of speeds is written anew")
-    add_destination(parser, "DIR", "folder of benchmarks.json, its page and pictures, which --overwrite updates")
+    add_destination(parser, "DIR", "folder of a scene's bench.png")
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.bench.threads import one_blas_thread
+    from graspfx.bench.timing import one_blas_thread
 
     with one_blas_thread():  # before numpy is loaded
-        from graspfx.bench.suite import bench, files, redraw
-
-        if (name := scene_among(options.names)) is not None:
-            from graspfx.commands.bench_scene import bench_scene
-
+        name = scene_among(options.names)
+        if name is not None:
             return bench_scene(name, options)
-        if options.overrides or options.preset or options.duration is not None:
-            raise InputError("--set, --preset and --duration", options.names, "the name of a scene before them")
-        look = {"form": options.format or FORMATS[0], "width": options.width}
-        if options.redraw and options.out is None:
-            raise InputError("--redraw", "", "the folder of a report", "name it with --out")
-        if options.out is not None:
-            require_room(options, files(options.names, options.out, look["form"]))
-        if options.redraw:
-            redraw(options.names, options.out, **look)
-            return SUCCESS
-        bench(options.names, quick=options.quick, as_json=options.json, out=options.out, readme=options.readme, **look)
-    return SUCCESS
+        if options.overrides or options.preset or options.duration is not None or options.out is not None:
+            given = " ".join(options.names) or "no name"
+            raise InputError("--set, --preset, --duration and --out", given, "the name of a scene before them")
+        return bench(options.names, options)
 
 
 def scene_among(names: Sequence[str]) -> str | None:
@@ -58,21 +52,69 @@ def scene_among(names: Sequence[str]) -> str | None:
     A benchmark's name stays a benchmark's: a scene of that name is named by its path.
 
     Raises:
-        InputError: a scene beside others.
+        InputError: a scene beside others; a benchmark that only a checkout has.
         UnknownNameError: neither a benchmark nor a scene has that name.
     """
-    from graspfx.bench.registry import BENCHMARKS
+    from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS, CHECKOUT
     from graspfx.plugins import is_file_name
     from graspfx.plugins import names as names_of
 
     others = [name for name in names if name not in BENCHMARKS]
-    if not others:
-        return None
     scenes = names_of("scenes")
     for name in others:
+        if name in BESIDE_TESTS:
+            expected = f"{', '.join(BENCHMARKS)}, or a scene; {name} compares with other programs"
+            raise InputError("NAME", name, expected, f"{CHECKOUT} {name}")
         if name not in scenes and not is_file_name(name):
             do = f"benchmarks are {', '.join(BENCHMARKS)}; the others are scenes"
-            raise UnknownNameError("benchmark or scene", name, [*BENCHMARKS, *scenes], do)
-    if len(names) > 1:
+            raise UnknownNameError("benchmark or scene", name, [*BENCHMARKS, *BESIDE_TESTS, *scenes], do)
+    if others and len(names) > 1:
         raise InputError("NAME", " ".join(names), "benchmarks, or one scene alone")
-    return others[0]
+    return others[0] if others else None
+
+
+def bench(names: Sequence[str], options: Namespace) -> int:
+    """Run benchmarks, all of the package's if none is named, and print their rows."""
+    from graspfx.bench.benchmarks import BENCHMARKS, benchmark, measured
+    from graspfx.bench.rows import lines, to_dict
+
+    rows: list[Row] = []
+    for name in (each for each in BENCHMARKS if each in names or not names):
+        with waiting(f"measuring {name}"):
+            for case in measured(name, benchmark(name), quick=options.quick):
+                rows += case
+                if not options.json:
+                    print(*lines(case), sep="\n", flush=True)
+    if options.json:
+        print_json(to_dict(rows, quick=options.quick))
+    return SUCCESS
+
+
+def bench_scene(name: str, options: Namespace) -> int:
+    """Measure the choices of a scene; print them, and draw bench.png into the folder of --out, or a new one."""
+    from graspfx.bench.scene_choices import trade_off
+    from graspfx.scene.load import load
+
+    with waiting(f"reading {name}"):
+        scene = load(name, dict(options.overrides), preset=options.preset)
+        scene.require_reach()
+    with destination(options, Path(name).stem) as folder:
+        picture = folder / picture_name(PICTURE, options)
+        require_place(picture)
+        require_room(options, [picture])
+        tradeoff = trade_off(scene, duration=options.duration, quick=options.quick)
+        if options.json:
+            print_json(tradeoff.to_dict())
+        else:
+            print(*tradeoff.lines(), sep="\n", flush=True)
+        if not tradeoff.best:
+            return SUCCESS
+        make_folder(folder)
+        with waiting(f"drawing {picture.name}"), placing(picture) as file:
+            from graspfx.bench.choices_figure import tradeoff_sheet
+            from graspfx.show import style
+
+            style.save(tradeoff_sheet(tradeoff, width=options.width), file, options.format or "png")
+        if not options.json:
+            name_files([picture])
+    return SUCCESS

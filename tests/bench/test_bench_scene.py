@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench.own_scene import own_choices
-from graspfx.bench.own_scene.own_choices import Choice, attempt
-from graspfx.bench.own_scene.reference import converge, estimate
-from graspfx.bench.own_scene.tradeoff import UNSTABLE, trade_off
-from graspfx.bench.own_scene.tradeoff_figure import tradeoff_sheet
+from graspfx.bench import scene_choices
+from graspfx.bench.choices_figure import tradeoff_sheet
+from graspfx.bench.scene_choices import UNSTABLE, Choice, attempt, converge, distance, estimate, trade_off
 from graspfx.scene.load import load
 from graspfx.show.style import arranged
 from tests.support.writing import faults
@@ -22,7 +20,7 @@ from tests.support.writing import faults
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two integrators, and no PyBullet, which is slow to start."""
-    monkeypatch.setattr(own_choices, "BODIES", ("exact", "explicit"))
+    monkeypatch.setattr(scene_choices, "BODIES", ("exact", "explicit"))
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
@@ -45,9 +43,9 @@ def test_the_reference_is_as_near_to_a_finer_motion_as_it_says() -> None:
     scene = load("reference-1dof")
     reference = converge(scene, 0.2, 0.02, small=1e-3)
     finer = attempt(scene, Choice("exact", reference.period / 8), 0.2, 0.02)
-    distance = reference.distance(finer.places)
+    away = distance(finer.places, reference.places)
     assert reference.order == pytest.approx(1.0, abs=0.1)  # the loop is sampled and held
-    assert distance == pytest.approx(reference.error * 7 / 8, rel=0.1)  # C h - C h/8
+    assert away == pytest.approx(reference.error * 7 / 8, rel=0.1)  # C h - C h/8
     assert reference.error <= 1e-3 * reference.extent
 
 
@@ -98,7 +96,8 @@ def test_the_command_prints_json_and_draws(tmp_path: Path, capsys: pytest.Captur
         (["eq4", "paper-waving"], "benchmarks, or one scene alone"),
         (["eq4", "--set", "period=0.1"], "the name of a scene"),
         (["missing.toml"], "missing.toml"),
-        (["paper-waving", "--redraw", "--out", "x"], "not a scene"),
+        (["contact"], "python -m tests.bench contact"),
+        (["conatct"], "did you mean 'contact'?"),
         (["reference-1dof", "--duration", "0.01"], "two of the longest periods"),
     ],
 )

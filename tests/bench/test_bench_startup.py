@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from graspfx.bench.threads import environment
+from graspfx.bench.timing import environment
 
 ROOT = Path(__file__).parents[2]
 IMPORTS = ["-c", "import numpy, h5py, pydantic, llvmlite"]

@@ -12,7 +12,6 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.bench.report.page import NAME as PAGE
 from graspfx.commands.destination import OUT
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import LATEST
@@ -115,12 +114,10 @@ def test_plot_picture_stability_and_bench_refuse_too(
         "a/picture.png": ["picture", "a"],
         "b.png": ["picture", "reference-1dof", "--out", "b.png"],
         "a/stability.png": sweep,
-        "a/benchmarks.json": ["bench", "eq4", "--quick", "--out", "a"],
-        f"a/{PAGE}": ["bench", "eq4", "--quick", "--out", "a"],
-        "a/pictures/bench/eq4.png": ["bench", "eq4", "--quick", "--out", "a"],
+        "a/bench.png": ["bench", "reference-1dof", "--quick", "--out", "a"],
     }
     drawing = ["show.plot.figure", "show.picture.portrait.picture"]
-    for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.suite.bench"):
+    for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.scene_choices.trade_off"):
         monkeypatch.setattr(f"graspfx.{work}", None)
     for there, command in cases.items():
         Path(there).parent.mkdir(parents=True, exist_ok=True)
@@ -207,11 +204,10 @@ def make(tmp_path: Path) -> list[str]:
     venv = tmp_path / "environment"
     (venv / "bin").mkdir(parents=True)
     (tmp_path / "docs" / "pictures" / "scenes").mkdir(parents=True)
-    for name in ("Makefile", "pyproject.toml", "docs/scenes.md", "docs/benchmarks.json"):
+    for name in ("Makefile", "pyproject.toml", "docs/scenes.md"):
         shutil.copy(ROOT / name, tmp_path / name)
     python = f"#!/bin/sh\nexport PYTHONPATH={ROOT}\n"
-    run, bench = 'run) shift; set -- run "$@" --duration 0.1 --no-figure;;', 'bench) shift; set -- bench maps "$@";;'
-    quick = f'{python}case "$1" in {run} {bench} esac\n'
+    quick = f'{python}case "$1" in run) shift; set -- run "$@" --duration 0.1 --no-figure;; esac\n'
     (venv / "bin" / "graspfx").write_text(f'{quick}exec {sys.executable} -m graspfx "$@"\n')
     (venv / "bin" / "python").write_text("#!/bin/sh\necho reference-1dof\n")  # which asks for the shelf
     for program in (venv / "bin").iterdir():
@@ -238,6 +234,4 @@ def test_the_demo_works_a_second_time(make: list[str]) -> None:
 
 
 def test_pictures_of_the_shelf_are_drawn_a_second_time(make: list[str]) -> None:
-    assert "wrote docs/" in again(
-        make, "pictures", ["docs/pictures/scenes/reference-1dof.png", "docs/pictures/bench/maps.png"]
-    )
+    assert "wrote docs/" in again(make, "pictures", ["docs/pictures/scenes/reference-1dof.png"])

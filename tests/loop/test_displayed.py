@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.bench.case import is_installed
+from graspfx.bench.timing import is_installed
 from graspfx.build.build import build
 from graspfx.certificate.plan import limits_inside, plan
 from graspfx.coupling.limit import is_inside

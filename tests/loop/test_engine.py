@@ -12,7 +12,7 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.bench.case import is_installed
+from graspfx.bench.timing import is_installed
 from graspfx.build.build import build
 from graspfx.compile import native
 from graspfx.errors import InputError, MissingPackageError

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from graspfx.bench.oracles.brute_force import brute_force
 from graspfx.surfaces.closed_form import proxy, shape
 from graspfx.surfaces.triangles.mesh import make_mesh, new_fingers
 from tests.support import exact_surfaces as exact
+from tests.support.brute_force import brute_force
 from tests.support.families import efforts, family
 from tests.support.meshes import SHAPES
 from tests.support.scatter import decades

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.bench.oracles.brute_force import brute_force
 from graspfx.compile.records import numbers
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
@@ -14,6 +13,7 @@ from graspfx.surfaces.triangles.mesh import STATE, Mesh, make_mesh, new_fingers
 from graspfx.surfaces.triangles.mesh_finger import TOUCHING, MeshFinger
 from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import flatten
+from tests.support.brute_force import brute_force
 from tests.support.meshes import SHAPES, ell, flat, plate, sheet
 
 FloatArray = np.ndarray

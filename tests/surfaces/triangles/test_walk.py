@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.bench.oracles.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import numbers
 from graspfx.spatial import Vector
@@ -21,6 +20,7 @@ from graspfx.surfaces.triangles.mesh_finger import FREE, NEW, TOUCHING, MeshFing
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Vertex
 from graspfx.surfaces.triangles.tree import flatten
 from graspfx.surfaces.triangles.walk import mesh_contact
+from tests.support.brute_force import brute_force, winding_number
 from tests.support.meshes import (
     SHAPES,
     bumpy_sphere,

@@ -1,1 +1,0 @@
-"""True answers, to more digits than a method has."""

@@ -1,1 +1,0 @@
-"""Peers: other programs that solve the problems, written as their users would."""

@@ -1,1 +1,0 @@
-"""The report of benchmarks: its rows, its page and its figures."""

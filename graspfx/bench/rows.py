@@ -1,0 +1,104 @@
+"""Rows of measurements as text, as JSON, and the ones that no other beats in time and in error at once."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from graspfx.bench.timing import TIMED, Row
+from graspfx.environment import processors
+from graspfx.loop.recording.header import machine, now, versions
+
+PACKAGES = ("scipy", "llvmlite", "numba", "jax", "clarabel", "control", "trimesh", "coal", "mujoco", "pybullet")
+
+
+def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Group rows by case, in the cases' order, the quickest first and those that were not timed last."""
+    cases: dict[str, list[Row]] = {}
+    for row in rows:
+        cases.setdefault(row.case, []).append(row)
+    return {case: sorted(own, key=_time) for case, own in cases.items()}
+
+
+def front(rows: Sequence[Row]) -> list[Row]:
+    """Find the rows of one case on the Pareto front, the quickest first; without errors, the quickest."""
+    best, least = list[Row](), float("inf")
+    for row in sorted((row for row in rows if row.state == TIMED), key=_time):
+        if (row.error or 0.0) < least:
+            least = row.error or 0.0
+            best.append(row)
+    return best
+
+
+def lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Write cases as text, the quickest method first; an asterisk marks the Pareto front."""
+    for case, ordered in by_case(rows).items():
+        best = front(ordered)
+        unit = next((row.unit for row in ordered if row.unit), "")
+        yield f"{ordered[0].benchmark}: {case}{f', error [{unit}]' if unit else ''}"
+        width = max(len(row.method) for row in ordered)
+        for row in ordered:
+            spread = "".join(f"{key} {time_text(us)}  " for key, us in (row.quantiles or {}).items())
+            time = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}"
+            yield f"  {'*' if row in best else ' '} {row.method:<{width}}  {time}  {spread}{row.note}".rstrip()
+        yield ""
+
+
+def to_dict(rows: Sequence[Row], *, quick: bool) -> dict[str, Any]:
+    """Write rows as JSON takes them, with when and on what they were measured."""
+    return {"rows": [asdict(row) for row in rows], **stamp(quick=quick)}
+
+
+def stamp(*, quick: bool) -> dict[str, Any]:
+    """Tell the date, the machine, the versions of what is compared, and whether it was measured roughly."""
+    load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+    return {
+        "date": now(),
+        "machine": machine(),
+        "cpu": cpu(),
+        "load": load,
+        "versions": versions(*PACKAGES),
+        "quick": quick,
+    }
+
+
+def cpu() -> str:
+    """Describe the processor: its name and the number of processors that this process may use."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        text = []
+    names = [line.partition(":")[2].strip() for line in text if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor() or platform.machine()}, {processors()} in use"
+
+
+def time_text(us: float | None) -> str:
+    """Write a time with three digits and a unit; empty for a method that was not timed."""
+    if us is None:
+        return ""
+    for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):
+        if us >= size:
+            return f"{us / size:#.3g}".rstrip(".") + f" {unit}"
+    return f"{us * 1e3:#.3g}".rstrip(".") + " ns"
+
+
+def error_text(error: float | None) -> str:
+    """Write an error with two digits, 0 for the same bits; empty where there is none."""
+    if error is None:
+        return ""
+    return f"{error:.1e}" if error else "0"
+
+
+def ratio_text(ratio: float | None) -> str:
+    """Write a ratio with three digits; empty where there is none."""
+    if ratio is None:
+        return ""
+    return f"{ratio:.0f}" if ratio >= 1000.0 else f"{ratio:.3g}"
+
+
+def _time(row: Row) -> float:
+    return row.time_us if row.time_us is not None else float("inf")

@@ -1,0 +1,346 @@
+"""Time per simulated second against error, over the choices of a scene: integrator, dynamics, period, engine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.bench.rows import error_text, front, time_text
+from graspfx.bench.timing import TIMED, Row
+from graspfx.build.open_session import open as open_session
+from graspfx.build.run_header import source_name
+from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.recording.growth.growth import growths
+from graspfx.loop.recording.record import Recording
+from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
+from graspfx.progress import waiting
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+CARRIERS = {each.label: each.name for each in DYNAMICS.values() if each.integrator}  # PyBullet and MuJoCo
+BODIES = ("exact", "implicit", "semi-implicit", "explicit", *CARRIERS)
+PERIODS, QUICK_PERIODS = (4.0, 2.0, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5)  # as multiples of the scene's own
+ROUNDS, QUICK_ROUNDS = 7, 3
+FEW = 200  # ticks of an interpreted run: they are alike
+LONGEST = 2.0  # [s] that are simulated of a scene, unless more are asked for
+UNSTABLE, REFUSED = "unstable", "refused"
+
+SMALL = 1e-4  # error over the extent of the motion with which a reference is good enough
+MOST_TICKS, MOST_HALVINGS = 400_000, 10
+ALIKE, LEAST_ORDER = 0.3, 0.7  # of the orders of two halvings that agree, and of one that counts
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One choice: who moves the objects, how often, and what runs the ticks.
+
+    Attributes:
+        body: an integrator of the framework's own bodies, "PyBullet" or "MuJoCo".
+        period: T [s].
+        engine: "compiled" or "interpreted".
+    """
+
+    body: str
+    period: float
+    engine: str = "compiled"
+
+    @property
+    def name(self) -> str:
+        """The choice as tables name it."""
+        return f"{self.body}, {self.engine}" if self.engine != "compiled" else self.body
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Values by dotted key that make a scene this choice."""
+        values: dict[str, Any] = {"period": self.period, "engine": self.engine}
+        if self.body in CARRIERS:
+            return values | {"object.*.dynamics": CARRIERS[self.body]}
+        return values | {"object.*.dynamics": "native", "object.*.integrator": self.body}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run of a choice.
+
+    Attributes:
+        places: of all objects and fingers at the instants that all choices have, (instants, things, d) [m].
+        seconds: mean time of a tick [s], recorded in memory, everything compiled.
+        trouble: why the run is no measure, such as a loss of stability; empty for a sound one.
+    """
+
+    places: FloatArray
+    seconds: float
+    trouble: str
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The motion at the smallest period, to which choices are compared.
+
+    Attributes:
+        body: the integrator.
+        period: the smallest one [s].
+        places: (instants, things, d) [m].
+        error: the estimate of its own error [m].
+        order: q with which changes shrink as the period does; None where two halvings do not agree on one.
+        changes: the largest change by each halving [m].
+    """
+
+    body: str
+    period: float
+    places: FloatArray
+    error: float
+    order: float | None
+    changes: tuple[float, ...]
+
+    @property
+    def extent(self) -> float:
+        """The farthest that anything moves along an axis [m]."""
+        return float(np.ptp(self.places, axis=0).max())
+
+    def text(self) -> str:
+        """Say how the reference was computed, and how its error was estimated."""
+        halved = f"{self.body}, period halved {len(self.changes)} times to {self.period:.3g} s"
+        if self.order is None:
+            how = "the last change, as changes follow no one order"
+        else:
+            how = f"Richardson: the last change, {self.changes[-1]:.1e} m, over 2^{self.order:.2f} - 1"
+        return f"{halved}; its own error is about {self.error:.1e} m ({how})"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A choice, and its row: microseconds of a simulated second, the error [m]; "timed", "unstable" or "refused"."""
+
+    choice: Choice
+    row: Row
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Run time against error of a scene.
+
+    Attributes:
+        scene: its name.
+        duration: that was simulated [s].
+        reference: the motion to which all are compared.
+        outcomes: a choice each.
+    """
+
+    scene: str
+    duration: float
+    reference: Reference
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def best(self) -> list[Row]:
+        """The Pareto front: no other choice is both as quick and as exact."""
+        return front([each.row for each in self.outcomes])
+
+    def lines(self) -> Iterator[str]:
+        """Write the table's lines, the quickest first; an asterisk marks the Pareto front."""
+        yield f"{self.scene}, {self.duration:g} s of it: error, the largest distance of an object or a finger [m]"
+        yield f"reference: {self.reference.text()}"
+        ordered = sorted(self.outcomes, key=lambda each: each.row.time_us or math.inf)
+        width, best = max(len(each.choice.name) for each in ordered), self.best
+        yield f"    {'':<{width}}   period [s]  time of 1 s     error"
+        for each in ordered:
+            row, mark = each.row, "*" if each.row in best else " "
+            numbers = f"{each.choice.period:>11.4g}  {time_text(row.time_us):>11}  {error_text(row.error):>8}"
+            yield f"  {mark} {each.choice.name:<{width}}  {numbers}  {row.note}".rstrip()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write everything as JSON takes it; times are in seconds for a simulated second."""
+        reference, best = self.reference, self.best
+        return {
+            "scene": self.scene,
+            "duration_s": self.duration,
+            "reference": {
+                "body": reference.body,
+                "period_s": reference.period,
+                "error_m": reference.error if math.isfinite(reference.error) else None,
+                "order": reference.order,
+                "changes_m": list(reference.changes),
+                "extent_m": reference.extent,
+            },
+            "rows": [
+                {
+                    "body": each.choice.body,
+                    "period_s": each.choice.period,
+                    "engine": each.choice.engine,
+                    "time_s_per_s": None if each.row.time_us is None else 1e-6 * each.row.time_us,
+                    "error_m": each.row.error,
+                    "state": each.row.state,
+                    "note": each.row.note,
+                    "front": each.row in best,
+                }
+                for each in self.outcomes
+            ],
+        }
+
+
+def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = False) -> Tradeoff:
+    """Measure how long each choice of a scene takes for a simulated second, and how far from the reference it ends up.
+
+    Args:
+        scene: the scene.
+        duration: that is simulated [s]; the scene's own, two seconds at most, if None.
+        quick: fewer periods, and fewer runs of each.
+
+    Raises:
+        InputError: less time than the longest period takes.
+        GraspFXError: the scene does not take a smaller period, so that there is no reference.
+    """
+    periods = [share * scene.period for share in (QUICK_PERIODS if quick else PERIODS)]
+    instant = periods[0]
+    seconds = min(scene.duration, LONGEST) if duration is None else duration
+    instants = math.floor(seconds / instant + 1e-9)
+    if instants < 2:
+        raise InputError("--duration", seconds, f"two of the longest periods or more, {2.0 * instant:g} s")
+    seconds = instants * instant
+    reference = converge(scene, seconds, instant)
+    name = source_name(scene.source)
+    choices = [Choice(body, period) for body in BODIES for period in periods]
+    choices.append(Choice(own_body(scene), scene.period, "interpreted"))
+    outcomes = dict[Choice, Outcome]()
+    with waiting(f"measuring choices of {name}", len(choices), "") as wait:
+        for choice in choices:
+            row = _measured(scene, choice, reference, seconds, instant, QUICK_ROUNDS if quick else ROUNDS)
+            twin = outcomes.get(replace(choice, engine="compiled"))
+            if choice.engine == "interpreted" and twin is not None and row.state == TIMED:
+                compiled = twin.row  # whose bits are its own
+                row = replace(row, error=compiled.error, note="the same bits as compiled")
+                if compiled.state != TIMED:
+                    row = replace(compiled, method=row.method)
+            outcomes[choice] = Outcome(choice, replace(row, case=name))
+            wait.done += 1
+    return Tradeoff(name, seconds, reference, tuple(outcomes.values()))
+
+
+def own_body(scene: Scene) -> str:
+    """Name who moves the objects of the scene as it stands: its first object counts."""
+    first = scene.object[0]
+    label = dynamics_of(first.dynamics).label
+    return label if label in CARRIERS else first.integrator
+
+
+def attempt(scene: Scene, choice: Choice, duration: float, instant: float, rounds: int = 1) -> Trial:
+    """Run a scene by a choice.
+
+    Args:
+        scene: the scene.
+        choice: what is chosen.
+        duration: a whole number of instants [s].
+        instant: from one instant that is looked at to the next, a whole number of periods [s].
+        rounds: runs, of which the quickest counts.
+
+    Raises:
+        GraspFXError: the scene does not take the choice.
+    """
+    variant = scene.replace(choice.overrides)
+    ticks, step = round(duration / choice.period), round(instant / choice.period)
+    ticks = min(ticks, FEW) if choice.engine == "interpreted" else ticks
+    least = math.inf
+    for _ in range(rounds):
+        with open_session(variant) as session:
+            session.step(1)  # compiles
+            began = perf_counter()
+            session.step(ticks - 1)
+            least = min(least, (perf_counter() - began) / (ticks - 1))
+            recording = session.recording
+    return Trial(_places(recording)[::step], least, _trouble(recording))
+
+
+def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
+    """Halve a scene's period until its motion changes no more than by a share of its extent.
+
+    The framework's own bodies move by the exact integrator; PyBullet and MuJoCo move theirs by their own.
+
+    Args:
+        scene: the scene.
+        duration: a whole number of instants [s].
+        instant: from one instant that is looked at to the next [s].
+        small: error over the extent of the motion.
+
+    Raises:
+        GraspFXError: the scene does not take a smaller period.
+    """
+    body = own_body(scene)
+    body = body if body in CARRIERS else "exact"
+    period, changes = scene.period, list[float]()
+    with waiting("finding a reference", MOST_HALVINGS, "") as wait:
+        trial = attempt(scene, Choice(body, period), duration, instant)
+        while duration / (0.5 * period) <= MOST_TICKS and len(changes) < MOST_HALVINGS:
+            finer = attempt(scene, Choice(body, 0.5 * period), duration, instant)
+            changes.append(distance(finer.places, trial.places))
+            period, trial, wait.done = 0.5 * period, finer, wait.done + 1
+            if len(changes) >= 3 and estimate(changes)[0] <= small * float(np.ptp(trial.places, axis=0).max()):
+                break
+    error, order = estimate(changes) if changes else (math.inf, None)
+    return Reference(body, period, trial.places, error, order, tuple(changes))
+
+
+def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
+    """Estimate the error that is left after halvings that changed a motion so much, and the order they show.
+
+    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and C h^q = d / (2^q - 1) is left. Where the last two
+    ratios of changes show no common order, or too low a one, the last change itself stands for the error.
+
+    Args:
+        changes: by each halving, the last one last.
+    """
+    last = changes[-1]
+    if last == 0.0:
+        return 0.0, None
+    orders = [math.log2(a / b) if a > 0.0 and b > 0.0 else -math.inf for a, b in pairwise(changes)]
+    if len(orders) < 2 or abs(orders[-1] - orders[-2]) > ALIKE or orders[-1] < LEAST_ORDER:
+        return last, None
+    return last / (2.0 ** orders[-1] - 1.0), orders[-1]
+
+
+def distance(places: FloatArray, others: FloatArray) -> float:
+    """Compute the largest distance between the places of one motion and of another, (instants, things, d) each."""
+    return float(np.linalg.norm(places - others, axis=2).max())
+
+
+def _measured(
+    scene: Scene, choice: Choice, reference: Reference, duration: float, instant: float, rounds: int
+) -> Row:  # fmt: skip
+    row = Row("scene", "", f"{choice.name} at {choice.period:g} s", None, None, "", "m", state=REFUSED)
+    try:
+        trial = attempt(scene, choice, duration, instant, rounds)
+    except GraspFXError as why:
+        return replace(row, note=" ".join(str(why).split()))
+    row = replace(row, time_us=1e6 * trial.seconds / choice.period, state=TIMED)
+    if choice.engine == "interpreted":
+        return row
+    away, extent = distance(trial.places, reference.places), reference.extent
+    trouble = trial.trouble
+    if not trouble and not away <= extent:  # another motion
+        trouble = f"it is {away:.1e} m away from the reference, in which nothing moves farther than {extent:.1e} m"
+    if trouble:
+        return replace(row, time_us=None, note=f"unstable: {trouble}", state=UNSTABLE)
+    note = f"no nearer than the reference's own error, {reference.error:.1e} m" if away < reference.error else ""
+    return replace(row, error=away, note=note)
+
+
+def _places(recording: Recording) -> FloatArray:
+    objects = [motion.position for motion in recording.objects.values()]
+    return np.concatenate([np.stack(objects, axis=1), recording.finger_position], axis=1)
+
+
+def _trouble(recording: Recording) -> str:
+    if recording.faults:
+        return recording.faults[0].message
+    if not np.isfinite(_places(recording)).all():
+        return "positions are not finite"
+    grown = growths(recording)
+    return f"{grown[0].mode} motion of {grown[0].object} is not stable" if grown else ""

@@ -1,0 +1,90 @@
+"""Start-up: whole processes from their start to their end, what is compiled apart from what is kept."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from graspfx.bench.timing import Case, Method, environment
+
+TITLE = "Start-up"
+LIMITS = """
+Each row is a process from its start to its end, of which "import numpy" is the least. Files are in the system's cache
+and Python's bytecode is there: the first start after installing takes longer. "Cold" has an empty folder for compiled
+kernels and checked scenes at every start, and compiles the kernels of all scenes; "cached" has what an earlier start
+has left. Starting a process differs from system to system.
+"""
+
+SCENES = ("paper-waving", "mug")  # two fingers on a cube; five on a mesh with friction
+IMPORTS = "import numpy, h5py, pydantic, llvmlite.binding"
+TICK = (
+    "import graspfx as gx; scene = gx.load({scene!r}, {{'engine': {engine!r}}}); gx.run(scene, duration=scene.period)"
+)
+
+
+def cases(quick: bool) -> Iterator[Case]:
+    """Yield the imports by themselves, then scenes."""
+    with TemporaryDirectory(prefix="graspfx-bench-") as folder:
+        start = _Starter(Path(folder))
+        reference = start.method("import numpy", "-c", "import numpy")
+        methods = [
+            reference,
+            start.method("import graspfx", "-c", "import graspfx"),
+            start.method("import numpy, h5py, pydantic, llvmlite", "-c", IMPORTS),
+        ]
+        yield Case("startup", "imports", "", methods, reference=reference.name)
+        for scene in SCENES[: 1 if quick else 2]:
+            run = ("-m", "graspfx", "run", scene, "--out", start.FOLDER)
+            interpreted, compiled = (TICK.format(scene=scene, engine=name) for name in ("interpreted", "compiled"))
+            methods = [
+                reference,
+                start.method("first tick, interpreted", "-c", interpreted),
+                start.method("first tick, compiled, cached", "-c", compiled),
+                start.method("graspfx run --no-figure, cached", *run, "--no-figure"),
+                start.method("graspfx run with its figure, cached", *run),
+            ]
+            if not quick:
+                methods.append(start.method("graspfx run --no-figure, cold", *run, "--no-figure", cold=True))
+            yield Case("startup", scene, "", methods, reference=reference.name)
+
+
+class _Starter:
+    """Starts processes of this Python in folders of their own."""
+
+    FOLDER = "{folder}"  # in arguments: a folder that nobody has used
+
+    def __init__(self, root: Path) -> None:
+        self._root, self._numbers = root, count()
+        self._kept = self._new("cache")
+
+    def method(self, name: str, *arguments: str, cold: bool = False) -> Method:
+        """Start a process with these arguments; ValueError with what it wrote if it fails."""
+
+        def call() -> None:
+            cache = str(self._new("cache") if cold else self._kept)
+            own = environment() | {"XDG_CACHE_HOME": cache, "GRASPFX_CACHE": cache}
+            words = [str(self._new("out")) if word == self.FOLDER else word for word in arguments]
+            process = subprocess.run(
+                [sys.executable, *words], cwd=self._root, env=own, capture_output=True, text=True, check=False
+            )
+            if process.returncode:
+                raise ValueError((process.stderr.strip().splitlines() or ["it failed"])[-1])
+
+        return Method(name, call, _after(call))
+
+    def _new(self, name: str) -> Path:
+        return self._root / f"{name}-{next(self._numbers)}"
+
+
+def _after(call: Callable[[], None]) -> Callable[[], float]:
+    """Call once, to see that it works and to fill caches; there is no error to measure."""
+
+    def error() -> float:
+        call()
+        return 0.0
+
+    return error
