@@ -10,7 +10,8 @@ from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEED
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.compile.records import start_of
 from graspfx.loop.arena import Arena
-from graspfx.loop.kernels import UNROLL, kernel_of
+from graspfx.loop.kernels import kernel_of
+from graspfx.loop.program import UNROLL
 from graspfx.loop.world import ServoState
 
 ROWS, SUMS = "rows", "measures"

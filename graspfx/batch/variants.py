@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +85,13 @@ class Variants:
         try:
             variant = self.scene.replace(overrides)
             require_prompt_simulations(resolve(variant))
-            with build(variant, engine="interpreted") as servo:
+            with ExitStack() as stack:
+                servo = stack.enter_context(build(variant, engine="interpreted"))
                 arena = servo.arena
+                if not arena.is_whole:  # a large mesh
+                    room = arena.memory.used + arena.size
+                    servo = stack.enter_context(build(variant, engine="interpreted", room=room))
+                    arena = servo.arena
                 built = Built(arena.memory.floats[: arena.memory.used].copy(), _structure(arena))
         except SceneError as error:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]

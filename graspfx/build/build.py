@@ -18,7 +18,7 @@ from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.scene_guards import guards_of
 from graspfx.build.wiring import outside_faults, placing_faults
-from graspfx.compile.memory import Memory, within, without
+from graspfx.compile.memory import ROOM, Memory, within, without
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
@@ -45,6 +45,7 @@ def build(
     real_time: bool = False,
     varying: bool = False,
     playback: Playback | None = None,
+    room: int = ROOM,
 ) -> Iterator[Servo]:
     """Build a servo ready to tick; simulated devices and bodies are closed at the end, whatever happens.
 
@@ -60,6 +61,7 @@ def build(
         real_time: whether its ticks are on the wall's clock, and record what they say of it.
         varying: whether largest forces that devices tell are recorded in any case.
         playback: of a recording in the place of devices, hands and plants; none is opened then.
+        room: entries of the memory in which the parts' blocks stand; those for which there is none stand apart.
 
     Raises:
         InputError: a live key that cannot change in mid-run.
@@ -69,7 +71,7 @@ def build(
     fields = live_fields(live)
     parts = resolve(scene)
     start = parts.start
-    wired, memory = parts.claim() if playback is None else (parts.wires, Memory())
+    wired, memory = parts.claim(room) if playback is None else (parts.wires, Memory())
     if playback is None and any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
     with ExitStack() as stack, within(memory):

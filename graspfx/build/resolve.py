@@ -21,7 +21,7 @@ from graspfx.build.placement import start_of
 from graspfx.build.safety_limits import safety_limits
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
-from graspfx.compile.memory import Memory, within
+from graspfx.compile.memory import ROOM, Memory, within
 from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
@@ -56,11 +56,15 @@ class Parts:
         """The devices, to be looked at: a run takes those of `own_wires`."""
         return wires(self.scene, self.stock)
 
-    def claim(self) -> tuple[tuple[Wire, ...], Memory]:
-        """Give devices as `own_wires` does, with the memory in which all that goes with them is to stand."""
+    def claim(self, room: int = ROOM) -> tuple[tuple[Wire, ...], Memory]:
+        """Give devices as `own_wires` does, with the memory in which all that goes with them is to stand.
+
+        Args:
+            room: entries of that memory; of devices that the checks connected it is that of any scene.
+        """
         if self.stock.claim():
             return self.wires, self.stock.memory
-        with within(Memory()) as memory:
+        with within(Memory(room)) as memory:
             return wires_anew(self.scene, self.folder), memory
 
     def own_wires(self) -> tuple[Wire, ...]:

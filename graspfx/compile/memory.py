@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-ROOM = 1 << 24  # entries
+ROOM = 1 << 21  # entries
 LEAST = 1 << 12
 
 

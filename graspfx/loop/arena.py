@@ -318,6 +318,11 @@ class Arena:
         end = self.memory.used
         return all(0 < self.memory.place(each) <= end - each.size for each in self.arrays)
 
+    @property
+    def size(self) -> int:
+        """Entries of all blocks."""
+        return sum(array.size for array in self.arrays)
+
     # Fingers and devices ----------------------------------------------------------------------------------------------
 
     def _finger_records(self) -> list[dict[str, Any]]:

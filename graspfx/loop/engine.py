@@ -20,7 +20,8 @@ from graspfx.compile.kernel_checks import check, checked_function
 from graspfx.compile.own_sources import is_own
 from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.arena import Arena, ForeignKernel
-from graspfx.loop.kernels import announce, source
+from graspfx.loop.kernels import announce
+from graspfx.loop.program import source
 from graspfx.progress import is_heard, waiting
 from graspfx.system.file_lock import alone
 

@@ -1,4 +1,4 @@
-"""Kernels of a scene's parts by their numbers, and the program of `steps` for all scenes.
+"""Kernels of a scene's parts by their numbers.
 
 A number below `len(KERNELS)` is one of the package's, which the program calls; any other is that of a kernel of
 others: the address of its machine code, or, interpreted, the number under which its function was announced.
@@ -6,14 +6,13 @@ others: the address of its machine code, or, interpreted, the number under which
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from typing import Any
 
 from graspfx.compile.kernel import source_function
-from graspfx.compile.marks import bound_late, parameter_kinds, written
+from graspfx.compile.marks import bound_late
 
 Kernel = Callable[..., Any]
 
@@ -121,66 +120,3 @@ def call_at(buffer: Any, address: int, place: int, t: float) -> int:
 def call_beside(buffer: Any, address: int, place: int, beside: int, t: float) -> int:
     """Call the machine code of a body's kernel by its address."""
     raise NotImplementedError
-
-
-# The program ----------------------------------------------------------------------------------------------------------
-
-UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
-ENTRY = """
-def run(world, k, count, r):
-    if count < 0:
-        return sample(arena, world)
-    return steps(arena, world, k, count, r, rows, 0)
-"""
-
-
-def source(*, make: bool = True) -> str:
-    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
-
-    With a count below zero it is `sample` of the grasp at a place instead.
-
-    Args:
-        make: whether to write what is not in the cache; else a LookupError.
-    """
-    from graspfx.compile.freshness import recall, remember, request_key
-    from graspfx.compile.kernel import keep_lowerings
-    from graspfx.compile.specialise.specialise import Program
-    from graspfx.compile.specialise.values import Dynamic, Memory
-    from graspfx.coupling.sample import sample
-    from graspfx.loop.step import steps
-
-    modules = {name.rpartition(".")[0] for name in KERNELS if name}
-    key = request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
-    text = recall(key)
-    if text is None:
-        if not make:
-            raise LookupError("not written yet")
-        program = Program({}, UNROLL)
-        buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
-
-        def add(definition: str, names: dict[str, Any]) -> None:
-            [tree] = ast.parse(definition).body
-            assert isinstance(tree, ast.FunctionDef)
-            arguments = [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args]
-            program.add_text(definition, {**names, **buffers}, arguments)
-
-        for name, kernels, parameters, arguments, others in (
-            ("invoke", PARTS, "kernel, place", "arena, place", call),
-            ("invoke_at", HANDS, "kernel, place, t", "arena, place, t", call_at),
-            ("invoke_beside", BODIES, "kernel, place, beside, T", "arena, place, arena, beside, T", call_beside),
-        ):
-            lines, names = [f"def {name}({parameters}):"], {others.__name__: others}
-            for each in kernels:
-                number = KERNELS.index(each)
-                kernel = names[f"kernel_{number}"] = _written(number)
-                lines += [f"    if kernel == {number}:"]
-                if parameter_kinds(written(kernel))["return"] in (None, type(None)):
-                    lines += [f"        kernel_{number}({arguments})", "        return 0"]
-                else:
-                    lines += [f"        return kernel_{number}({arguments})"]
-            add("\n".join([*lines, f"    return {others.__name__}(arena, {parameters})"]), names)
-        add(ENTRY, {"steps": steps, "sample": sample})
-        text = program.source()
-        keep_lowerings()
-        remember(key, program, text)
-    return text

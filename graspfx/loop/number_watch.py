@@ -20,7 +20,8 @@ DO = "name its key in gx.open(scene, live=[...]) and use session.set"
 class Watch:
     """The watched entries of a run's memories, and the bits that they have to hold.
 
-    These are what a grasp's P and the gains are made of. All are read at once, in a microsecond or two.
+    These are what a grasp's P and the gains are made of, and what chooses what is computed. All are read at once, in a
+    microsecond or two.
 
     Args:
         objects: whose grasps are watched.
@@ -34,7 +35,9 @@ class Watch:
         self._seen: set[tuple[int, int]] = set()
         self._free = {(id(part.grasped.block), k) for part in objects for k in part.grasped.gain_entries}
         for part in objects:
-            self._add(part.grasped.block, part.grasped.watched_entries)
+            free = {k for _, k in self._free}
+            structure = [int(k) for k in part.grasped.structure if int(k) not in free]
+            self._add(part.grasped.block, [*part.grasped.watched_entries, *structure])
 
     def note(self) -> None:
         """Note the bits that stand there now."""

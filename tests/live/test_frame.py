@@ -101,8 +101,7 @@ def test_a_lost_row_draws_nothing_and_harms_nothing() -> None:
 
 def test_the_split_follows_its_changes() -> None:
     """Arms between which rotations are external change in mid-run: so do the parts from that tick on, as recorded."""
-    scene = gx.load("sphere-three-fingers").replace({"duration": 1.0, "engine": "interpreted"})
-    with gx.open(scene, live=["coupling.blend"]) as session:
+    with gx.open(gx.load("mug").replace({"duration": 1.25}), live=["coupling.blend"]) as session:
         session.step(200)
         session.set({"coupling.blend": [0.1, 0.2]})
         session.step(50)

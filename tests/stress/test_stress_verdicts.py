@@ -57,7 +57,7 @@ def blocks() -> Iterator[Any]:
         yield pytest.param(range(first, first + BLOCK), id=f"from {first}", marks=pytest.mark.stress)
 
 
-@pytest.mark.parametrize("seeds", blocks())
+@pytest.mark.parametrize("seeds", list(blocks()))
 def test_varied_scenes_have_verdicts_that_runs_do_not_contradict(seeds: range) -> None:
     pytest.importorskip("mujoco")
     pytest.importorskip("pybullet")

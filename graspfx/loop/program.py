@@ -1,0 +1,69 @@
+"""The program of `steps` for all scenes, as Python: every kernel that it calls, and those of parts by their numbers."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+from graspfx.compile.marks import parameter_kinds, written
+from graspfx.coupling.sample import sample
+from graspfx.loop.kernels import BODIES, HANDS, KERNELS, PARTS, call, call_at, call_beside, kernel_of
+from graspfx.loop.step import steps
+
+UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
+ENTRY = """
+def run(world, k, count, r):
+    if count < 0:
+        return sample(arena, world)
+    return steps(arena, world, k, count, r, rows, 0)
+"""
+
+
+def source(*, make: bool = True) -> str:
+    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
+
+    With a count below zero it is `sample` of the grasp at a place instead.
+
+    Args:
+        make: whether to write what is not in the cache; else a LookupError.
+    """
+    from graspfx.compile.freshness import recall, remember, request_key
+    from graspfx.compile.kernel import keep_lowerings
+    from graspfx.compile.specialise.specialise import Program
+    from graspfx.compile.specialise.values import Dynamic, Memory
+
+    modules = {name.rpartition(".")[0] for name in KERNELS if name}
+    key = request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
+    text = recall(key)
+    if text is None:
+        if not make:
+            raise LookupError("not written yet")
+        program = Program({}, UNROLL)
+        buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
+
+        def add(definition: str, names: dict[str, Any]) -> None:
+            [tree] = ast.parse(definition).body
+            assert isinstance(tree, ast.FunctionDef)
+            arguments = [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args]
+            program.add_text(definition, {**names, **buffers}, arguments)
+
+        for name, kernels, parameters, arguments, others in (
+            ("invoke", PARTS, "kernel, place", "arena, place", call),
+            ("invoke_at", HANDS, "kernel, place, t", "arena, place, t", call_at),
+            ("invoke_beside", BODIES, "kernel, place, beside, T", "arena, place, arena, beside, T", call_beside),
+        ):
+            lines, names = [f"def {name}({parameters}):"], {others.__name__: others}
+            for each in kernels:
+                number = KERNELS.index(each)
+                kernel = names[f"kernel_{number}"] = kernel_of(number)
+                lines += [f"    if kernel == {number}:"]
+                if parameter_kinds(written(kernel))["return"] in (None, type(None)):
+                    lines += [f"        kernel_{number}({arguments})", "        return 0"]
+                else:
+                    lines += [f"        return kernel_{number}({arguments})"]
+            add("\n".join([*lines, f"    return {others.__name__}(arena, {parameters})"]), names)
+        add(ENTRY, {"steps": steps, "sample": sample})
+        text = program.source()
+        keep_lowerings()
+        remember(key, program, text)
+    return text
