@@ -45,7 +45,7 @@ class Hardware:
 
     def __init__(self, servo: Servo, parts: Parts, devices: DeviceExchange, clock: Clock, exits: Exits) -> None:
         self._servo, self._parts, self._devices, self._clock, self._exits = servo, parts, devices, clock, exits
-        self.pacer = Pacer(servo.period, clock)
+        self.pacer = Pacer(servo.period, clock, machine=servo.engine.name == "compiled")
         self._rest: Rest = settle(devices, servo.period, clock)
         self._time = clock.now()
         self._offset = self._meet(self._rest.positions)

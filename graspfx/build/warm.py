@@ -13,6 +13,8 @@ from graspfx.coupling.division import divide_rows
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
 from graspfx.loop.engine import machine_codes, program
+from graspfx.loop.realtime import beat
+from graspfx.loop.realtime.lifecycle import HAS_NATIVE
 from graspfx.loop.recording.growth.rough_program import rough
 from graspfx.loop.recording.tally_program import measure
 from graspfx.scene.load import load
@@ -45,13 +47,13 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the program of all scenes, and what recordings and `gx.Split` run, unless they are in the cache."""
+    """Compile the programs of all scenes and loops, and what recordings and `gx.Split` run, unless they are there."""
     began = perf_counter()
-    native = program()
+    natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
     for kernel in OF_RECORDINGS:
         compiled(kernel)
     point_sets.warm()
-    return _warmed(KERNELS, [native], began)
+    return _warmed(KERNELS, natives, began)
 
 
 def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Warmed:

@@ -59,6 +59,17 @@ class Machine:
         numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
+    def on(self, *buffers: Any) -> Callable[..., float]:
+        """Bind the kernel to buffers; the function takes its numbers, offsets too, and gives its result."""
+        bound, results = self._on(buffers)
+        run, result = bound.brief, results.data
+
+        def call(*numbers: float) -> float:
+            run(*numbers)
+            return float(result[0])
+
+        return call
+
     def __call__(self, *arguments: Any) -> Any:
         bound, results = self._bound_to(arguments)
         bound.brief(*[arguments[k] for k in self._number_places])

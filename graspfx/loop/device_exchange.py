@@ -371,7 +371,6 @@ class LoopLog:
         LoopState(memory).array(LoopState.fresh)[:] = 1.0  # of simulated devices whose kernels read them
         for each in devices.ports:
             each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)
-        self.begin()
 
     def begin(self) -> None:
         """Note the time of a tick that begins now."""

@@ -132,6 +132,10 @@ class Servo:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
         engine = self._ready()
         self._rehearse(engine)
+        if self.hardware and isinstance(engine, Compiled):
+            Pacer(self.period, machine=True)  # compiles what the run's own takes
+            for each in self._devices.hardware.ports:
+                each.readings.compile()
         if self._record and isinstance(engine, Compiled) and not self.why_python:
             from graspfx.loop.realtime.native_loop import NativeLoop
 

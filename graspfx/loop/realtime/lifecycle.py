@@ -33,6 +33,7 @@ STILL = 0.1  # the fastest that a finger at rest is, by its velocity and by its 
 SPAN = 0.01  # from one of these positions to the next, and four new readings at least [s]
 DRIFT = 0.001  # the farthest that one goes while a recording is opened [m]
 SAME = 1e-6  # of a period and a rate
+HAS_NATIVE = sys.platform.startswith("linux")  # whether the system has what the loop without Python asks of it
 DO = "hold the device still within its workspace, and start again"
 
 
@@ -70,7 +71,7 @@ def why_python(
     hardware = [each for each in stations if is_hardware(each.device)]
     if not hardware:
         return "its devices are simulated"
-    if not sys.platform.startswith("linux"):
+    if not HAS_NATIVE:
         return f"a loop of machine code alone is for Linux, and this is {sys.platform}"
     if engine == "interpreted":
         return "the engine is 'interpreted'"

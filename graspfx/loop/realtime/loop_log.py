@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import kernel
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.memory import zeros
-from graspfx.compile.records import Floats, Record, floats, size_for
+from graspfx.compile.records import Floats, Record, floats, size_for, size_of
 from graspfx.errors import abbreviate
 from graspfx.loop.device import Device, RawDevice, SwitchedDevice
 from graspfx.loop.realtime.pacing import ClockState
@@ -55,6 +55,7 @@ def loop_memory(layout: Layout) -> FloatArray:
     for name, number in whole.items():
         setattr(state, name, number)
     state.array(LoopState.largest)[:] = np.inf
+    source_function(note_times)(memory.data, 0, np.zeros(size_of(ClockState)).data, 0)  # called first before a run
     return memory
 
 

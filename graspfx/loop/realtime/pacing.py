@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from itertools import accumulate
 from typing import Any, Protocol
 
@@ -185,13 +185,20 @@ class Pacer(ClockState):
     Args:
         period: T [s].
         clock: to wait on.
+        machine: whether deadlines are worked out by machine code, which is compiled where it is not in the cache.
     """
 
-    def __init__(self, period: float, clock: Clock | None = None) -> None:
+    def __init__(self, period: float, clock: Clock | None = None, *, machine: bool = False) -> None:
         _rehearse()
         super().__init__(np.zeros(size_of(ClockState)).data)
         self.clock = clock or WallClock()
         self.mode, self.period = PACED, period
+        self._set: Callable[..., float] = partial(source_function(set_deadline), self.buffer)
+        self._arrive: Callable[..., float] = partial(source_function(arrive), self.buffer)
+        if machine:
+            from graspfx.compile.machine import compiled
+
+            self._set, self._arrive = compiled(set_deadline).on(self.buffer), compiled(arrive).on(self.buffer)
 
     @property
     def outcome(self) -> dict[str, Any]:
@@ -208,8 +215,8 @@ class Pacer(ClockState):
         """
         now = self.clock.now()
         if self.is_begun:
-            now = self._sleep(source_function(set_deadline)(self.buffer, self.offset, now), stop)
-        return int(source_function(arrive)(self.buffer, self.offset, now))
+            now = self._sleep(self._set(0, now), stop)
+        return int(self._arrive(0, now))
 
     def finish(self) -> None:
         """Wait for what is left to the deadline, where `stop` ended the wait."""

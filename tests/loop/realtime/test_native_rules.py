@@ -21,6 +21,7 @@ from graspfx.loop.realtime.pacing import (
     go_on,
     set_deadline,
 )
+from tests.support.optional import require
 
 PERIOD = 0.001
 
@@ -68,13 +69,16 @@ class Plain:
         return skipped
 
 
+@pytest.mark.parametrize("machine", [False, True], ids=["source", "machine code"])
 @pytest.mark.parametrize("seed", range(5))
-def test_deadlines_stay_on_the_grid_of_the_first(seed: int) -> None:
+def test_deadlines_stay_on_the_grid_of_the_first(seed: int, machine: bool) -> None:
     """Lateness, periods left out, wall and counts are the same to the bit, for ticks that come when they will."""
     random.seed(seed)
     late = [random.choice((0.0, 1e-5, 3e-4, 1.5e-3, 7.2e-3)) * random.random() for _ in range(2000)]
     one, other = Script([*late]), Script([*late])
-    pacer, plain = Pacer(PERIOD, one), Plain(other)
+    if machine:
+        require("llvmlite")
+    pacer, plain = Pacer(PERIOD, one, machine=machine), Plain(other)
     for _ in range(400):
         busy = random.choice((0.0, 2e-4, 2.5e-3)) * random.random()
         assert pacer.wait() == plain.wait()

@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 from graspfx.loop.realtime.readings import GUARDS, Guards, Readings
+from tests.support.optional import require
 
 T = 0.001
 
 
+made_of: list[str] = []
+
+
+@pytest.fixture(autouse=True, params=["source", "machine code"])
+def rules(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let each test be one of the rules' source, and one of their machine code."""
+    if request.param == "machine code":
+        require("llvmlite")
+    made_of.append(request.param)
+    yield
+    made_of.pop()
+
+
 def make(guards: Guards | None = GUARDS) -> Readings:
-    return Readings((2, 3), T, guards)
+    readings = Readings((2, 3), T, guards)
+    if made_of[-1] == "machine code":
+        readings.compile()
+    return readings
 
 
 def reading(x: float = 0.01, v: float = 0.0, time: float = 0.0) -> tuple[np.ndarray, np.ndarray, float]:
