@@ -23,10 +23,10 @@ from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.realtime.lifecycle import require_simulations
+from graspfx.loop.recording.layout import chosen_layout
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.selection import chosen_layout
 from graspfx.numeric import number
 from graspfx.progress import waiting
 from graspfx.scene.tables.reading import Readable

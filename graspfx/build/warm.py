@@ -8,20 +8,15 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build.build import build
-from graspfx.compile.machine import compiled
-from graspfx.coupling.division import divide_rows
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
 from graspfx.loop.engine import machine_codes, program
-from graspfx.loop.recording.growth.rough_program import rough
-from graspfx.loop.recording.tally_program import measure
 from graspfx.scene.load import load
 
 if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
 KERNELS = "kernels of all scenes"
-OF_RECORDINGS = divide_rows, measure, rough
 COMPILED, CACHED, NOTHING, CANNOT = "compiled", "was there", "nothing", "cannot"
 
 
@@ -45,11 +40,9 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the program of all scenes, and what recordings and `gx.Split` run, unless they are in the cache."""
+    """Compile the program of all scenes, and what `gx.Split` runs, unless they are in the cache."""
     began = perf_counter()
     native = program()
-    for kernel in OF_RECORDINGS:
-        compiled(kernel)
     point_sets.warm()
     return _warmed(KERNELS, [native], began)
 

@@ -16,7 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.seal import seal
+from graspfx.loop.recording.checks import seal
 from tests.support.families import efforts, family
 from tests.support.recordings import layout, recording, rows
 

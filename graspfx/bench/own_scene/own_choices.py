@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.open_session import open as open_session
 from graspfx.errors import GraspFXError
-from graspfx.loop.recording.growth.growth import growths
+from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.record import Recording
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.scene.model import Scene
