@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 import sys
@@ -99,9 +98,7 @@ def run(
     if out is None:
         require_memory(ticks, size)
     else:
-        more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
-        copies = 1 if scene_.record.compression == "none" else 2  # what is compressed is written beside the part
-        _require_disk(recording_path(out, "out"), ticks, copies * (size + more / every))
+        _require_disk(recording_path(out, "out"), ticks, layout.bytes_on_disk / every)
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     file = None

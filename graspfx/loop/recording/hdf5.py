@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from io import FileIO
-from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,11 +89,6 @@ def write_recording(
 def chunk_rows(layout: Layout, count: int) -> int:
     """Count the rows of a chunk, the same ones in every variable."""
     return max(1, min(count, MOST_ROWS, CHUNK // (NUMBER.itemsize * max(layout.width, 1))))
-
-
-def bytes_of_row(layout: Layout) -> int:
-    """Count the bytes that a row takes in a file: its columns, the forces that follow from it, and the time."""
-    return NUMBER.itemsize * (layout.width + sum(prod(column.shape) for column in layout.forces) + 1)
 
 
 def _write(

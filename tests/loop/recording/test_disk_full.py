@@ -67,7 +67,7 @@ print(json.dumps(seen))
 @efforts(short=5, full=60, asked="faults")
 @pytest.mark.parametrize(("way", "code"), [("command", 2), ("python", 4)])
 def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, cases: int, tmp_path: Path) -> None:
-    """A limit on the size of files is met as a full disk is; 1000 ticks of 136 bytes take 148 kB in a part, and 180 kB in HDF5."""
+    """A limit on the size of files is met as a full disk is; 1000 ticks take 148 kB in a part, and 180 kB in HDF5."""
     limits = [1000, *np.linspace(20_000, 165_000, cases - 1).astype(int).tolist()]
     seen = script(FULL.replace("gx.errors", "__import__('graspfx.errors').errors"), tmp_path, way, json.dumps(limits))
     for limit, each in zip(limits, seen, strict=True):

@@ -177,8 +177,7 @@ name, cases, rng = sys.argv[1], int(sys.argv[2]), np.random.default_rng(int(sys.
 whole = Path(name).read_bytes()
 first = Recording.load(name)
 def read_by_others(path):
-    """The time and the two forces, which GraspFX computes, have HDF5's checksums as all variables."""
-    names = []
+    names = []  # the time and the two forces, which GraspFX computes, have HDF5's checksums like all variables
     with h5py.File(path) as file:
         file.visit(names.append)
         try:
