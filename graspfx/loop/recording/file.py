@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from io import FileIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from weakref import finalize
 
 import h5py
 
@@ -51,8 +53,10 @@ def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
 
 def _read_hdf5(place: Path) -> Content:
     whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
-    file = _open(place)
+    stream = FileIO(place)  # HDF5 takes a path that it has open already for the same file, whatever it is by now
+    file = None
     try:
+        file = _open(place, stream)
         require_contained(file, place)
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
@@ -60,10 +64,21 @@ def _read_hdf5(place: Path) -> Content:
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
         _require_variables(file, layout, number)
-        return Content(_rows(place, file, layout, number), layout, header, outcome)
+        rows = _rows(place, file, layout, number)
+        if isinstance(rows, DataSetRows):
+            finalize(rows, _close, file, stream)
+        else:
+            _close(file, stream)
+        return Content(rows, layout, header, outcome)
     except BaseException:
-        file.close()
+        _close(file, stream)
         raise
+
+
+def _close(*files: Any) -> None:
+    for file in files:
+        if file is not None:
+            file.close()
 
 
 def require_contained(file: Any, place: Path) -> None:
@@ -135,20 +150,18 @@ def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
             )
             for each in table[:]
         ]
-        rows = BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
-        file.close()
-        return rows
+        return BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
     data = [(column.where, file[column.name]) for column in layout.columns.values()]
     if number == BLOCKS and ROWS in file:
         data = [(slice(0, file[ROWS].shape[1]), file[ROWS])]
     step = next((each.chunks[0] for _, each in data if each.chunks), BLOCK // (8 * max(layout.width, 1)))
-    return DataSetRows(place, file, data, count, max(1, step))
+    return DataSetRows(place, data, count, max(1, step))
 
 
-def _open(place: Path) -> Any:
+def _open(place: Path, stream: FileIO) -> Any:
     """Open the file; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
     try:
-        return h5py.File(place, "r", rdcc_nbytes=CACHE)
+        return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
     except OSError:
         if not _left_open(place):
             raise

@@ -52,15 +52,13 @@ class DataSetRows:
 
     Args:
         path: of the file, for errors.
-        file: of HDF5, which stays open for as long as there are these rows.
         data: by place in a row, data sets (N, ...) in the order of these.
         count: N.
         step: rows of a chunk.
     """
 
-    def __init__(self, path: Path, file: Any, data: Sequence[tuple[slice, Any]], count: int, step: int) -> None:
+    def __init__(self, path: Path, data: Sequence[tuple[slice, Any]], count: int, step: int) -> None:
         self._path, self._data, self._count, self.step = path, data, count, step
-        finalize(self, file.close)
 
     def __len__(self) -> int:
         return self._count
