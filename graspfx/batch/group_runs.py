@@ -24,8 +24,8 @@ from graspfx.build.run_header import header_of
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.layout import Selection, chosen_layout
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.progress import waiting
 from graspfx.scene.overrides import overridden
 

@@ -23,8 +23,7 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.played import Playback
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.selection import chosen_layout
+from graspfx.loop.recording.layout import Layout, chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo
 

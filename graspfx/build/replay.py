@@ -21,10 +21,9 @@ from graspfx.build.steering import Steering
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
 from graspfx.loop.played import PHASES, Playback
-from graspfx.loop.recording.differences import Difference, compared, differences
 from graspfx.loop.recording.header import OF_THE_RUN, REST, SPLIT, KeyChange
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.record import Difference, Recording, compared, differences
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.progress import waiting
 from graspfx.scene.overrides import by_key

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 import sys
@@ -23,10 +22,10 @@ from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.realtime.lifecycle import require_simulations
+from graspfx.loop.recording.layout import chosen_layout
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.selection import chosen_layout
 from graspfx.numeric import number
 from graspfx.progress import waiting
 from graspfx.scene.tables.reading import Readable
@@ -99,9 +98,7 @@ def run(
     if out is None:
         require_memory(ticks, size)
     else:
-        more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
-        copies = 1 if scene_.record.compression == "none" else 2  # what is compressed is written beside the part
-        _require_disk(recording_path(out, "out"), ticks, copies * (size + more / every))
+        _require_disk(recording_path(out, "out"), ticks, layout.bytes_on_disk / every)
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     file = None

@@ -27,12 +27,12 @@ from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.realtime.lifecycle import require_simulations
-from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, Header, RunFault
+from graspfx.loop.recording.history import by_name
+from graspfx.loop.recording.layout import Selection, chosen_layout
 from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.loop.recording.two_parts import RowSplit, Split
 from graspfx.loop.update import Update
 from graspfx.numeric import number
@@ -262,8 +262,8 @@ class Session(Carded):
         if not self.tick:
             return np.zeros(layout.columns["finger_force"].shape)
         split = next(split for tick, split in reversed(self._splits) if tick < self.tick)  # of the row's own tick
-        external, _ = RowSplit(self.servo.row[None], layout, [(0, split)]).external_forces()
-        return np.asarray(external[0])
+        external, _ = RowSplit(self.servo.row[None], layout, [(0, split)]).external_forces()  # (n, d, 1)
+        return np.asarray(external[:, :, 0])
 
     @property
     def touching(self) -> BoolArray:

@@ -8,22 +8,17 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build.build import build
-from graspfx.compile.machine import compiled
-from graspfx.coupling.division import divide_rows
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
 from graspfx.loop.engine import machine_codes, program
 from graspfx.loop.realtime import beat
 from graspfx.loop.realtime.lifecycle import HAS_NATIVE
-from graspfx.loop.recording.growth.rough_program import rough
-from graspfx.loop.recording.tally_program import measure
 from graspfx.scene.load import load
 
 if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
 KERNELS = "kernels of all scenes"
-OF_RECORDINGS = divide_rows, measure, rough
 COMPILED, CACHED, NOTHING, CANNOT = "compiled", "was there", "nothing", "cannot"
 
 
@@ -47,11 +42,9 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the programs of all scenes and loops, and what recordings and `gx.Split` run, unless they are there."""
+    """Compile the programs of all scenes and loops, and what `gx.Split` runs, unless they are in the cache."""
     began = perf_counter()
     natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
-    for kernel in OF_RECORDINGS:
-        compiled(kernel)
     point_sets.warm()
     return _warmed(KERNELS, natives, began)
 

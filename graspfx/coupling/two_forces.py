@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.demand import KernelOnDemand
-from graspfx.compile.records import size_for
-from graspfx.coupling.division import NONE, SAMPLE, DividedContact, Division, RowPlaces, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
+from graspfx.spatial import SWEEPS
 
 FloatArray = NDArray[np.float64]
 
-ROWS = 1024  # divided at once: what they take in memory stays small
-# in rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
-DIVIDE_ROWS = KernelOnDemand(divide_rows, few=500, load=5_000, make=40_000)
+FEWEST = 4  # of which numpy adds entry by entry, whatever their number
+SLIGHT = 1e-40  # the weight of a finger that has none: in no sum that others have a part in, but it has a motion
+ROUNDING = 1e-31  # of the product of two squares: rows whose dot product squared is less are orthogonal
+LEAST_ARM = 1e-6  # of the largest arm: rotations with less are told apart by Jacobi's method
 
 
 @dataclass(frozen=True)
@@ -83,38 +80,14 @@ class SplitRule:
         """True where P depends on where the object's centre is: it turns, and not every translation is free."""
         return any(self.rotations) and not all(self.translations[: self.dimensions])
 
-    @property
-    def block(self) -> FloatArray:
-        """A block for the kernel, with the rule in it."""
-        return _block_of(self).copy()
-
-
-@lru_cache(64)  # a run divides its rows by the same few rules, block after block
-def _block_of(rule: SplitRule) -> FloatArray:
-    """Write a rule into a block."""
-    n, width = len(rule.shares), 4 if rule.soft else 3
-    free = np.array([*rule.translations, *rule.rotations], dtype=bool)
-    division = Division(np.zeros(size_for(Division, count=n, width=width)))
-    division.count, division.dimensions, division.width = n, rule.dimensions, width
-    division.arm_low, division.arm_high = rule.blend or (NO_ARM, NO_ARM)
-    if rule.fade is not None:
-        division.fade, (division.fade_start, division.fade_end) = True, rule.fade
-    freedom = division.freedom
-    freedom.shifts, freedom.turns = int(free[:3].sum()), int(free[3:].sum())
-    for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
-        division.buffer[freedom.axes[k].offset :][:3] = axis
-    division.contacts.array(DividedContact.share)[:] = rule.shares
-    division.contacts.array(DividedContact.patch)[:] = rule.patches
-    return np.asarray(division.buffer)
-
 
 class Samples(NamedTuple):
-    """Contacts of one grasp over N samples.
+    """Contacts of one grasp over r samples.
 
     Attributes:
-        contact: c, world axes, (N, n, d) [m]; from the object's centre if the rule `is_local`.
-        gap: (N, n) [m]; None where nothing fades.
-        normal: into the object, world axes, (N, n, 3); None without soft fingers.
+        contact: c, world axes, (n, d, r) [m]; from the object's centre if the rule `is_local`.
+        gap: (n, r) [m]; None where nothing fades.
+        normal: into the object, world axes, (n, 3, r); None without soft fingers.
     """
 
     contact: FloatArray
@@ -122,62 +95,145 @@ class Samples(NamedTuple):
     normal: FloatArray | None = None
 
 
-def divide_in_rows(
-    rule: SplitRule, fingers: Sequence[int], rows: FloatArray, *, dual: bool = False, **places: int
-) -> None:
-    """Divide what stands in rows, and put the parts into them: `graspfx.coupling.division.divide_rows`.
-
-    Interpreted and compiled give the same bits; few rows are divided by Python, and many where there is no LLVM.
-
-    Args:
-        rule: of the grasp.
-        fingers: numbers of its fingers among those of a row.
-        rows: (r, w), contiguous, which are written.
-        dual: whether displacements are divided, not forces.
-        places: entries of a row by their names in `RowPlaces`.
-    """
-    n = len(fingers)
-    where = RowPlaces(np.zeros(size_for(RowPlaces, count=n)))
-    for name in ("contact", "centre", "gap", "normal", "whole", "torsion", "external", "internal", "twist"):
-        setattr(where, name, places.get(name, NONE))
-    where.width, where.count = rows.shape[1], n
-    for i, finger in enumerate(fingers):
-        where.fingers[i] = finger
-    divide = DIVIDE_ROWS.runner(len(rows) * n * (1 + sum(rule.rotations)))
-    divide(rule.block, 0, where.buffer, 0, np.zeros(n * SAMPLE), 0, rows.reshape(-1), 0, len(rows), dual)
-
-
-def external_part(
+def divide(
     rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Compute the external part P f of forces, or P' e of displacements, as `divide_in_rows` does.
+) -> FloatArray:
+    """Divide forces f into P f and the rest, or displacements e by P', sample by sample to the same bits in any block.
+
+    With orthonormal modes q_k and blends beta_k of `rigid_modes`, weights w and z_k = sum_i q_k(i) . f_i / sqrt(w_i),
+
+        P f = sqrt(w_i) sum_k beta_k q_k(i) z_k,    P' e = sum_k beta_k q_k(i) / sqrt(w_i) sum_j sqrt(w_j) q_k(j) . e_j.
 
     Args:
         rule: of the grasp.
         samples: its contacts.
-        whole: f [N], or e [m], world axes, (N, n, d).
-        torsion: (N, n), of soft fingers, over their patch length [N], or times it [m].
-        dual: whether displacements are divided, not forces.
+        whole: f [N], or e [m], world axes, (n, d, r).
+        torsion: of soft fingers, over their patch length [N], or times it [m], (n, r).
+        dual: whether displacements are divided.
 
     Returns:
-        The part (N, n, d), and that of the torsion (N, n).
+        The external part, (n, d, r); of soft fingers with that of the torsion behind, (n, 4, r).
     """
-    N, n, d = whole.shape
-    external, twist = np.zeros((N, n, d)), np.zeros((N, n))
-    entries = {"contact": samples.contact, "whole": whole, "gap": samples.gap, "normal": samples.normal,
-               "torsion": torsion, "external": external, "twist": twist}  # fmt: skip
-    columns = {name: values for name, values in entries.items() if values is not None}
-    places, width = {}, 0
-    for name, values in columns.items():
-        places[name], width = width, width + math.prod(values.shape[1:])
-    for start in range(0, N, ROWS):
-        piece = slice(start, min(start + ROWS, N))
-        count = piece.stop - start
-        rows = np.concatenate([values[piece].reshape(count, -1) for values in columns.values()], axis=1)
-        divide_in_rows(rule, range(n), rows, dual=dual, **places)
-        external[piece] = rows[:, places["external"] :][:, : n * d].reshape(-1, n, d)
-        twist[piece] = rows[:, places["twist"] :]
-    return external, twist
+    n, d, r = whole.shape
+    if 0 < r < FEWEST:
+
+        def more(values: FloatArray | None) -> Any:
+            return None if values is None else values[..., np.arange(FEWEST) % r]
+
+        many = Samples(*map(more, samples))
+        return divide(rule, many, more(whole), more(torsion), dual=dual)[..., :r]
+    share = np.array(rule.shares)[:, None]
+    weight = np.broadcast_to(share, (n, 1))
+    if rule.fade is not None and samples.gap is not None:
+        weight = share * (1.0 - _smoothstep(samples.gap, *rule.fade))
+    alive = (np.abs(whole).sum(axis=(0, 1)) + (0.0 if torsion is None else np.abs(torsion).sum(axis=0)) != 0.0) & (
+        weight.sum(axis=0) != 0.0
+    )
+    counts, weight = weight > 0.0, np.maximum(weight, SLIGHT)
+    total, root = weight.sum(axis=0), np.sqrt(weight)[:, None]
+    external = np.zeros((n, d + rule.soft, r))
+    for a in range(d):
+        if rule.translations[a]:
+            mean = (weight * whole[:, a]).sum(axis=0) / total if dual else whole[:, a].sum(axis=0) / total
+            external[:, a] = mean if dual else weight * mean
+    if any(rule.rotations):
+        modes, square, blend = _rotations(rule, samples, weight, root, total)
+        if rule.soft:
+            whole = np.concatenate([whole, np.zeros((n, 1, r)) if torsion is None else torsion[:, None]], axis=1)
+        scaled = (whole * root if dual else whole / root).reshape(-1, r)
+        for mode, length, beta in zip(modes, square, blend, strict=True):
+            z = (mode * scaled).sum(axis=0)
+            z = beta * np.divide(z, length, out=np.zeros(r), where=(beta > 0.0) & (length > 0.0))
+            motion = mode.reshape(external.shape)
+            external += motion / root * z if dual else motion * root * z
+    if not dual and not counts.all():
+        external *= counts[:, None]
+    return np.where(alive, external, 0.0)
+
+
+def _smoothstep(x: FloatArray, low: float, high: float) -> FloatArray:
+    """Compute 0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 between."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0) if high > low else np.greater(x, low).astype(float)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
+
+
+def _rotations(
+    rule: SplitRule, samples: Samples, weight: FloatArray, root: FloatArray, total: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute the motions of the contacts by the free rotations, orthogonal, as `rigid_modes` has them.
+
+    Returns:
+        Motions times sqrt(w) (k, n c, r), the squares of their lengths (k, r), and their blends (k, r).
+    """
+    contact, d = samples.contact, rule.dimensions
+    n, _, r = contact.shape
+    heaviest = weight.argmax(axis=0)  # from whose contact on differences are exact far from the origin
+    origin = contact[heaviest[0]] if len(heaviest) == 1 else contact[heaviest, :, np.arange(r)].T
+    arm = contact - origin
+    mean = (weight[:, None] * arm).sum(axis=0) / total
+    arm -= mean
+    centre = np.zeros((3, r))
+    if not all(rule.translations[:d]):
+        centre[:d] = origin + mean
+    free = [k for k in range(3) if rule.rotations[k]]
+    motions = np.zeros((len(free), n, d + rule.soft, r))
+    for mode, k in zip(motions, free, strict=True):
+        a, b = (k + 1) % 3, (k + 2) % 3  # of axis k turn a into b
+        for to, of, sign in ((a, b, -1.0), (b, a, 1.0)):
+            if to < d:
+                shift = arm[:, of] if of < d else 0.0
+                mode[:, to] = sign * (shift if rule.translations[to] else shift + centre[of])
+        if rule.soft and samples.normal is not None:
+            mode[:, d] = np.array(rule.patches)[:, None] * samples.normal[:, k]
+    modes = (motions * root).reshape(len(free), -1, r)
+    low, high = rule.blend or (NO_ARM, NO_ARM)
+    if len(free) > 1:
+        modes = _orthogonal(modes, high * np.sqrt(total))
+    square = (modes * modes).sum(axis=1)
+    return modes, square, _smoothstep(np.sqrt(square / total), low, high)
+
+
+def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
+    """Rotate rows (k, m, r) until they are orthogonal; where all arms are above `enough`, by Gram and Schmidt.
+
+    There every blend is 1, so that P depends on what the rows span alone; elsewhere they have to be those of the
+    singular values. The least of these is at least the volume over the largest product that the others can have.
+    """
+    plain = modes.copy()
+    for k in range(1, len(plain)):
+        for j in [*range(k)] * 2:  # twice is enough
+            size = (plain[j] * plain[j]).sum(axis=0)
+            along = (plain[j] * plain[k]).sum(axis=0)
+            plain[k] -= np.divide(along, size, out=np.zeros_like(along), where=size > 0.0) * plain[j]
+    trace = (modes * modes).sum(axis=(0, 1))
+    volume = np.sqrt((plain * plain).sum(axis=1).prod(axis=0))
+    least = volume / np.maximum(np.sqrt(trace) if len(plain) == 2 else 0.5 * trace, SLIGHT)
+    rest = np.flatnonzero(~((least >= enough) & (least >= LEAST_ARM * np.sqrt(trace))))
+    if len(rest):
+        few = np.resize(rest, max(len(rest), FEWEST))
+        plain[:, :, rest] = _jacobi(modes[:, :, few])[:, :, : len(rest)]
+    return plain
+
+
+def _jacobi(rows: FloatArray) -> FloatArray:
+    """Rotate rows (k, m, r) by pairs until they are orthogonal: one-sided Jacobi, accurate for small lengths too."""
+    for _ in range(SWEEPS):
+        is_turned = False
+        for p in range(len(rows) - 1):
+            for q in range(p + 1, len(rows)):
+                u, v = rows[p], rows[q]
+                uu, vv, uv = (u * u).sum(axis=0), (v * v).sum(axis=0), (u * v).sum(axis=0)
+                turns = ~(uv * uv <= ROUNDING * uu * vv + SLIGHT * SLIGHT)
+                if not turns.any():
+                    continue
+                is_turned = True
+                zeta = np.divide(vv - uu, 2.0 * uv, out=np.zeros_like(uv), where=turns)
+                t = np.where(turns, np.copysign(1.0 / (np.abs(zeta) + np.sqrt(1.0 + zeta * zeta)), zeta), 0.0)
+                c = 1.0 / np.sqrt(1.0 + t * t)
+                rows[p], rows[q] = c * u - c * t * v, c * t * u + c * v
+        if not is_turned:
+            break
+    return rows
 
 
 def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.recording.attributes import conclusion, description
+from graspfx.loop.recording.header import conclusion, description
 from graspfx.show.key_names import unit_of
 from graspfx.show.quantities import Quantity, coordinates, quantities
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
 
 ENERGIES = {  # attributes of a recording by finger that are no columns of it
     "internal_energy": "work done so far on the fingertip by the displayed force's internal part",
@@ -70,7 +69,7 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
     """Name the entries along each dimension, time apart."""
-    return {**scales_of(layout), "object": layout.objects}
+    return {**layout.scales, "object": layout.objects}
 
 
 def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
@@ -98,11 +97,7 @@ def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iter
 
 def _stored(recording: Recording, column: Column) -> NDArray[Any]:
     values = recording.array(column.name)
-    return (
-        np.not_equal(values, 0.0)
-        if column.name in LOGICAL
-        else values.astype(stored_type(column.name, recording.layout))
-    )
+    return np.not_equal(values, 0.0) if column.kind == "bool" else values.astype(column.kind)
 
 
 def _derived(recording: Recording, name: str) -> NDArray[Any] | None:

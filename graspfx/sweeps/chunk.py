@@ -24,7 +24,7 @@ from graspfx.build.resolve import resolve
 from graspfx.build.run import run
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
-from graspfx.loop.recording.growth.growth import growths
+from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.vibration import vibration

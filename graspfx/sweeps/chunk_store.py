@@ -17,9 +17,8 @@ import numpy as np
 from graspfx import log
 from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
-from graspfx.loop.recording.lock import claim
-from graspfx.loop.recording.places import make_folder, sync_folder
-from graspfx.loop.recording.seal import LENGTH, WHOLE, seal
+from graspfx.loop.recording.checks import LENGTH, WHOLE, seal
+from graspfx.loop.recording.places import claim, make_folder, sync_folder
 from graspfx.sweeps.chunk import ChunkResult
 from graspfx.sweeps.identity import differences, identity_of
 from graspfx.sweeps.scene_order import SweepError

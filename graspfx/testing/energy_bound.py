@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.objects import integrators as body
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.object_motion import ObjectMotion
+    from graspfx.loop.recording.history import ObjectMotion
     from graspfx.loop.recording.record import Recording
     from graspfx.scene.model import Scene
 

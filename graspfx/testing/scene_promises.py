@@ -16,8 +16,8 @@ from graspfx.testing.promise import Promise
 
 if TYPE_CHECKING:
     from graspfx.loop.device import Device
+    from graspfx.loop.recording.history import ObjectMotion
     from graspfx.loop.recording.layout import Layout
-    from graspfx.loop.recording.object_motion import ObjectMotion
     from graspfx.loop.recording.record import Recording
     from graspfx.loop.recording.recorder import Recorder
     from graspfx.loop.servo import Servo

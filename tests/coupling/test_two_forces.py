@@ -1,4 +1,4 @@
-"""The two forces of a sample against the modes that stand in the block, in closed form, and by both engines."""
+"""The two forces of a sample against the modes that stand in the block, in closed form, and in blocks of any size."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.build import build
-from graspfx.compile.demand import KernelOnDemand
-from graspfx.coupling.division import divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.coupling.two_forces import Samples, SplitRule, divide_in_rows, external_part
+from graspfx.coupling.two_forces import Samples, SplitRule
 from graspfx.objects.body_state import Motion
-from tests.support.divisions import external_force
+from tests.support.divisions import external_force, external_part
 from tests.support.grasps import RIGID, grasped, law, respond
 from tests.support.scatter import rotation
 from tests.support.scenes import random_table
@@ -133,29 +131,20 @@ def random_samples(seed: int, N: int) -> tuple[SplitRule, Samples, np.ndarray, n
     return one, samples, rng.normal(size=(N, n, d)), rng.normal(size=(N, n)) if soft else None
 
 
-def on_demand(work: float) -> KernelOnDemand:
-    return KernelOnDemand(divide_rows, few=work, load=work, make=work)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_interpreted_and_compiled_give_the_same_bits(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seed", range(24))
+def test_blocks_of_any_size_give_the_same_bits(seed: int) -> None:
+    """A row alone, as a session shows it, divides as it does in a file; some rows are in the band of the blend."""
     one, samples, whole, torsion = random_samples(seed, 60)
+    samples.contact[::3] *= 0.01
     for dual in (False, True):
-        monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(float("inf")))
-        interpreted = external_part(one, samples, whole, torsion, dual=dual)
-        monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(0.0))
-        monkeypatch.setattr("graspfx.coupling.two_forces.ROWS", 17)  # in pieces
-        compiled = external_part(one, samples, whole, torsion, dual=dual)
-        for a, b in zip(interpreted, compiled, strict=True):
-            assert a.tobytes() == b.tobytes()
-
-
-def test_without_llvm_python_divides(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, samples, whole, torsion = random_samples(3, 2000)
-    compiled = external_part(one, samples, whole, torsion)
-    monkeypatch.setattr("graspfx.compile.demand.find_spec", lambda name: None)
-    monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(0.0))
-    assert external_part(one, samples, whole, torsion)[0].tobytes() == compiled[0].tobytes()
+        together = external_part(one, samples, whole, torsion, dual=dual)
+        for size in (1, 2, 3, 17):
+            for start in range(0, 60, size):
+                rows = slice(start, start + size)
+                some = Samples(*(None if each is None else each[rows] for each in samples))  # type: ignore[arg-type]
+                own = external_part(one, some, whole[rows], None if torsion is None else torsion[rows], dual=dual)
+                for a, b in zip(together, own, strict=True):
+                    assert a[rows].tobytes() == b.tobytes()
 
 
 def test_forces_and_displacements_are_dual() -> None:
@@ -184,17 +173,6 @@ def test_a_sample_divides_by_the_gains_of_its_two_forces() -> None:
     external = external_force(g.state)
     assert np.allclose(external[:, 0], 30.0 * 0.002, rtol=0.0, atol=1e-16)
     assert np.allclose((g.force - external)[:, 0], [-70.0 * 0.001, 70.0 * 0.001], rtol=0.0, atol=1e-16)
-
-
-def test_parts_are_put_into_rows() -> None:
-    """Two fingers of three on a line, with numbers between what is divided, and the parts behind it."""
-    forces = np.array([[0.0, 9.0, 1.0], [2.0, 9.0, 3.0]])
-    rows = np.hstack([np.full((2, 3), 0.5), forces, np.full((2, 7), 7.0)])
-    divide_in_rows(rule(2, 1, [True]), [0, 2], rows, contact=0, whole=3, external=6, internal=10)
-    assert (rows[:, :6] == np.hstack([np.full((2, 3), 0.5), forces])).all()
-    assert rows[:, 6:].tolist() == pytest.approx(
-        np.array([[0.5, 7.0, 0.5, 7.0, -0.5, 7.0, 0.5], [2.5, 7.0, 2.5, 7.0, -0.5, 7.0, 0.5]])
-    )
 
 
 def test_matrices_turn_nothing() -> None:

@@ -16,15 +16,15 @@ from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.presenters import RealTime, Showing
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.trial_table import read_table
-from graspfx.loop.recording.journal import Journal
+from graspfx.loop.recording.part import PartWriter
 from tests.support.experiments import PLAIN, experiment, table_of
 
 
 def full(method: str) -> Callable[..., object]:
     """Make a method that finds a full disk in the second trial."""
-    original = getattr(Journal, method)
+    original = getattr(PartWriter, method)
 
-    def write(self: Journal, *given: Any, **more: Any) -> object:
+    def write(self: PartWriter, *given: Any, **more: Any) -> object:
         if "trial-002" in str(self.path):
             raise OSError(errno.ENOSPC, "No space left on device")
         return original(self, *given, **more)
@@ -38,7 +38,7 @@ def test_a_full_disk_ends_the_session_and_the_trial_comes_again(
 ) -> None:
     plain = experiment(PLAIN, ("repetitions = 2", "repetitions = 1"))
     with monkeypatch.context() as patch:
-        patch.setattr(Journal, method, full(method))
+        patch.setattr(PartWriter, method, full(method))
         said = r"No space left.*\. Trial 2 has no row, the trials before it are in the table: .*--resume goes on with"
         with pytest.raises(RecordingError, match=said):
             plain.run(tmp_path, lambda shown: "soft", real_time=real_time)

@@ -102,7 +102,7 @@ def test_a_long_recording_is_read_in_parts_to_the_same_numbers(tmp_path: Path, m
     run.save(tmp_path / "recording.h5")
     whole = story_of(run)
     monkeypatch.setattr("graspfx.live.page.played_frames.WHOLE", 0)
-    monkeypatch.setattr("graspfx.loop.recording.history.BLOCK", 8 * run.layout.width * 37)
+    run.store.step = 37
     assert story_of(Recording.load(tmp_path / "recording.h5")) == whole
 
 

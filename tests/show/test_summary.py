@@ -8,23 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from graspfx.compile.demand import KernelOnDemand
-from graspfx.loop.recording import tally_program
 from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.tally_program import (
-    DEPTHS,
-    DISTANCES,
-    LARGEST,
-    LAWS,
-    LENGTHS,
-    MOMENTS,
-    PLACES,
-    SHARES,
-    Measure,
-    Measures,
-    measure,
-)
+from graspfx.loop.recording.summary import Sizes
 from graspfx.loop.recording.vibration import vibration
 from graspfx.show import table
 from graspfx.show.summary_table import ROWS, columns, print_summary
@@ -53,22 +39,22 @@ def test_a_wave_in_closed_form(n: int, k: float) -> None:
     assert found["tick_cost"] == pytest.approx(100.0)
 
 
-def squeeze(e: np.ndarray, touching: np.ndarray) -> list[float]:
-    """Largest squeeze of each row of displacements (N, n, d), -1 where there is none."""
-    count, n, d = e.shape
-    rows = np.concatenate([e.reshape(count, -1), np.zeros((count, n * d)), touching.astype(float)], axis=1)
-    measures = Measures(count)
-    for k in range(count):
-        measures.add(str(k), Measure(PLACES, 0, n, d, 2 * n * d, n * d, -1, range(n)))
-    measures.take(rows, {str(k): slice(k, k + 1) for k in range(count)})
-    return [peak for peak, *_ in measures.values()]
+def squeeze(e: np.ndarray, touching: np.ndarray) -> list[float | None]:
+    """Peak squeeze of a run of one tick for each row of displacements (N, n, d); None where there is none."""
+    made = layout(e.shape[2], e.shape[1])
+    columns = {"finger_position": e, "touching": touching}
+    peaks = []
+    for k in range(len(e)):
+        found = recording({name: values[k : k + 1] for name, values in columns.items()}, made).summary()
+        peaks.append(found["internal_deformation_peak"])
+    return peaks
 
 
 def test_deformation_counts_only_fingers_that_touch_and_only_when_two_do() -> None:
     e = np.array([[[0.001], [-0.003]], [[0.001], [-0.003]], [[0.004], [0.0]]])
     touching = np.array([[True, True], [True, False], [True, True]])
     # e - mean e = +-2 mm in both ticks that count; a shift of both fingers does not
-    assert squeeze(e, touching) == pytest.approx([0.002, -1.0, 0.002])
+    assert squeeze(e, touching) == pytest.approx([0.002, 0.0, 0.002])
     assert squeeze(e, np.ones((3, 2))) == pytest.approx([0.002, 0.002, 0.002])
 
 
@@ -81,61 +67,21 @@ def test_deformation_is_the_residual_of_the_mean_for_three() -> None:
 
 
 @pytest.mark.parametrize("bad", [None, np.nan, np.inf])
-def test_sums_and_peaks_are_the_same_compiled_and_interpreted(
-    bad: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("llvmlite")
+def test_sizes_in_blocks_are_those_of_all(bad: float | None) -> None:
     rng = np.random.default_rng(4)
-    rows = rng.normal(size=(300, 31))
-    counts = rng.random((300, 3)) > 0.4
-    rows[:, 20:23] = counts
+    sizes, counts = rng.random((3, 300)), rng.random((3, 300)) > 0.4
     if bad is not None:
-        rows[7, 5] = bad
-    answers = []
-    for most in (0, float("inf")):  # machine code at once, and never
-        monkeypatch.setattr(tally_program, "MEASURE", KernelOnDemand(measure, few=most, load=most, make=most))
-        measures = Measures(300)
-        for name, each in EVERY.items():
-            measures.add(name, each)
-        measures.take(rows, dict.fromkeys(EVERY, slice(0, 120)))  # in two blocks
-        measures.take(rows, dict.fromkeys(EVERY, slice(120, 300)))
-        assert tally_program.MEASURE.is_compiled == (most == 0)
-        answers.append(dict(measures))
-    assert [np.array(a).tobytes() for a in answers[0].values()] == [np.array(a).tobytes() for a in answers[1].values()]
-    with np.errstate(invalid="ignore"):
-        x = rows[:, 5:14].reshape(300, 3, 3)
-        sizes = np.linalg.norm(x, axis=2)
-        e, f = (x - rows[:, 11:20].reshape(300, 3, 3))[:, [0, 2]], rows[:, 14:23].reshape(300, 3, 3)[:, [0, 2]]
-        c = rows[:, 11:20].reshape(300, 3, 3)[:, [0, 2]]
-        moment = np.linalg.norm(np.cross(e, f).sum(axis=1)[:, [0, 2]], axis=1)
-        whole = np.sqrt((f**2).sum((1, 2)) * ((c - c.mean(1, keepdims=True)) ** 2).sum((1, 2)) / 2)
-        gaps, apart = np.maximum(-rows[:, 5:8], 0.0)[counts], np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-        expected = {
-            "lengths": [*sizes.max(axis=0), sizes.sum(), 900.0],
-            "touching": [*np.where(counts, sizes, -1.0).max(axis=0), sizes[counts].sum(), counts.sum()],
-            "moments": [moment.max(), whole.max()],
-            "shares": counts.sum(axis=0),
-            "depths": [gaps.max(), counts.sum(), gaps.sum()],
-            "apart": [-apart.min(), 300.0, apart.sum()],
-            "laws": counts.sum(axis=0),
-            "largest": rows[:, 5:7].max(axis=0),
-        }
-    for name, values in expected.items():
-        own = answers[0][name][: len(values)]
-        assert own == pytest.approx(list(values), rel=1e-13, nan_ok=True), name
-
-
-EVERY = {
-    "lengths": Measure(LENGTHS, 5, 3, 3),
-    "touching": Measure(LENGTHS, 5, 3, 3, 20),
-    "places": Measure(PLACES, 5, 2, 3, 20, 11, 24, [0, 2]),
-    "moments": Measure(MOMENTS, 5, 2, 3, -1, 11, 14, [0, 2, 1, 0, 1]),
-    "shares": Measure(SHARES, 20, 3),
-    "depths": Measure(DEPTHS, 5, 3, 1, 20),
-    "apart": Measure(DISTANCES, 5, 2, 3),
-    "laws": Measure(LAWS, 20, 3),
-    "largest": Measure(LARGEST, 5, 2),
-}
+        sizes[1, 7], counts[1, 7] = bad, True
+    some, every = Sizes(3), Sizes(3)
+    for first, stop in ((0, 120), (120, 300)):
+        every.add(sizes[:, first:stop])
+        some.add(sizes[:, first:stop], counts[:, first:stop])
+    assert (every.count, some.count) == (900, counts.sum())
+    assert every.peaks == pytest.approx(sizes.max(axis=1).tolist(), nan_ok=True)
+    assert some.peaks == pytest.approx(np.where(counts, sizes, -1.0).max(axis=1).tolist(), nan_ok=True)
+    assert every.mean == pytest.approx(sizes.mean(), rel=1e-13, nan_ok=True)
+    assert some.mean == pytest.approx(sizes[counts].mean(), rel=1e-13, nan_ok=True)
+    assert Sizes(2).peaks == [None, None] and Sizes().mean is Sizes().peak is None
 
 
 @pytest.mark.parametrize(("frequency", "gain"), [(0.5, 0.0), (1.0, 0.0), (5.0, 0.5), (20.0, 1.0), (40.0, 1.0)])

@@ -16,7 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.seal import seal
+from graspfx.loop.recording.checks import seal
 from tests.support.families import efforts, family
 from tests.support.recordings import layout, recording, rows
 
@@ -134,8 +134,7 @@ def virtual(name: str, source: str = "", of: str = "x") -> Callable[[h5py.File],
 
 
 def packed_elsewhere(file: h5py.File) -> None:
-    """Let the rows themselves stand in another file, where those of a compressed recording are."""
-    del file["rows/pieces"]
+    """Let the rows of format 4 stand in another file, where those of a compressed recording are."""
     stored_elsewhere("rows/rows")(file)
 
 
@@ -143,18 +142,14 @@ def longer(rows: int) -> Callable[[h5py.File], None]:
     """Let each variable be so long, chunk by chunk, of which none was written."""
 
     def change(file: h5py.File) -> None:
-        table = file["rows/pieces"][:]
-        table["count"] = rows
-        file["rows/pieces"][:] = table
         names: list[str] = []
         file.visit(names.append)
         for name in names:
             data = file[name]
             if isinstance(data, h5py.Dataset) and data.shape[:1] == (50,):
                 shape, kind = (rows, *data.shape[1:]), data.dtype
-                if name != "rows/rows":
-                    del file[name]
-                    file.create_dataset(name, shape, kind, chunks=(1, *shape[1:]))
+                del file[name]
+                file.create_dataset(name, shape, kind, chunks=(1, *shape[1:]))
 
     return change
 
@@ -179,7 +174,6 @@ def beside(file: h5py.File, name: str) -> Path:
 
 SECRET = "secret"
 ELSEWHERE = {
-    "rows in another file": packed_elsewhere,
     "a variable in another file": stored_elsewhere("finger_force"),
     "a variable in another file, format 3": as_format_3(stored_elsewhere("finger_force")),
     "a link to another file": linked_elsewhere("finger_force"),
@@ -225,12 +219,15 @@ CHANGES: dict[str, Callable[[h5py.File], None]] = {
     "faults of text": instead("faults/tick", "none"),
     "2^36 rows": longer(2**36),
     "2^36 rows, format 3": as_format_3(longer(2**36)),
-    "rows beyond the file": piece(count=2**40),
-    "rows before the file": piece(offset=-8),
-    "rows that begin with the tenth": piece(first=9),
-    "fewer rows than times": piece(count=49),
-    "rows of three numbers": wide,
     **ELSEWHERE,
+}
+OF_FORMAT_4: dict[str, tuple[str, Callable[[h5py.File], None]]] = {
+    "rows in another file": ("4-packed", packed_elsewhere),
+    "rows beyond the file": ("4-run", piece(count=2**40)),
+    "rows before the file": ("4-run", piece(offset=-8)),
+    "rows that begin with the tenth": ("4-run", piece(first=9)),
+    "fewer rows than times": ("4-run", piece(count=1)),
+    "rows of three numbers": ("4-run", wide),
 }
 
 
@@ -238,15 +235,27 @@ CHANGES: dict[str, Callable[[h5py.File], None]] = {
 def test_spoilt_attributes_and_data(name: str, tmp_path: Path) -> None:
     made, path = layout(3, 2), tmp_path / "r.h5"
     gx.Recording(rows(made, 50), made, recording({"gap": np.zeros((1, 2))}, layout()).header).save(path)
-    (tmp_path / SECRET).write_bytes(np.full(5000, 1.25).tobytes())
-    with h5py.File(tmp_path / "other.h5", "w") as file:
+    require_refusal(path, CHANGES[name], is_elsewhere=name in ELSEWHERE)
+
+
+@pytest.mark.parametrize("name", OF_FORMAT_4)
+def test_spoilt_blocks_of_format_4(name: str, tmp_path: Path) -> None:
+    base, change = OF_FORMAT_4[name]
+    path = tmp_path / "r.h5"
+    path.write_bytes((ROOT / "tests" / "loop" / "recording" / "formats" / f"{base}.h5").read_bytes())
+    require_refusal(path, change, is_elsewhere=name == "rows in another file")
+
+
+def require_refusal(path: Path, change: Callable[[h5py.File], None], *, is_elsewhere: bool) -> None:
+    (path.parent / SECRET).write_bytes(np.full(5000, 1.25).tobytes())
+    with h5py.File(path.parent / "other.h5", "w") as file:
         file["x"] = np.full((50, 2, 3), 1.25)
     with h5py.File(path, "r+") as file:
-        CHANGES[name](file)
+        change(file)
     with path.open("r+b") as stream:  # as if it had been written so
         stream.write(seal(stream, path.stat().st_size))
     CHANGED.tried()
-    with pytest.raises(RecordingError, match=r"r\.h5: .*nothing of that is read" if name in ELSEWHERE else r"r\.h5: "):
+    with pytest.raises(RecordingError, match=r"r\.h5: .*nothing of that is read" if is_elsewhere else r"r\.h5: "):
         gx.Recording.load(path)
 
 

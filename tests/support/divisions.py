@@ -6,7 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.coupling.two_forces import Samples, SplitRule, external_part, torsion_over_patch
+from graspfx.coupling.two_forces import Samples, SplitRule, divide, torsion_over_patch
+
+FloatArray = NDArray[np.float64]
+
+
+def external_part(
+    rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Divide forces or displacements (N, n, d) of samples whose arrays have them first, too: parts, and of torsions."""
+    many = Samples(*(None if each is None else np.moveaxis(each, 0, -1) for each in samples))  # type: ignore[arg-type]
+    turning = None if torsion is None else torsion.T
+    both = np.moveaxis(divide(rule, many, np.moveaxis(whole, 0, -1), turning, dual=dual), -1, 0)
+    d = whole.shape[2]
+    return both[..., :d], both[..., d] if rule.soft else np.zeros(whole.shape[:2])
 
 
 def external_force(grasp: GraspState, rule: SplitRule | None = None) -> NDArray[np.float64]:

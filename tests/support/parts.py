@@ -33,7 +33,7 @@ def script(code: str, folder: Path, *arguments: str) -> Any:
 
 def abandon(sink: FileSink) -> None:
     """Do what the system does with the file of a process that ends."""
-    sink._journal.file.close()
+    sink._part.file.close()
 
 
 def write_part(path: Path, count: int = 1500, block: int = 200) -> FileSink:

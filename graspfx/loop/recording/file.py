@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from io import FileIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from weakref import finalize
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.attributes import format_of, header_of, layout_of, outcome_of
-from graspfx.loop.recording.header import Header, Outcome, RunFault
-from graspfx.loop.recording.journal import Content, is_journal, read_journal
+from graspfx.loop.recording.checks import has_digest
+from graspfx.loop.recording.header import Header, Outcome, RunFault, format_of, header_of, layout_of, outcome_of
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.part import Content, is_part_file, read_part
 from graspfx.loop.recording.places import recording_file
-from graspfx.loop.recording.row_store import MemoryRows, PackedRows, Piece, RowStore, StoredRows
-from graspfx.loop.recording.seal import has_digest
-
-FloatArray = NDArray[np.float64]
+from graspfx.loop.recording.rows import BLOCK, BlockRows, DataSetRows, Piece, RowStore, opened
 
 SEALS = 2  # the first format whose files end in a digest
-BLOCKS = 4  # the first with its rows in blocks
+BLOCKS = 4  # the only one with its rows in blocks, over which the variables are virtual data sets
+CACHE = 1 << 20  # bytes of chunks that a data set keeps in memory
 MOST_PACKED = 1032  # bytes that deflate makes of one at most, https://zlib.net/zlib_tech.html
 ROWS, PIECES = "rows/rows", "rows/pieces"
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
@@ -48,31 +46,39 @@ def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
     if place.suffix == ".toml":
         raise RecordingError(f"{place}: is a scene, not a recording: run it first")
     try:
-        return read_journal(place) if is_journal(place) else _read_hdf5(place)
+        return read_part(place) if is_part_file(place) else _read_hdf5(place)
     except UNREADABLE as error:
         raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
 
 
 def _read_hdf5(place: Path) -> Content:
     whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
-    file = _opened(place)
+    stream = FileIO(place)  # HDF5 takes a path that it has open already for the same file, whatever it is by now
+    file = None
     try:
+        file = _open(place, stream)
         require_contained(file, place)
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
             raise ValueError("it was changed since it was written: its digest is gone")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
-        if number >= BLOCKS:
-            _require_variables(file, layout)
-        if number >= BLOCKS and PIECES not in file and ROWS in file:
-            return Content(PackedRows(file, file[ROWS]), layout, header, outcome)
-        rows = _stored_rows(place, file) if number >= BLOCKS else MemoryRows(_rows(file, layout))
-        file.close()
+        _require_variables(file, layout, number)
+        rows = _rows(place, file, layout, number)
+        if isinstance(rows, DataSetRows):
+            finalize(rows, _close, file, stream)
+        else:
+            _close(file, stream)
         return Content(rows, layout, header, outcome)
     except BaseException:
-        file.close()
+        _close(file, stream)
         raise
+
+
+def _close(*files: Any) -> None:
+    for file in files:
+        if file is not None:
+            file.close()
 
 
 def require_contained(file: Any, place: Path) -> None:
@@ -111,8 +117,8 @@ def require_contained(file: Any, place: Path) -> None:
             raise ValueError(f"{source} is virtual, and so is what stands in it; nothing of that is read")
 
 
-def _require_variables(file: Any, layout: Layout) -> None:
-    """Require the time, a variable of numbers for each column of the layout, and rows, of as many ticks each.
+def _require_variables(file: Any, layout: Layout, number: int) -> None:
+    """Require the time and a variable of numbers for each column of the layout, of as many ticks each.
 
     Raises:
         ValueError: one of another shape or kind.
@@ -124,33 +130,42 @@ def _require_variables(file: Any, layout: Layout) -> None:
         if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
             kind = f"{variable.shape} of {variable.dtype}"
             raise ValueError(f"{column.name} is {kind}, expected numbers {(count, *column.shape)}")
-    shape: tuple[int, ...]
-    if PIECES in file:
+    shape: tuple[int, ...] = count, layout.width
+    if number == BLOCKS and PIECES in file:
         shape = int(file[PIECES]["count"].sum()), int(file[PIECES].attrs["wide"])
-    else:
-        shape = file[ROWS].shape if ROWS in file else (0, layout.width)
+    elif number == BLOCKS and ROWS in file:
+        shape = file[ROWS].shape
     if len(shape) != 2 or shape[0] != count or shape[1] < layout.width:
         raise ValueError(f"its rows are {shape}, expected {count} of {layout.width} numbers or more")
 
 
-def _stored_rows(place: Path, file: Any) -> RowStore:
-    """Open the rows of a file, block by block."""
-    table = file[PIECES]
-    pieces = [
-        Piece(int(each["first"]), int(each["count"]), int(each["offset"]), int(each["lead"]), each["check"].tobytes())
-        for each in table[:]
-    ]
-    return StoredRows(place, int(table.attrs["wide"]), pieces)
+def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
+    """Open the rows: in blocks or packed together in format 4, else in the data sets of the variables."""
+    (count,) = file["time"].shape
+    if number == BLOCKS and PIECES in file:
+        table = file[PIECES]
+        pieces = [
+            Piece(
+                int(each["first"]), int(each["count"]), int(each["offset"]), int(each["lead"]), each["check"].tobytes()
+            )
+            for each in table[:]
+        ]
+        return BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
+    data = [(column.where, file[column.name]) for column in layout.columns.values()]
+    if number == BLOCKS and ROWS in file:
+        data = [(slice(0, file[ROWS].shape[1]), file[ROWS])]
+    step = next((each.chunks[0] for _, each in data if each.chunks), BLOCK // (8 * max(layout.width, 1)))
+    return DataSetRows(place, data, count, max(1, step))
 
 
-def _opened(place: Path) -> Any:
+def _open(place: Path, stream: FileIO) -> Any:
     """Open the file; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
     try:
-        return h5py.File(place, "r")
+        return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
     except OSError:
         if not _left_open(place):
             raise
-        return h5py.File(place, "r", libver="latest", swmr=True)
+        return h5py.File(place, "r", libver="latest", swmr=True, rdcc_nbytes=CACHE)
 
 
 def _left_open(place: Path) -> bool:
@@ -178,17 +193,6 @@ def _outcome(file: Any) -> Outcome:
     ticks, messages = file["faults/tick"][:], file["faults/message"][:]
     faults = [RunFault(int(tick), text.decode(errors="ignore")) for tick, text in zip(ticks, messages, strict=False)]
     return outcome_of(file.attrs, faults)
-
-
-def _rows(file: Any, layout: Layout) -> FloatArray:
-    count = len(file["time"])
-    for column in layout.columns.values():
-        if file[column.name].shape != (count, *column.shape):
-            raise ValueError(f"{column.name} is {file[column.name].shape}, expected {(count, *column.shape)}")
-    rows = np.empty((count, layout.width))
-    for column in layout.columns.values():
-        rows[:, column.where] = file[column.name][:count].reshape(count, math.prod(column.shape))
-    return rows
 
 
 def _line(error: Exception) -> str:

@@ -1,13 +1,26 @@
-"""Header of a recording: the scene verbatim, versions, the machine, and how the run went."""
+"""What a recording says of its run: scene, versions and machine before it, faults, changes and outcome after it."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import platform
+import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, NamedTuple
+
+import numpy as np
+
+from graspfx.loop.recording.layout import Layout
+
+FORMAT = 5  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+# fields that are written where they are not empty only, so that other recordings are as they were
+RARE = ("settled", "round_trip", "scheduling", "replays")
+RARE_OF_LAYOUT = ("guarded", "timed", "varying", "switched", "devices", "raw")
+RARE_OF_OUTCOME = ("ticks", "changes", "cause", "skipped", "repeats", "lost", "late")
 
 
 @dataclass(frozen=True)
@@ -147,3 +160,109 @@ def _platform() -> str:
         return platform.platform()
     here, library = os.uname(), "".join(platform.libc_ver())
     return "-".join([here.sysname, here.release, here.machine, *(["with", library] if library else [])])
+
+
+# Attributes of a file, the same ones in a part and in HDF5 ----------------------------------------------------------
+
+
+def description(layout: Layout, header: Header) -> dict[str, str | float]:
+    """Describe a recording before its first row."""
+    attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
+    for key, value in asdict(header).items():
+        if value or key not in RARE:
+            attributes[key] = value if isinstance(value, str | float) else _json(value)
+    known = {key: value for key, value in asdict(layout).items() if value or key not in RARE_OF_LAYOUT}
+    return {**attributes, "layout": _json(known)}
+
+
+def conclusion(outcome: Outcome) -> dict[str, str | float]:
+    """Describe how a run went, its faults apart."""
+    values: dict[str, Any] = {each.name: getattr(outcome, each.name) for each in fields(outcome)}
+    values["wall_time"] = math.nan if outcome.wall_time is None else float(outcome.wall_time)
+    values["complete"] = int(outcome.complete)
+    del values["faults"]
+    return {
+        key: _json([list(each) for each in value]) if key == "changes" else _json(value) if key == "late" else value
+        for key, value in values.items()
+        if value or key not in RARE_OF_OUTCOME
+    }
+
+
+def as_stored(value: Any) -> Any:
+    """Write a value as it comes back from a file: tuples and arrays as lists."""
+    return json.loads(_json(value))
+
+
+def changes_of(text: str | bytes) -> list[KeyChange]:
+    """Read changes of keys from JSON: a list of tick, key and value each."""
+    return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]
+
+
+def format_of(attributes: Mapping[str, Any]) -> int:
+    """Read the number of a recording's format, which this reader knows.
+
+    Raises:
+        ValueError: no recording, or one of a later GraspFX.
+    """
+    match = re.fullmatch(r"graspfx recording (\d{1,9})", str(attributes.get("format")))
+    if match is None:
+        raise ValueError("it is not a GraspFX recording")
+    number = int(match[1])
+    if not 1 <= number <= FORMAT:
+        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: it is a later one's")
+    return number
+
+
+def layout_of(attributes: Mapping[str, Any]) -> Layout:
+    """Read the layout."""
+    values: dict[str, Any] = json.loads(attributes["layout"])
+    for each in fields(Layout):
+        if str(each.type).startswith("tuple"):
+            values[each.name] = tuple(values.get(each.name, ()))
+    values["raw"] = tuple((str(name), int(count), str(kind)) for name, count, kind in values["raw"])
+    return Layout(**values)
+
+
+def header_of(attributes: Mapping[str, Any]) -> Header:
+    """Read the header; a field that came later than the recording has its default."""
+    header = Header(**_fields(Header, attributes))
+    if header.every < 1:
+        raise ValueError(f"a row every {header.every} ticks")
+    if not 0.0 < header.period < math.inf:
+        raise ValueError(f"a period of {header.period} s")
+    return header
+
+
+def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
+    """Read the outcome; what is not there came later than the recording."""
+    values = _fields(Outcome, attributes)
+    wall_time = float(attributes["wall_time"])
+    values["wall_time"] = None if math.isnan(wall_time) else wall_time
+    values["complete"] = bool(int(attributes["complete"]))
+    values["changes"] = tuple(changes_of(attributes.get("changes", "[]")))
+    return Outcome(faults=tuple(faults), **values)
+
+
+def _fields(record: type[Header | Outcome], attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Read the fields that attributes have of a record, each as the type of its default."""
+    values: dict[str, Any] = {}
+    for each in fields(record):
+        if each.name not in attributes:
+            continue
+        value, default = attributes[each.name], each.default
+        text = value if isinstance(value, str) else bytes(value).decode() if isinstance(value, bytes) else None
+        if each.default_factory is not MISSING:
+            values[each.name] = json.loads(value if text is None else text)
+        elif isinstance(default, str):
+            values[each.name] = str(value) if text is None else text
+        elif not isinstance(default, tuple | bool) and default is not None:
+            values[each.name] = int(value) if isinstance(default, int) else float(value)
+    return values
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)

@@ -1,29 +1,72 @@
-"""The history of a run, tick by tick: its rows under the names of what they hold."""
+"""The history of a run, tick by tick: its rows under the names of what they hold, its objects, and its events."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, NamedTuple, Self, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import Card, Carded, counted
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.by_name import PartsOnDemand, by_name
-from graspfx.loop.recording.header import OF_THE_RUN, Header, KeyChange, Outcome, RunFault
+from graspfx.loop.recording.header import MARK, OF_THE_RUN, REST, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.object_motion import ObjectMotion, described_pose
-from graspfx.loop.recording.row_store import BLOCK, MemoryRows, RowStore, gather
-
-if TYPE_CHECKING:
-    from graspfx.loop.recording.two_parts import RowSplit
+from graspfx.loop.recording.rows import MemoryRows, RowStore, gather
+from graspfx.loop.recording.two_parts import RowSplit, splits_of, work
+from graspfx.spatial import Quaternion, Vector, rotate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+T = TypeVar("T")
 
 Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
+
+
+class Event(NamedTuple):
+    """An event of a run: its tick, "fault", "change" of a key or "rest", and its text."""
+
+    tick: int
+    kind: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"tick {self.tick}: {self.kind}, {self.text}"
+
+
+class Named(Mapping[str, T]):
+    """Parts by their names, made whenever they are asked for; an unknown name is told with those that there are.
+
+    Args:
+        kind: of a part, for the error.
+        keys: by name, what each is made from.
+        make: makes it.
+    """
+
+    def __init__(self, kind: str, keys: Mapping[str, Any], make: Callable[[Any], T]) -> None:
+        self._kind, self._keys, self._make = kind, keys, make
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._keys:
+            raise UnknownNameError(self._kind, str(name), self._keys)
+        return self._make(self._keys[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
+def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
+    """Make a mapping that cannot be changed, and that raises UnknownNameError, a KeyError, with the names it has."""
+    return Named(kind, parts, lambda part: part)
 
 
 class History:
@@ -74,8 +117,8 @@ class History:
         return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
 
     def parts(self) -> Iterator[Self]:
-        """Give the recording in parts of about 1 MB, in order."""
-        step = max(1, BLOCK // (8 * max(self.layout.width, 1)))
+        """Give the recording in parts of a few MB, in order."""
+        step = self.store.step
         yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
@@ -206,6 +249,73 @@ class History:
         """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
         return self.array("device_energy")
 
+    @property
+    def wall(self) -> FloatArray | None:
+        """Times of the ticks on the wall's clock since that of the first, (N,) [s]."""
+        return self.optional("wall")
+
+    @property
+    def late(self) -> FloatArray | None:
+        """Times by which the ticks began after their deadlines, (N,) [s]."""
+        return self.optional("late")
+
+    @property
+    def io(self) -> FloatArray | None:
+        """Times that the devices took to be asked and read, and to be written, (N, 2) [s]."""
+        return self.optional("io")
+
+    @property
+    def skipped(self) -> IntArray | None:
+        """Periods that were left out before each tick, (N,)."""
+        return self._integers("skipped")
+
+    @cached_property
+    def fresh(self) -> BoolArray | None:
+        """Whether each finger's reading brought a new sample, (N, n)."""
+        values = self.optional("fresh")
+        return None if values is None else np.not_equal(values, 0.0)
+
+    @property
+    def largest_force(self) -> FloatArray | None:
+        """Largest forces that devices told they could display where they were read, (N, n) [N]; infinite without.
+
+        None also where no device's limit depends on where it stands.
+        """
+        return self.optional("largest_force")
+
+    @property
+    def switches(self) -> IntArray | None:
+        """Switches of each device as bits, (N, devices), in the order of `layout.devices`; None where none has any."""
+        return self._integers("switches")
+
+    @cached_property
+    def raw(self) -> Mapping[str, IntArray | FloatArray]:
+        """Raw numbers that came over the wire, by the device's first finger, (N, m); of devices that show them."""
+        kinds = {name: kind for name, _, kind in self.layout.raw if f"raw/{name}" not in self.layout.omitted}
+        return by_name(
+            "device with raw numbers", {name: self.array(f"raw/{name}").astype(kind) for name, kind in kinds.items()}
+        )
+
+    @property
+    def rest(self) -> int | None:
+        """The tick from which forces decay as the run ends; None where they end at once."""
+        return next((change.tick for change in self.outcome.changes if change.key == REST), None)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Faults, changes of keys, marks and the rest in the order of their ticks."""
+        events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
+        events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
+        ends = [change for change in self.outcome.changes if change.key == REST]
+        events += [Event(change.tick, "rest", str(change.value)) for change in ends]
+        marks = [change for change in self.outcome.changes if change.key == MARK]
+        events += [Event(change.tick, "mark", str(change.value)) for change in marks]
+        return tuple(sorted(events, key=lambda event: event.tick))
+
+    def _integers(self, column: str) -> IntArray | None:
+        values = self.optional(column)
+        return None if values is None else values.astype(np.int64)
+
     @cached_property
     def external_force(self) -> FloatArray:
         """P f of each finger's force f on the object, which moves the object, (N, n, d) [N].
@@ -236,7 +346,8 @@ class History:
         """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
         self.require(*self.layout.sources_of("external_displacement"))
         shape = len(self.layout.fingers), self.layout.dimensions
-        return gather(len(self), shape, (each._row_split.external_displacements() for each in self.parts()))
+        parts = (np.moveaxis(each._row_split.external_displacements(), -1, 0) for each in self.parts())
+        return gather(len(self), shape, parts)
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
@@ -259,8 +370,6 @@ class History:
 
     def _work(self, part: Callable[[Self], FloatArray]) -> FloatArray:
         """Add up the work of a part of the displayed force."""
-        from graspfx.loop.recording.two_parts import work
-
         if (every := self.header.every) > 1:
             text = f"added up from every tick, and this recording has one row in {every}: set record.every = 1"
             raise RecordingError(f"the work of each force is {text}, or read device_energy, which the ticks add up")
@@ -281,25 +390,27 @@ class History:
     def _external_display(self) -> FloatArray:
         if np.array_equal(self.displayed_force, -self.finger_force, equal_nan=True):
             return -self.external_force
-        return self._row_split.external_forces(self.displayed_force)[0]
+        force = np.moveaxis(self.displayed_force, 0, -1)
+        return np.moveaxis(self._row_split.external_forces(force)[0], -1, 0)
 
     @cached_property
     def _external(self) -> tuple[FloatArray, FloatArray | None]:
-        if not self.is_stored:
-            return self._row_split.external_forces()
+        self.require(*self.layout.sources_of("internal_force"))
+        splits_of(self.header, self.outcome.changes)  # which says so where the recording does not tell
         force = np.empty((len(self), len(self.layout.fingers), self.layout.dimensions))
         moment = np.empty((*force.shape[:2], 3)) if self.layout.moments else None
+        first = 0
         for each in self.parts():
-            place = slice(each.start, each.start + len(each))
-            force[place], twist = each._row_split.external_forces()
-            if moment is not None:
-                moment[place] = twist
+            place = slice(first, first + len(each))
+            external, twist = each._row_split.external_forces()
+            force[place] = np.moveaxis(external, -1, 0)
+            if moment is not None and twist is not None:
+                moment[place] = np.moveaxis(twist, -1, 0)
+            first = place.stop
         return force, moment
 
     @property
     def _row_split(self) -> RowSplit:
-        from graspfx.loop.recording.two_parts import RowSplit, splits_of
-
         self.require(*self.layout.sources_of("internal_force"))
         return RowSplit(self.rows, self.layout, splits_of(self.header, self.outcome.changes), self.start)
 
@@ -320,7 +431,7 @@ class History:
     def _ledger(self, name: str) -> Mapping[str, FloatArray]:
         at = f"objects/{name}/energy/"
         names = {name.removeprefix(at): name for name in self.layout.columns if name.startswith(at)}
-        return PartsOnDemand("energy", names, self.array)
+        return Named("energy", names, self.array)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
@@ -398,3 +509,102 @@ class History:
     def scene_text(self) -> str:
         """The scene file, verbatim."""
         return self.header.scene_text
+
+
+MEASURES = (  # of an object's motion, on its card
+    ("position", "m"),
+    ("velocity", "m/s"),
+    ("orientation", "rad or x y z w"),
+    ("angular_velocity", "rad/s"),
+    ("wrench", "N, N m"),
+    ("law", "0 Coulomb's, 1 associated"),
+    ("residual", "N"),
+)
+
+
+class ObjectMotion(Carded):
+    """One object over time."""
+
+    def __init__(self, columns: History, name: str) -> None:
+        self._columns, self._at = columns, f"objects/{name}/"
+
+    @property
+    def position(self) -> FloatArray:
+        """Positions of its centre, (N, d) [m]."""
+        return self._columns.array(self._at + "position")
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocities of its centre, (N, d) [m/s]."""
+        return self._columns.array(self._at + "velocity")
+
+    @property
+    def orientation(self) -> FloatArray | None:
+        """Angles (N,) [rad] in a plane, quaternions x y z w (N, 4) in space, or None on a line."""
+        return self._columns.optional(self._at + "orientation")
+
+    @property
+    def angular_velocity(self) -> FloatArray | None:
+        """Angular velocities, (N,) or (N, 3) [rad/s], or None on a line."""
+        return self._columns.optional(self._at + "angular_velocity")
+
+    @property
+    def wrench(self) -> FloatArray:
+        """Wrenches of the fingers on the object about its centre, (N, w) [N, N m]."""
+        return self._columns.array(self._at + "wrench")
+
+    @cached_property
+    def law(self) -> NDArray[np.int8] | None:
+        """Law that the elastic force satisfies, (N,), 0 Coulomb's, 1 the associated one; None without a coefficient."""
+        return self._columns.whole_numbers(self._at + "law")
+
+    @property
+    def residual(self) -> FloatArray | None:
+        """Residuals of that law, (N,) [N]; None without a coefficient."""
+        return self._columns.optional(self._at + "residual")
+
+    @property
+    def scale(self) -> FloatArray | None:
+        """Shares of the law's forces that a safety chain left, (N, 4); None without [safety].
+
+        By the soft start; by trust in readings and speeds; lambda, of what squeezes only; and the least of a finger's
+        whole force.
+        """
+        return self._columns.optional(self._at + "scale")
+
+    @property
+    def tank(self) -> FloatArray | None:
+        """Energy that a safety chain pays for stiffness with, (N,) [J]; None without a chain."""
+        return self._columns.optional(self._at + "tank")
+
+    def _card(self) -> Card:
+        rows = []
+        for name, unit in MEASURES:
+            values = getattr(self, name)
+            if values is not None:
+                rows.append((name, f"{values.shape} [{unit}]{_ends(values)}"))
+        return Card(f"Motion of an object over {counted(len(self.position), 'tick')}", rows)
+
+
+def _ends(values: np.ndarray[Any, Any]) -> str:
+    if not len(values):
+        return ""
+    first, last = (np.array2string(np.round(end, 6) + 0.0, separator=", ") for end in (values[0], values[-1]))
+    return f", {first} at first, {last} at last"
+
+
+def described_pose(
+    motion: ObjectMotion, frame: Mapping[str, Sequence[float]] | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """Compute the pose of the frame that a scene describes an object's shape in: position (N, d) [m], orientation.
+
+    Args:
+        motion: of the object.
+        frame: the pose of a mesh file's frame in the recorded one; None for any other shape.
+    """
+    if frame is None or motion.orientation is None:
+        return motion.position, motion.orientation
+    q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
+    offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
+    columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
+    return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)

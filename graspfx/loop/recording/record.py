@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
+
+import numpy as np
 
 from graspfx import plugins
-from graspfx.card import Card, Carded
+from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError, closest
-from graspfx.loop.recording.timed_history import TimedHistory
+from graspfx.loop.recording.history import History
+from graspfx.loop.recording.places import NAME
 
 if TYPE_CHECKING:
     import pandas
@@ -40,6 +44,13 @@ MEANT = {  # what an attribute is looked for by, and what it is called
 }
 
 
+MOST = 3  # faults, or changes, on a card
+CALLS = (
+    ".summary(), .plot(), .picture(time), .to_xarray(), .to_frame(), .to_csv(path), .save(path)\n"
+    ".time, .finger_position, .finger_force, .internal_force, .external_force, .touching, .objects[name], ..."
+)
+
+
 class Drawing(Protocol):
     """A figure of a recording: shown by a notebook, written by `save`.
 
@@ -57,7 +68,7 @@ class Drawing(Protocol):
         """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
-class Recording(Carded, TimedHistory):
+class Recording(Carded, History):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
@@ -86,18 +97,16 @@ class Recording(Carded, TimedHistory):
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
         """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""
-        from graspfx.loop.recording.file_bytes import from_bytes, to_bytes
-
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:
-        from graspfx.loop.recording.recording_card import recording_card
-
-        return recording_card(self)
+        header = self.header
+        name = f"{header.scene or 'a scene'}{f': {header.title}' if header.title else ''}"
+        return Card(f"Recording of {name}", [*_card_rows(self)], CALLS)
 
     def summary(self) -> dict[str, Any]:
         """Summarise the run in SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
-        from graspfx.loop.recording.growth.growth import losses
+        from graspfx.loop.recording.growth import losses
         from graspfx.loop.recording.summary import summarise
 
         needs = {"finger_position", "contact_position", "touching", "true_position"}
@@ -249,3 +258,115 @@ class Recording(Carded, TimedHistory):
         from graspfx.loop.recording.file import read
 
         return cls(*read(path))
+
+
+def _card_rows(history: Recording) -> Iterator[tuple[str, str]]:
+    header, layout, outcome, ticks = history.header, history.layout, history.outcome, len(history)
+    engine = f", {outcome.engine}" if outcome.engine else ""
+    broken = "" if outcome.complete else "; NOT complete: the run broke off, goes on or was killed"
+    seconds = f"{history.end:g} s"
+    fewer = f", a row every {header.every}" if header.every > 1 else ""
+    yield "time", f"{seconds}, {counted(history.ticks, 'tick')} of {1e3 * history.period:g} ms{fewer}{engine}{broken}"
+    yield "left out", listed(layout.omitted)
+    yield "set", listed(f"{key} = {value!r}" for key, value in header.overrides.items())
+    devices = "simulated" if layout.simulated else "real"
+    space = counted(layout.dimensions, "dimension")
+    yield "fingers", f"{len(layout.fingers)} in {space}, {devices}: {listed(layout.fingers)}"
+    if ticks and not {"touching", "finger_force"} & set(layout.omitted):
+        touching = 100.0 * history.touching.mean(axis=0)
+        yield "touching", listed(f"{each:.0f} %" for each in touching) + " of the time"
+        peak = np.linalg.norm(history.finger_force, axis=2).max(axis=0)
+        yield "peak force", listed(f"{each:.3g}" for each in peak) + " N"
+    yield "objects", listed(layout.objects)
+    yield "energies", "booked by mode: .energy[name]" if layout.observed else ""
+    yield "changes", _some(history.changes)
+    yield "faults", _some(history.faults) or "none"
+    yield "made", " by ".join(each for each in (header.created, _maker(header.versions)) if each)
+
+
+def _maker(versions: Any) -> str:
+    return f"GraspFX {versions['graspfx']}" if "graspfx" in versions else ""
+
+
+def _some(things: Any) -> str:
+    lines = [str(each) for each in things[:MOST]]
+    return "\n".join([*lines, *([f"and {len(things) - MOST} more"] if len(things) > MOST else [])])
+
+
+# Between processes: as the bytes of a file, with the checks that it has ---------------------------------------------
+
+
+def to_bytes(save: Callable[[Path], object]) -> bytes:
+    """Give the bytes of the file that `save` writes."""
+    with TemporaryDirectory(prefix="graspfx-") as folder:
+        place = Path(folder) / NAME
+        save(place)
+        return place.read_bytes()
+
+
+def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recording:
+    """Make a recording in memory of the bytes of a file; `start` is the number of its first row in a whole run.
+
+    Raises:
+        RecordingError: the bytes were changed since they were written.
+    """
+    from graspfx.loop.recording.file import read
+
+    with TemporaryDirectory(prefix="graspfx-") as folder:
+        place = Path(folder) / NAME
+        place.write_bytes(content)
+        rows, layout, header, outcome = read(place)
+        return kind(rows.read(0, len(rows), slice(0, layout.width)), layout, header, outcome, start=start)
+
+
+# Compared with another one, column by column and to the bit ---------------------------------------------------------
+
+
+class Difference(NamedTuple):
+    """A column in which two recordings differ.
+
+    Attributes:
+        column: its name.
+        largest: difference of two numbers, of either sign; infinite where one of them alone is no number.
+        tick: the first in which they differ.
+        unit: of the column.
+    """
+
+    column: str
+    largest: float
+    tick: int
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.column}: up to {self.largest:.3g} {self.unit}, from tick {self.tick} on"
+
+
+def compared(one: Recording, other: Recording) -> list[str]:
+    """List the columns that two recordings have, but for those that say when ticks were."""
+    columns = [name for name in one.layout.columns if name in other.layout.columns]
+    return [name for name in columns if one.layout.columns[name].filled != "loop"]
+
+
+def differences(one: Recording, other: Recording) -> list[Difference]:
+    """Compare the columns that two recordings of as many rows have, but for those that say when ticks were.
+
+    Numbers differ where their bits do: zeros by their signs too, and no number from any other.
+    """
+    each = (_difference(one, other, name) for name in compared(one, other))
+    return [difference for difference in each if difference is not None]
+
+
+def _difference(one: Recording, other: Recording, name: str) -> Difference | None:
+    first, largest = -1, 0.0
+    for start in range(0, len(one), one.store.step):
+        stop = min(start + one.store.step, len(one))
+        a, b = (np.ascontiguousarray(each.read(name, start, stop)) for each in (one, other))
+        differ = a.view(np.int64) != b.view(np.int64)
+        if differ.any():
+            rows = differ.reshape(len(a), -1).any(axis=1)
+            if first < 0:
+                first = (start + int(np.flatnonzero(rows)[0])) * one.header.every
+            with np.errstate(invalid="ignore"):
+                gaps = np.abs(a[differ] - b[differ])
+            largest = max(largest, float(np.where(np.isnan(gaps), np.inf, gaps).max()))
+    return None if first < 0 else Difference(name, largest, first, one.layout.columns[name].unit)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from queue import Queue
+from threading import Thread
 from types import TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -12,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import message
-from graspfx.loop.recording.attributes import as_stored
-from graspfx.loop.recording.courier import Courier
-from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
-from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault, as_stored
+from graspfx.loop.recording.layout import Layout, Selection
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.selection import Selection
 
 FloatArray = NDArray[np.float64]
 
 BLOCK = 1 << 20  # bytes that go to the sinks at once,
+WAITING = 2  # of them may wait for the thread that writes: then the ticks wait
 SECOND = 1.0  # or fewer after so long [s]: a clock decides when rows are written, never which
 
 
@@ -263,3 +263,61 @@ class Recorder:
             if changes and isinstance(sink, SinkOfChanges):
                 sink.note(changes)
             sink.write(part, faults)
+
+
+class Courier:
+    """Does jobs one after another, in a thread that starts with the first; a fault is raised where the next is given.
+
+    Compiled ticks release Python's lock, so that a block is written while they fill the next one. After a fault nothing
+    more is done.
+
+    Args:
+        waiting: jobs that may wait before whoever gives one waits too; 0 for as many as there are.
+    """
+
+    def __init__(self, waiting: int = WAITING) -> None:
+        self._jobs: Queue[Callable[[], None] | None] = Queue(waiting)
+        self._thread: Thread | None = None
+        self._fault: BaseException | None = None
+
+    @property
+    def waiting(self) -> int:
+        """Jobs that have not begun."""
+        return self._jobs.qsize()
+
+    def give(self, job: Callable[[], None]) -> None:
+        """Give a job to the thread.
+
+        Raises:
+            BaseException: that one before has raised.
+        """
+        self._require()
+        if self._thread is None:
+            self._thread = Thread(target=self._work, name="graspfx-recording", daemon=True)
+            self._thread.start()
+        self._jobs.put(job)
+
+    def end(self) -> None:
+        """Wait for all jobs.
+
+        Raises:
+            BaseException: that one of them has raised.
+        """
+        if self._thread is not None:
+            self._jobs.put(None)
+            self._thread.join()
+            self._thread = None
+        self._require()
+
+    def _require(self) -> None:
+        if self._fault is not None:
+            fault, self._fault = self._fault, None
+            raise fault
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            if self._fault is None:
+                try:
+                    job()
+                except BaseException as fault:  # noqa: BLE001 - it is raised where the next job is given
+                    self._fault = fault

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
-from graspfx.loop.recording.journal import Journal
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.lock import claim, release, stands_at
-from graspfx.loop.recording.places import NAME, part_of, recording_path, require_vacancy_of
-from graspfx.loop.recording.row_store import BLOCK, RowStore
-from graspfx.loop.recording.signals import hold_signals
-from graspfx.loop.recording.two_parts import wide_rows, wide_width
+from graspfx.loop.recording.part import PartWriter
+from graspfx.loop.recording.places import (
+    NAME,
+    claim,
+    part_of,
+    recording_path,
+    release,
+    require_vacancy_of,
+    stands_at,
+)
+from graspfx.loop.recording.rows import RowStore
 
 FloatArray = NDArray[np.float64]
 
@@ -32,10 +40,37 @@ FAILURES = (
 )  # of a disk, and of texts that HDF5 does not take
 
 
+@contextmanager
+def hold_signals() -> Iterator[None]:
+    """Hold back the handlers of all signals until the block ends, and call them then.
+
+    Signals that end the process by themselves still do. Python calls handlers in the main thread only: in others there
+    is nothing to hold back.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        queue.append((number, frame))
+
+    queue: list[tuple[int, FrameType | None]] = []
+    handlers = {int(each): handler for each in signal.valid_signals() if callable(handler := signal.getsignal(each))}
+    try:
+        for number in handlers:
+            signal.signal(number, keep)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in queue:
+            handlers[number](number, frame)
+
+
 class FileSink:
     """Writes blocks of rows as they come, so that what was written can be read after the run was killed.
 
-    Until `close` they stand in a part beside the recording's place, locked while this process lives.
+    Until the recording was written and read back they stand in a part beside its place, which this process locks.
 
     Args:
         path: of the recording.
@@ -61,12 +96,11 @@ class FileSink:
         self._home = self._place.absolute().parent
         if not overwrite:
             require_vacancy_of(self._place)
-        self._journal = Journal(part_of(self._place), layout, header, wide_width(layout, header))
+        self._part = PartWriter(part_of(self._place), layout, header)
         self._layout, self._header, self._compression = layout, header, compression
         self._faults: list[RunFault] = []
         self._changes: list[KeyChange] = []
         self._failure: RecordingError | None = None
-        self._room = np.empty((0, self._journal.wide))  # for rows with what follows from them
 
     @hold_signals()
     def note(self, changes: Sequence[KeyChange]) -> None:
@@ -75,7 +109,7 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more; the error says where the rows are.
         """
-        self._add(np.empty((0, self._journal.wide)), [], changes)
+        self._add(np.empty((0, self._layout.width)), [], changes)
         self._changes += changes
 
     @hold_signals()
@@ -85,23 +119,20 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
         """
-        if len(rows) > len(self._room):
-            self._room = np.empty((len(rows), self._journal.wide))
-        wide = wide_rows(rows, self._layout, self._header, self._changes, self._journal.rows, self._room)
-        self._add(wide, faults)
+        self._add(rows, faults)
         self._faults += faults
-        if not stands_at(self._journal.file, self._journal.path):
+        if not stands_at(self._part.file, self._part.path):
             self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))
 
     def _add(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
         if self._failure is not None:
             raise self._failure
         try:
-            self._journal.write(rows, faults, changes)
+            self._part.write(rows, faults, changes)
         except OSError as error:
-            self._fail(f"{self._journal.path}: cannot be written; {error.strerror}; {self._readable()}", error)
+            self._fail(f"{self._part.path}: cannot be written; {error.strerror}; {self._readable()}", error)
         except BaseException:  # whether these rows are there is not known, so none may follow
-            self._failure = RecordingError(f"{self._journal.path}: could not be written; {self._readable()}")
+            self._failure = RecordingError(f"{self._part.path}: could not be written; {self._readable()}")
             raise
 
     @hold_signals()
@@ -112,28 +143,29 @@ class FileSink:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
         """
         if self._failure is not None:
-            self._journal.file.close()
+            self._part.file.close()
             return
-        part = self._journal.path
+        part = self._part.path
         try:
-            self._journal.conclude(outcome)
+            self._part.conclude(outcome)
         except OSError as error:
             self._fail(f"{part}: cannot be written; {error.strerror}; {self._readable()}", error)
-        if not stands_at(self._journal.file, part):
+        if not stands_at(self._part.file, part):
             self._rescue(outcome)
         try:
             self._convert(self._place, outcome)
-        except FAILURES as error:
+        except (*FAILURES, RecordingError) as error:
             self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is whole in {part}", error)
-        release(self._journal.file, part)
+        release(self._part.file, part)
 
     def _convert(self, place: Path, outcome: Outcome) -> None:
-        from graspfx.loop.recording.hdf5 import convert
+        from graspfx.loop.recording.hdf5 import write_recording
 
-        convert(self._journal, place, self._layout, self._header, outcome, self._compression)
+        rows, how = self._part.stored(), self._compression
+        write_recording(place, rows, self._layout, self._header, outcome, how, sync=self._part.is_synced)
 
     def _readable(self) -> str:
-        rows = self._journal.rows
+        rows = self._part.rows
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
@@ -149,14 +181,14 @@ class FileSink:
                 break
         else:
             self._fail(f"{text}, and its rows fit nowhere else")
-        self._fail(f"{text}; its {self._journal.rows} rows so far are in {place}")
+        self._fail(f"{text}; its {self._part.rows} rows so far are in {place}")
 
     def _fail(self, text: str, error: Exception | None = None) -> None:
         self._failure = RecordingError(text)
-        if self._journal.rows:
-            self._journal.file.close()
+        if self._part.rows:
+            self._part.file.close()
         else:
-            release(self._journal.file, self._journal.path)
+            release(self._part.file, self._part.path)
         raise self._failure from error
 
 
@@ -181,7 +213,7 @@ def save(
     Raises:
         RecordingError: a file is there, another run is writing there, or it cannot be written.
     """
-    from graspfx.loop.recording.hdf5 import write_hdf5
+    from graspfx.loop.recording.hdf5 import write_recording
 
     place = recording_path(path)
     if not overwrite:
@@ -190,16 +222,8 @@ def save(
         lock = claim(part_of(place))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
-    wide = wide_width(layout, header)
-
-    def blocks() -> Iterator[FloatArray]:
-        step = max(1, BLOCK // (8 * max(wide, 1)))
-        for first in range(0, len(rows), step):
-            block = rows.read(first, min(first + step, len(rows)), slice(0, layout.width))
-            yield wide_rows(block, layout, header, outcome.changes, first)
-
     try:
-        write_hdf5(place, blocks(), len(rows), wide, layout, header, outcome, compression)
+        write_recording(place, rows, layout, header, outcome, compression)
     except FAILURES as error:
         raise RecordingError(f"{place}: cannot be written; {_why(error)}") from error
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,26 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.recording.history import History
-from graspfx.loop.recording.tally import Ledger, books_of
-from graspfx.loop.recording.tally_program import (
-    DEPTHS,
-    DISTANCES,
-    LARGEST,
-    LAWS,
-    LENGTHS,
-    MOMENTS,
-    PLACES,
-    SHARES,
-    Measure,
-    Measures,
-)
-from graspfx.loop.recording.two_parts import RowSplit, force_places, splits_of, wide_width
+from graspfx.loop.recording.two_parts import GraspRows, RowSplit, splits_of
 from graspfx.loop.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1e6
-FORCES = ("internal_force", "external_force")
+TOGETHER = 8192  # rows that are summed up together: they stay in the processor's cache
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -52,7 +41,8 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         internal_force_vibration, external_force_vibration: as `force_vibration` [N]; all of these None for a recording
             of an earlier format, which does not say how its forces divide.
         internal_moment: moment sum e_i x f_i of the internal forces f at the fingertips, the largest over the largest
-            |f| r (`tally_program.measure_moments`); None where the reaction is at the contacts or nothing turns.
+            |f| r, r the contacts' RMS distance from their mean; None where the reaction is at the contacts or nothing
+            turns.
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
@@ -82,9 +72,77 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         growth: as in the result.
     """
     tally = Tally(recording)
-    for part in recording.parts():
-        tally.add(part)
+    for first in range(0, len(recording), recording.store.step):
+        stop = min(first + recording.store.step, len(recording))
+        rows = recording.store.read(first, stop, slice(0, recording.layout.width))
+        for k in range(0, len(rows), TOGETHER):
+            tally.add(rows[k : k + TOGETHER], recording.start + first + k)
     return tally.result(growth)
+
+
+class Sizes:
+    """The largest sizes of some things, the sum of all, and how many there were; what is not a number stays.
+
+    Args:
+        count: of the things.
+    """
+
+    def __init__(self, count: int = 1) -> None:
+        self.largest, self._sums, self.count = np.full(count, -math.inf), list[float](), 0
+
+    def add(self, sizes: FloatArray, where: BoolArray | None = None) -> None:
+        """Add sizes (things, r), those that count."""
+        if not sizes.size:
+            return
+        if where is None or where.all():
+            self.count += sizes.size
+        else:
+            self.count += int(where.sum())
+            self.largest = np.maximum(self.largest, np.where(where, sizes, -math.inf).max(axis=1))
+            self._sums.append(float(np.where(where, sizes, 0.0).sum()))
+            return
+        self.largest = np.maximum(self.largest, sizes.max(axis=1))
+        self._sums.append(float(sizes.sum()))
+
+    @property
+    def mean(self) -> float | None:
+        """Mean of all; None where there was none."""
+        return _sum(self._sums) / self.count if self.count else None
+
+    @property
+    def peaks(self) -> list[float | None]:
+        """Largest of each thing; None of one that had none."""
+        return [None if value == -math.inf else float(value) for value in self.largest]
+
+    @property
+    def peak(self) -> float | None:
+        """Largest of all."""
+        return _largest(self.peaks)
+
+
+class Ledger:
+    """Peaks and ends of one object's ledger of energies."""
+
+    def __init__(self) -> None:
+        self.leak: FloatArray | None = None
+        self.braking: FloatArray | None = None
+        self.braked: FloatArray | None = None
+        self.gap = self.largest = 0.0
+
+    def add(self, name: str, values: FloatArray) -> None:
+        """Add an entry of the ledger, (..., r)."""
+        if name == "balance":
+            self.leak = _larger(self.leak, np.maximum(-values, 0.0).max(axis=-1))
+        if name == "damping":
+            self.braking = _larger(self.braking, values.max(axis=-1))
+            return
+        if name == "braked":
+            self.braked = values[..., -1].copy()
+        size = float(np.abs(values).max())
+        if name == "gap":
+            self.gap = max(self.gap, size)
+        else:
+            self.largest = max(self.largest, size)
 
 
 class Tally:
@@ -96,163 +154,177 @@ class Tally:
 
     def __init__(self, recording: History) -> None:
         layout = recording.layout
-        self.recording, self.n, self.d = recording, len(layout.fingers), layout.dimensions
+        self.recording, self.layout = recording, layout
         self.divided = bool(recording.header.split) and bool(layout.forces) and self.has("touching", "finger_force")
         self.splits = splits_of(recording.header, recording.outcome.changes) if self.divided else []
-        self.places = force_places(layout) if self.divided else {}
-        self.turning = self.has("finger_position")
+        n, self.rows = len(layout.fingers), 0
+        self.on, self.limited = np.zeros(n), np.zeros(n)
+        self.lawful = 0
+        self.squeeze, self.depth, self.apart, self.residual = Sizes(), Sizes(n), Sizes(), Sizes(len(layout.objects))
+        self.least_apart = math.inf
+        self.forces = {name: Sizes(n) for name in ("finger_force", "displayed_force", *self._halves())}
+        self.off, self.off_count = list[float](), 0  # squares of distances of objects from their fingers' centre
+        self.moments: dict[tuple[int, int], tuple[Sizes, Sizes]] = {}
         self.ledgers = {name: Ledger() for name in layout.objects}
         self.energy: FloatArray | None = None
-        self.shaking = Vibration(recording.row_period, len(recording))
-        self.signals: dict[str, list[slice]] = {}
-        self.measures = Measures(len(recording))
-        self._room = np.empty((0, 0))
-        self._choose_measures()
-        self._choose_signals()
-        self._whole = [*self.measures]
+        self.signals: dict[str, int] = {}  # how many components each has
+        sums = slice(0, n * layout.dimensions), slice(n * layout.dimensions, 2 * n * layout.dimensions)
+        self.shaking = Vibration(recording.row_period, len(recording), sums=sums if self.divided else None)
 
     def has(self, *columns: str) -> bool:
         """Tell whether the recording has all of these columns."""
-        return all(column in self.recording.layout.columns for column in columns)
+        return all(column in self.layout.columns for column in columns)
 
-    def _at(self, column: str) -> int:
-        """Find the entry of a column in a row; -1 if it is not there."""
-        columns = self.recording.layout.columns
-        return columns[column].where.start if column in columns else -1
+    def _halves(self) -> tuple[str, ...]:
+        return ("internal_force", "external_force") if self.divided else ()
 
-    def _choose_measures(self) -> None:
-        add, layout, n, d = self.measures.add, self.recording.layout, self.n, self.d
-        position, contact, touching = (self._at(k) for k in ("finger_position", "contact_position", "touching"))
-        for name in ("touching", "saturated"):
-            if self.has(name):
-                add(name, Measure(SHARES, self._at(name), n))
-        for k, name in enumerate(layout.objects):
-            fingers = [i for i, owner in enumerate(layout.finger_objects) if owner == k]
-            if position >= 0 and fingers:
-                squeezed = self.has("contact_position", "touching")
-                add(f"places of {name}", Measure(
-                    PLACES, position, len(fingers), d, touching if squeezed else -1, contact if squeezed else -1,
-                    self._at(f"objects/{name}/position"), fingers,
-                ))  # fmt: skip
-            for kind, column in ((LAWS, "law"), (LARGEST, "residual")):
-                if self.has(f"objects/{name}/{column}"):
-                    add(f"{column} of {name}", Measure(kind, self._at(f"objects/{name}/{column}")))
-        if n == 2 and position >= 0:
-            add("apart", Measure(DISTANCES, position, n, d))
-        if self.has("gap", "touching"):
-            add("depth", Measure(DEPTHS, self._at("gap"), n, mask=touching))
+    def add(self, rows: FloatArray, start: int) -> None:
+        """Add rows (r, width), of which `start` is the first."""
+        block = RowSplit(rows, self.layout, self.splits or [(0, {})], start)
+        self.rows += len(rows)
+        on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
+        if on is not None:
+            self.on += on.sum(axis=1)
+        if self.has("saturated"):
+            self.limited += np.not_equal(block.column("saturated"), 0.0).sum(axis=1)
+        parts: dict[str, FloatArray] = {}
+        if self.divided:
+            external, _ = block.external_forces()
+            parts = {"internal_force": block.column("finger_force") - external, "external_force": external}
+        self._add_places(block, on)
+        self._add_objects(block)
         for name in ("finger_force", "displayed_force"):
             if self.has("finger_force", name):
-                add(name, Measure(LENGTHS, self._at(name), n, d))
-        if self.divided:
-            for name in FORCES:
-                add(name, Measure(LENGTHS, self.places[name].start, n, d, touching))
+                self.forces[name].add(_length(block.column(name)))
+        for name, values in parts.items():
+            self.forces[name].add(_length(values), on)
+        if parts and self.has("finger_position"):
+            for grasp in block.grasps():
+                self._add_moments(block, grasp, parts["internal_force"], start)
+        self._add_signals(block, parts)
 
-    def _choose_signals(self) -> None:
-        layout = self.recording.layout
-        tips = "true_position" if layout.simulated else "finger_position"
-        columns = layout.columns
-        if self.has("finger_force"):
-            self.signals["force_vibration"] = [columns["finger_force"].where]
-        if self.divided:
-            self.signals |= {f"{name}_vibration": [self.places[name]] for name in FORCES}
-        if self.has(tips):
-            self.signals["finger_vibration"] = [columns[tips].where]
-        places = [f"objects/{name}/position" for name in layout.objects]
-        if self.has(*places):
-            self.signals["object_vibration"] = [columns[place].where for place in places]
-
-    def add(self, part: History) -> None:
-        """Add a block of rows, in memory."""
-        count, layout = len(part), part.layout
-        if not count:
+    def _add_places(self, block: RowSplit, on: BoolArray | None) -> None:
+        """Add how far fingers squeeze, sqrt(mean |e - mean e|^2) of those that touch, and how far apart they are."""
+        if on is not None and self.has("gap"):
+            self.depth.add(np.maximum(-block.column("gap"), 0.0), on)
+        if not self.has("finger_position"):
             return
-        width = wide_width(layout, part.header) if self.divided else layout.width
-        if len(self._room) < count:
-            self._room = np.empty((count, width))
-        rows = self._room[:count]  # which programs may write, unlike those of a recording
-        pieces = dict.fromkeys(self._whole, slice(0, count))
-        if self.divided:
-            split = RowSplit(part.rows, layout, self.splits, part.start)
-            split.widened(rows)
-            pieces |= self._moments(split)
-        else:
-            rows[:] = part.rows
-        self.measures.take(rows, pieces)
-        for name in layout.objects:
-            at = f"objects/{name}/energy/"
-            books = [column for column in layout.columns if column.startswith(at)]
-            self.ledgers[name].add((each.rpartition("/")[2], part.array(each)) for each in books)
-        if self.has("device_energy"):
-            self.energy = rows[-1, layout.columns["device_energy"].where].copy()
-        if self.signals:
-            self.shaking.add(rows, [where for each in self.signals.values() for where in each])
+        p = block.column("finger_position")
+        for k, name in enumerate(self.layout.objects):
+            fingers = [i for i, owner in enumerate(self.layout.finger_objects) if owner == k]
+            if on is not None and self.has("contact_position") and len(fingers) > 1:
+                touch = on[fingers]
+                e = p[fingers] - block.column("contact_position")[fingers]
+                count = np.maximum(touch.sum(axis=0), 1.0)
+                if not touch.all():
+                    e = np.where(touch[:, None], e, 0.0)
+                off = e - e.sum(axis=0) / count
+                square = (off * off).sum(axis=1)
+                square = (square if touch.all() else np.where(touch, square, 0.0)).sum(axis=0) / count
+                self.squeeze.add(np.sqrt(square)[None], (touch.sum(axis=0) >= 2)[None])
+            place = f"objects/{name}/position"
+            if fingers and self.has(place):
+                away = block.column(place) - p[fingers].sum(axis=0) / len(fingers)
+                self.off.append(float((away * away).sum()))
+                self.off_count += p.shape[2]
+        if len(p) == 2:
+            apart = _length((p[1] - p[0])[None])
+            self.apart.add(apart)
+            self.least_apart = float(np.minimum(self.least_apart, apart.min()))
 
-    def _moments(self, split: RowSplit) -> dict[str, slice]:
-        """List the rows of which the moments of internal forces are measured, adding those measures that are not there.
+    def _add_objects(self, block: RowSplit) -> None:
+        for k, name in enumerate(self.layout.objects):
+            at = f"objects/{name}/"
+            if self.has(at + "law"):
+                self.lawful += int((block.column(at + "law") == 1.0).sum())
+            if self.has(at + "residual"):
+                self.residual.largest[k] = np.maximum(self.residual.largest[k], block.column(at + "residual").max())
+            for column in self.layout.columns:
+                if column.startswith(at + "energy/"):
+                    self.ledgers[name].add(column.rpartition("/")[2], block.column(column))
+        if self.has("device_energy"):
+            self.energy = block.column("device_energy")[:, -1].copy()
+
+    def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray, start: int) -> None:
+        """Add the moment of internal forces on one object, and |f| r, by which it is measured.
 
         The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
         points, turn it by that moment; not where the reaction is at the contact points, nor where nothing turns.
         """
-        pieces = {}
-        for rows, rule, fingers, key in split.grasps():
-            if not self.turning or rule.reaction == "contact" or not any(rule.rotations):
-                continue
-            name = f"moments of {key}"
-            if name not in self.measures:
-                at, contact = self._at("finger_position"), self._at("contact_position")
-                some = [*map(float, fingers), *map(float, rule.rotations)]
-                force = self.places["internal_force"].start
-                self.measures.add(name, Measure(MOMENTS, at, len(fingers), self.d, -1, contact, force, some))
-            pieces[name] = rows
-        return pieces
+        rows, rule, thing, fingers = grasp
+        if rule.reaction == "contact" or not any(rule.rotations):
+            return
+        where, d = (fingers, slice(None), rows), self.layout.dimensions
+        c, f = block.column("contact_position")[where], force[where]
+        e = block.column("finger_position")[where] - c
+        square = np.zeros(c.shape[2])
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            if rule.rotations[k] and a < d and b < d:
+                square += (e[:, a] * f[:, b] - e[:, b] * f[:, a]).sum(axis=0) ** 2
+        away = c - c.sum(axis=0) / len(c)
+        whole = np.sqrt((f * f).sum(axis=(0, 1)) * (away * away).sum(axis=(0, 1)) / len(c))
+        number = sum(first <= start + rows.start for first, _ in self.splits)
+        moment, push = self.moments.setdefault((thing, number), (Sizes(), Sizes()))
+        moment.add(np.sqrt(square)[None])
+        push.add(whole[None])
+
+    def _add_signals(self, block: RowSplit, parts: Mapping[str, FloatArray]) -> None:
+        tips = "true_position" if self.layout.simulated else "finger_position"
+        places = [f"objects/{name}/position" for name in self.layout.objects]
+        signals = {f"{name}_vibration": [values] for name, values in parts.items()}
+        if not parts and self.has("finger_force"):
+            signals["force_vibration"] = [block.column("finger_force")]
+        if self.has(tips):
+            signals["finger_vibration"] = [block.column(tips)]
+        if self.has(*places):
+            signals["object_vibration"] = [block.column(place) for place in places]
+        if signals:
+            flat = [each.reshape(-1, each.shape[-1]) for values in signals.values() for each in values]
+            self.shaking.add(np.concatenate(flat))
+            self.signals = {
+                name: sum(each.size for each in values) // values[0].shape[-1] for name, values in signals.items()
+            }
+            if parts:
+                self.signals["force_vibration"] = parts["internal_force"].shape[0] * self.layout.dimensions
 
     def result(self, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """Give the summary."""
-        recording, n = self.recording, self.n
+        recording, layout = self.recording, self.layout
         outcome, ticks, wall_time = recording.outcome, recording.ticks, recording.wall_time
         timed = wall_time is not None and wall_time > 0.0 and ticks > 0
-        energy, names = self.energy, recording.layout.objects
-        squeeze = self._over_objects("places of {}")
         deformed = self.has("finger_position", "contact_position", "touching")
-        depth = self.measures.get("depth")
-        apart = self.measures.get("apart", [0.0] * 3)
-        lawful = [name for name in names if f"law of {name}" in self.measures]
-        residuals = self._over_objects("residual of {}")
-        displayed = "displayed_force" if "displayed_force" in self.measures else "finger_force"
-        centred = sum(1 for name in names if f"places of {name}" in self.measures and self._is_placed(name))
+        sunk = self.has("gap", "touching")
+        displayed = "displayed_force" if self.has("displayed_force") else "finger_force"
+        pair = len(layout.fingers) == 2 and self.apart.count > 0
+        laws = sum(self.has(f"objects/{name}/law") for name in layout.objects)
         return {
             "ticks": ticks,
             "period": float(recording.period),
             "duration": float(ticks * recording.period),
-            "touching": self._shares("touching"),
-            "internal_deformation_mean": _mean(sum(each[1] for each in squeeze), sum(each[2] for each in squeeze))
-            or 0.0
-            if deformed
-            else None,
-            "internal_deformation_peak": _peak(each[0] for each in squeeze) or 0.0 if deformed else None,
-            "invasion_mean": None if depth is None else _mean(depth[2], depth[1]) or 0.0,
-            "invasion_peak": None if depth is None else _peak(depth[:1]) or 0.0,
-            "finger_distance_mean": _mean(apart[2], apart[1]),
-            "finger_distance_least": -apart[0] if apart[1] else None,
-            "tracking_error": _rms(sum(each[3] for each in squeeze), len(recording) * centred),
-            "peak_force": self._peaks("finger_force"),
-            "peak_displayed_force": self._peaks(displayed),
-            "saturated": self._shares("saturated"),
+            "touching": self._shares("touching", self.on),
+            "internal_deformation_mean": self.squeeze.mean or 0.0 if deformed else None,
+            "internal_deformation_peak": self.squeeze.peak or 0.0 if deformed else None,
+            "invasion_mean": self.depth.mean or 0.0 if sunk else None,
+            "invasion_peak": self.depth.peak or 0.0 if sunk else None,
+            "finger_distance_mean": self.apart.mean if pair else None,
+            "finger_distance_least": self.least_apart if pair else None,
+            "tracking_error": math.sqrt(_sum(self.off) / self.off_count) if self.off_count else None,
+            "peak_force": self.forces["finger_force"].peaks if self.has("finger_force") else None,
+            "peak_displayed_force": self.forces[displayed].peaks if self.has("finger_force") else None,
+            "saturated": self._shares("saturated", self.limited),
             "force_vibration": self._vibration("force_vibration"),
             **self._two_forces("internal_force"),
             **self._two_forces("external_force"),
             "internal_moment": self._moment(),
             "finger_vibration": self._vibration("finger_vibration"),
             "object_vibration": self._vibration("object_vibration"),
-            "port_energy": [None if energy is None else float(energy[i]) for i in range(n)],
+            "port_energy": [None] * len(layout.fingers) if self.energy is None else self.energy.tolist(),
             "fade_shortfall": outcome.fade_shortfall or None,
             "blended": outcome.blended / ticks if outcome.blended and ticks else None,
-            "associated": _mean(
-                sum(self.measures[f"law of {name}"][0] for name in lawful), len(recording) * len(lawful)
-            ),
-            "friction_residual": _peak(each[0] for each in residuals),
-            **dict(books_of(list(self.ledgers.values()))),
+            "associated": self.lawful / (self.rows * laws) if self.rows and laws else None,
+            "friction_residual": self.residual.peak,
+            **self._books(),
             "growth": [dict(each) for each in growth],
             "wall_time": wall_time,
             "engine": outcome.engine or None,
@@ -263,66 +335,69 @@ class Tally:
             "recorded": self._recorded(),
         }
 
-    def _over_objects(self, name: str) -> list[list[float]]:
-        """List the results of a measure that each object has."""
-        names = [name.format(each) for each in self.recording.layout.objects]
-        return [self.measures[each] for each in names if each in self.measures]
-
-    def _is_placed(self, name: str) -> bool:
-        return self.has(f"objects/{name}/position")
-
-    def _shares(self, name: str) -> list[float | None] | None:
-        return [_mean(each, len(self.recording)) for each in self.measures[name]] if name in self.measures else None
-
-    def _peaks(self, name: str) -> list[float | None] | None:
-        return [_peak([each]) for each in self.measures[name][: self.n]] if name in self.measures else None
+    def _shares(self, column: str, counts: FloatArray) -> list[float | None] | None:
+        if not self.has(column):
+            return None
+        return (counts / self.rows).tolist() if self.rows else [None] * len(counts)
 
     def _two_forces(self, name: str) -> dict[str, Any]:
-        results = self.measures[name] if self.divided else [0.0, 0.0]
+        sizes = self.forces.get(name)
         return {
-            f"{name}_peak": self._peaks(name),
-            f"{name}_mean": _mean(results[-2], results[-1]),
+            f"{name}_peak": None if sizes is None else sizes.peaks,
+            f"{name}_mean": None if sizes is None else sizes.mean,
             f"{name}_vibration": self._vibration(f"{name}_vibration"),
         }
 
     def _vibration(self, name: str) -> float | None:
-        squares = self.mean_squares
-        if squares is None or name not in self.signals:
-            return None
-        start = 0
-        for each, places in self.signals.items():
-            width = sum(where.stop - where.start for where in places)
-            if each == name:
-                return float(np.sqrt(squares[start : start + width].sum() / (width // self.d)))
+        squares, start = self.shaking.mean_squares(), 0
+        for each, width in self.signals.items():
+            if each == name and squares is not None:
+                return math.sqrt(squares[start : start + width].sum() / (width // self.layout.dimensions))
             start += width
         return None
 
-    @property
-    def mean_squares(self) -> FloatArray | None:
-        """Mean squares of the signals."""
-        return self.shaking.mean_squares()
-
     def _moment(self) -> float | None:
-        both = [self.measures[name] for name in self.measures if name.startswith("moments of ")]
-        return max((moment / whole for moment, whole in both if whole > 0.0), default=None)
+        both = [(moment.peak, whole.peak) for moment, whole in self.moments.values()]
+        return max((moment / whole for moment, whole in both if moment is not None and whole), default=None)
+
+    def _books(self) -> dict[str, Any]:
+        """Sum the ledgers up."""
+        books = self.ledgers.values()
+        leaks, braking, braked = (
+            [value for ledger in books if (value := getattr(ledger, name)) is not None]
+            for name in ("leak", "braking", "braked")
+        )
+        gaps = [ledger.gap / ledger.largest if ledger.largest > 0.0 else 0.0 for ledger in books]
+        return {
+            "leak": np.max(leaks, axis=0).tolist() if leaks else None,
+            "braking": np.max(braking, axis=0).tolist() if braking else None,
+            "braked": np.sum(braked, axis=0).tolist() if braked else None,
+            "ledger_gap": max(gaps) if leaks else None,
+        }
 
     def _recorded(self) -> str | None:
-        layout, every = self.recording.layout, self.recording.header.every
+        layout, every = self.layout, self.recording.header.every
         texts = [f"peaks, means and energies are of the rows recorded, one in {every} ticks"] if every > 1 else []
         if layout.omitted:
             texts.append(f"not recorded, nor what follows from it: {', '.join(layout.omitted)}")
         return "; ".join(texts) or None
 
 
-def _mean(total: float, count: float) -> float | None:
-    return total / count if count else None
+def _length(vectors: FloatArray) -> FloatArray:
+    """Compute the lengths of vectors (n, d, r)."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
 
 
-def _rms(squares: float, count: float) -> float | None:
-    return float(np.sqrt(squares / count)) if count else None
+def _larger(before: FloatArray | None, now: FloatArray) -> FloatArray:
+    return now if before is None else np.maximum(before, now)
 
 
-def _peak(values: Iterable[float]) -> float | None:
-    """Find the largest of some peaks; those below zero are of nothing."""
-    peaks = [value for value in values if not value < 0.0]
-    return float(np.max(peaks)) if peaks else None
+def _sum(values: Iterable[float]) -> float:
+    """Add numbers up without rounding between them."""
+    return math.fsum(values) if all(map(math.isfinite, values := [*values])) else sum(values)
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    """Find the largest number; one that is not a number wins."""
+    numbers = [value for value in values if value is not None]
+    return float(np.max(numbers)) if numbers else None

@@ -15,13 +15,13 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop.recording import journal as journals
 from graspfx.loop.recording import recorder as recorders
+from graspfx.loop.recording.hdf5 import Stream
 from graspfx.loop.recording.header import Outcome
+from graspfx.loop.recording.part import PartWriter
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.stream import Stream
 from tests.support.families import efforts
 from tests.support.parts import POSIX, made, script, values, write_part
 from tests.support.recordings import header
@@ -67,15 +67,15 @@ print(json.dumps(seen))
 @efforts(short=5, full=60, asked="faults")
 @pytest.mark.parametrize(("way", "code"), [("command", 2), ("python", 4)])
 def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, cases: int, tmp_path: Path) -> None:
-    """A limit on the size of files is met as a full disk is; 1000 ticks of 168 bytes take 180 kB in a part."""
+    """A limit on the size of files is met as a full disk is; 1000 ticks take 148 kB in a part, and 180 kB in HDF5."""
     limits = [1000, *np.linspace(20_000, 165_000, cases - 1).astype(int).tolist()]
     seen = script(FULL.replace("gx.errors", "__import__('graspfx.errors').errors"), tmp_path, way, json.dumps(limits))
     for limit, each in zip(limits, seen, strict=True):
         assert os.waitstatus_to_exitcode(each["status"]) == code, each
         assert each["said"].count("\n") == 1, each
         assert "cannot be written; File too large" in each["said"]
-        blocks = max(0, limit - 12_000) // (201 * 168)  # the header is within 12 kB
-        assert 200 * blocks <= each["rows"] <= limit // 168, each
+        blocks = max(0, limit - 12_000) // (201 * 136)  # the header is within 12 kB
+        assert 200 * blocks <= each["rows"] <= limit // 136, each
         assert each["rows"] % 200 in (0, 100, 50, 25, 12, 6, 3, 1), each  # as much of the last block as fits
         assert each["files"] == (["recording.h5.part"] if each["rows"] else []), each
     assert len({each["rows"] for each in seen}) >= 3
@@ -89,7 +89,7 @@ from graspfx.errors import RecordingError
 from graspfx.loop.recording.header import Outcome
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.stream import Stream
+from graspfx.loop.recording.hdf5 import Stream
 made = layout(3, 2)
 values = rows(made, 1100)
 push = Stream._push
@@ -135,7 +135,7 @@ from tests.support.recordings import header, layout, rows
 from graspfx.loop.recording.header import Outcome
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.stream import Stream
+from graspfx.loop.recording.hdf5 import Stream
 signal.signal(signal.SIGINT, signal.default_int_handler)
 made = layout(3, 2)
 values = rows(made, 1100)
@@ -186,14 +186,14 @@ def test_a_text_that_hdf5_does_not_take_leaves_the_part(tmp_path: Path) -> None:
 def test_no_rows_follow_those_whose_write_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block that was lost must not be followed by the next one, as if no time had passed."""
     sink = write_part(tmp_path / NAME, 400)
-    write = journals.Journal._put
+    write = PartWriter._put
 
-    def break_off(self: journals.Journal, parts: Any) -> None:
+    def break_off(self: PartWriter, parts: Any) -> None:
         write(self, parts)
         raise MemoryError
 
     with monkeypatch.context() as once:
-        once.setattr(journals.Journal, "_put", break_off)
+        once.setattr(PartWriter, "_put", break_off)
         with pytest.raises(MemoryError):
             sink.write(values[400:600], [])
     with pytest.raises(RecordingError, match="could not be written; the 400 rows before that can be read there"):

@@ -18,11 +18,8 @@ from graspfx.__main__ import main
 from graspfx.analysis.stability import spectral_radius
 from graspfx.build.resolve import resolve
 from graspfx.loop.drive import drive
-from graspfx.loop.recording.growth.evidence import coherent_pole
-from graspfx.loop.recording.growth.growth import Growth, growths
-from graspfx.loop.recording.growth.mode import mode_name
-from graspfx.loop.recording.growth.octaves import BLOCK, amplitudes, octaves, poles, rises
-from graspfx.loop.recording.growth.ringing import ringing
+from graspfx.loop.recording.growth import Growth, coherent_pole, growths, mode_name
+from graspfx.loop.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises
 from graspfx.loop.recording.record import Recording
 from graspfx.plugins import names
 from tests.support.random_scenes import boundary, random_case, scaled

@@ -20,10 +20,9 @@ import xarray as xr
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.file_bytes import from_bytes, to_bytes
 from graspfx.loop.recording.header import Outcome, RunFault, machine, versions
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.record import Recording, from_bytes, to_bytes
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.recording.sink import FileSink
 from tests.support.recordings import PERIOD, header, layout, put, recording, rows

@@ -4,37 +4,51 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.header import Outcome
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.row_store import StoredRows
-from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.recording.rows import BlockRows, DataSetRows
 from graspfx.show.tabular import csv_lines
 from tests.support.parts import made, script, values
 from tests.support.recordings import header
 
+FORMATS = Path(__file__).parent / "formats"
 
-def test_a_change_in_a_block_is_an_error_where_that_is_read(tmp_path: Path) -> None:
-    sink = FileSink(tmp_path / NAME, made, header())
-    for first in range(0, 1500, 300):
-        sink.write(values[first : first + 300], [])
-    sink.close(Outcome())
-    rec = Recording.load(tmp_path)
-    assert isinstance(rec.store, StoredRows)
-    piece = rec.store._pieces[2]
-    changed = bytearray((tmp_path / NAME).read_bytes())
+
+def test_a_change_in_a_block_of_format_4_is_an_error_where_that_is_read(tmp_path: Path) -> None:
+    path = FORMATS / "4-run.h5"
+    rec = Recording.load(path)
+    assert isinstance(rec.store, BlockRows) and len(rec.store._pieces) == 3
+    piece = rec.store._pieces[1]
+    changed = bytearray(path.read_bytes())
     changed[piece.offset + piece.lead + 5] ^= 1
     (tmp_path / "changed.h5").write_bytes(changed)
     other = Recording.load(tmp_path / "changed.h5")
-    assert other.part(0, 600).rows.tobytes() == values[:600].tobytes()
-    assert other.part(900, 1500).rows.tobytes() == values[900:].tobytes()
-    for read in (lambda: other.rows, lambda: other.finger_force, lambda: other.part(899, 901)):
-        with pytest.raises(RecordingError, match=r"its bytes were changed since .* rows from 600 up to 900"):
+    assert other.part(0, 2).rows.tobytes() == rec.rows[:2].tobytes()
+    assert other.part(4, 6).rows.tobytes() == rec.rows[4:].tobytes()
+    for read in (lambda: other.rows, lambda: other.finger_force, lambda: other.part(1, 3)):
+        with pytest.raises(RecordingError, match=r"its bytes were changed since .* rows from 2 up to 4"):
+            read()
+
+
+def test_a_change_in_a_chunk_is_an_error_where_that_is_read(tmp_path: Path) -> None:
+    rec = Recording(values, made, header())
+    rec.save(tmp_path / NAME)
+    with h5py.File(tmp_path / NAME) as file:
+        place = file["gap"].id.get_chunk_info(0).byte_offset
+    changed = bytearray((tmp_path / NAME).read_bytes())
+    changed[place + 5] ^= 1
+    (tmp_path / NAME).write_bytes(changed)
+    other = Recording.load(tmp_path)
+    assert isinstance(other.store, DataSetRows)
+    assert other.finger_force.tobytes() == rec.finger_force.tobytes()
+    for read in (lambda: other.rows, lambda: other.gap, lambda: other.part(9, 10)):
+        with pytest.raises(RecordingError, match="its bytes were changed since it was written"):
             read()
 
 
@@ -45,15 +59,13 @@ def test_a_recording_is_read_also_after_its_file_was_replaced(tmp_path: Path) ->
     assert np.array_equal(rec.finger_force, force)
 
 
-def test_reading_in_parts_gives_what_reading_at_once_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reading_in_parts_gives_what_reading_at_once_does(tmp_path: Path) -> None:
     """Everything that is added up, divided or written over blocks, with blocks of 7 rows."""
-    from graspfx.loop.recording import history
-
     here = gx.run("paper-waving", {"engine": "interpreted"}, duration=0.8)
     here.save(tmp_path / "r.h5")
     summary, lines = here.summary(), "".join(csv_lines(here))
-    monkeypatch.setattr(history, "BLOCK", 7 * 8 * here.layout.width)
     rec = Recording.load(tmp_path / "r.h5")
+    rec.store.step = 7
     assert [len(part) for part in rec.parts()][:3] == [7, 7, 7]
     for name in ("internal_force", "external_displacement", "internal_energy", "external_energy", "displayed_force"):
         assert getattr(rec, name).tobytes() == getattr(here, name).tobytes(), name
@@ -75,10 +87,6 @@ def test_an_unknown_ledger_is_told_with_the_names_there_are() -> None:
 MEMORY = """
 import json, resource, sys
 import graspfx as gx
-from graspfx.build.warm import OF_RECORDINGS
-from graspfx.compile.machine import compiled
-for kernel in OF_RECORDINGS:  # which takes memory of its own, once
-    compiled(kernel)
 def peak():
     with open("/proc/self/status") as file:
         return 1024 * next(int(line.split()[1]) for line in file if line.startswith("VmHWM"))

@@ -1,9 +1,9 @@
-"""Where a recording's rows are: in memory, or in a file of which only what is asked for is read."""
+"""Where a recording's rows are: in memory, in blocks of a part, or in the data sets of an HDF5 file."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.check import NUMBER, check_of, rows_sum
+from graspfx.loop.recording.checks import NUMBER, check_of, rows_sum
 
 FloatArray = NDArray[np.float64]
 
-BLOCK = 1 << 20  # bytes of rows that are looked at together
+BLOCK = 1 << 20  # bytes of rows in memory that are looked at together
 
 
 class RowStore(Protocol):
     """Rows of a recording."""
+
+    step: int  # rows that are best read together
 
     def __len__(self) -> int: ...
 
@@ -36,12 +38,45 @@ class MemoryRows:
     def __init__(self, rows: FloatArray) -> None:
         self.rows = rows
         self.rows.flags.writeable = False
+        self.step = max(1, BLOCK // (NUMBER.itemsize * max(rows.shape[1], 1)))
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
         return self.rows[first:stop, where]
+
+
+class DataSetRows:
+    """Rows in data sets of an HDF5 file, each of a few neighbouring numbers of a row.
+
+    Args:
+        path: of the file, for errors.
+        data: by place in a row, data sets (N, ...) in the order of these.
+        count: N.
+        step: rows of a chunk.
+    """
+
+    def __init__(self, path: Path, data: Sequence[tuple[slice, Any]], count: int, step: int) -> None:
+        self._path, self._data, self._count, self.step = path, data, count, step
+
+    def __len__(self) -> int:
+        return self._count
+
+    def read(self, first: int, stop: int, where: slice) -> FloatArray:
+        first, stop = (min(max(k, 0), self._count) for k in (first, stop))
+        count = max(stop - first, 0)
+        parts = [(place, data) for place, data in self._data if place.start < where.stop and where.start < place.stop]
+        whole = np.empty((count, where.stop - where.start))
+        try:
+            for place, data in parts if count else ():
+                low, high = max(place.start, where.start), min(place.stop, where.stop)
+                values = data[first:stop].reshape(count, -1)
+                whole[:, low - where.start : high - where.start] = values[:, low - place.start : high - place.start]
+        except OSError as error:  # as where a chunk does not have its checksum
+            text = " ".join(str(error).split())
+            raise RecordingError(f"{self._path}: its bytes were changed since it was written; {text}") from error
+        return whole
 
 
 @dataclass(frozen=True)
@@ -63,25 +98,27 @@ class Piece:
     check: bytes = b""
 
 
-class StoredRows:
+class BlockRows:
     """Rows in blocks of a file, each compared with its check when it is first read.
 
     The file stays open, so that it can be read also after it was moved, removed or replaced.
 
     Args:
-        path: of the file.
-        wide: numbers of a row there, with those that follow from it.
+        path: of the file, for errors.
+        file: its descriptor, which is closed when the rows are no longer needed.
+        wide: numbers of a row there; in format 4 the two forces stand behind those of the layout.
         pieces: the blocks, in order.
 
     Raises:
         RecordingError: the blocks do not follow one another, or are more than the file holds.
     """
 
-    def __init__(self, path: Path, wide: int, pieces: Sequence[Piece]) -> None:
-        self._path, self._wide = path, wide
-        self._pieces = list(pieces)
+    def __init__(self, path: Path, file: int, wide: int, pieces: Sequence[Piece]) -> None:
+        self._path, self._file, self._wide, self._pieces = path, file, wide, list(pieces)
+        finalize(self, os.close, file)
         self._starts = np.array([piece.first for piece in pieces], dtype=np.int64)
-        row, first, size = NUMBER.itemsize * wide, 0, path.stat().st_size
+        self.step = max(1, BLOCK // (NUMBER.itemsize * max(wide, 1)))
+        row, first, size = NUMBER.itemsize * wide, 0, os.fstat(file).st_size
         for piece in pieces:
             end = piece.offset + piece.lead + piece.count * row
             if piece.first != first or min(piece.count, piece.offset, piece.lead, wide) < 0 or end > size:
@@ -90,32 +127,29 @@ class StoredRows:
                     f"not fit: row {first} comes next, and the file has {size} bytes"
                 )
             first += piece.count
-        self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-        finalize(self, os.close, self._file)
+        self._count = first
         self._checked = [not piece.check for piece in pieces]
 
     def __len__(self) -> int:
-        return self._pieces[-1].first + self._pieces[-1].count if self._pieces else 0
+        return self._count
 
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
         rows = np.empty((max(stop - first, 0), where.stop - where.start))
-        for piece, number in self._between(first, stop):
+        begin = int(np.searchsorted(self._starts, first, side="right")) - 1
+        end = int(np.searchsorted(self._starts, stop, side="left"))
+        for number in range(begin, end) if stop > first else ():
+            piece = self._pieces[number]
             low, high = max(first, piece.first), min(stop, piece.first + piece.count)
-            block = self._rows(piece, number, low - piece.first, high - piece.first)
-            rows[low - first : high - first] = block[:, where]
+            own = self._rows(piece, number, low - piece.first, high - piece.first)
+            rows[low - first : high - first] = own[:, where]
         return rows
-
-    def _between(self, first: int, stop: int) -> Iterator[tuple[Piece, int]]:
-        if stop > first:
-            begin = int(np.searchsorted(self._starts, first, side="right")) - 1
-            end = int(np.searchsorted(self._starts, stop, side="left"))
-            yield from ((self._pieces[number], number) for number in range(begin, end))
 
     def _rows(self, piece: Piece, number: int, first: int, stop: int) -> FloatArray:
         """Read some rows of a piece; all of it where it is to be checked."""
         size = NUMBER.itemsize * self._wide
         if self._checked[number]:
-            return self._numbers(self._bytes(piece.offset + piece.lead + first * size, (stop - first) * size))
+            content = self._bytes(piece.offset + piece.lead + first * size, (stop - first) * size)
+            return np.frombuffer(content, NUMBER).reshape(-1, self._wide)
         whole = memoryview(self._bytes(piece.offset, piece.lead + piece.count * size))
         if check_of(bytes(whole[: piece.lead]), rows_sum(whole[piece.lead :], self._wide)) != piece.check:
             raise RecordingError(
@@ -123,10 +157,7 @@ class StoredRows:
                 f"{piece.first + piece.count}"
             )
         self._checked[number] = True
-        return self._numbers(whole[piece.lead :])[first:stop]
-
-    def _numbers(self, content: bytes | memoryview) -> FloatArray:
-        return np.frombuffer(content, NUMBER).reshape(-1, self._wide)
+        return np.frombuffer(whole[piece.lead :], NUMBER).reshape(-1, self._wide)[first:stop]
 
     def _bytes(self, offset: int, count: int) -> bytes:
         """Read bytes.
@@ -143,36 +174,17 @@ class StoredRows:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
+def opened(path: Path) -> int:
+    """Open a file for reading; give its descriptor."""
+    return os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+
+
 def pread(file: int, count: int, offset: int) -> bytes:
     """Read from a place of a file."""
     if hasattr(os, "pread"):
         return os.pread(file, count, offset)
     os.lseek(file, offset, os.SEEK_SET)
     return os.read(file, count)
-
-
-class PackedRows:
-    """Rows in a compressed data set of HDF5.
-
-    Args:
-        file: of HDF5, which stays open for as long as there are these rows.
-        data: (N, wide).
-    """
-
-    def __init__(self, file: Any, data: Any) -> None:
-        self._data = data
-        finalize(self, file.close)
-
-    def __len__(self) -> int:
-        return len(self._data)
-
-    def read(self, first: int, stop: int, where: slice) -> FloatArray:
-        rows = np.empty((max(stop - first, 0), where.stop - where.start))
-        step = max(1, BLOCK // (NUMBER.itemsize * self._data.shape[1]))
-        for low in range(first, stop, step):
-            high = min(low + step, stop)
-            rows[low - first : high - first] = self._data[low:high, where]
-        return rows
 
 
 def gather(count: int, shape: Sequence[int], parts: Iterable[NDArray[Any]]) -> FloatArray:

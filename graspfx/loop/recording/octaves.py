@@ -1,4 +1,4 @@
-"""A motion in octaves of frequency: its size in each over time, and where one of them grows as an exponential does."""
+"""A motion in octaves of frequency: where one of them grows as an exponential, runs away without swinging, or rings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.recording.vibration import roughness
+
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 Rows = Callable[[int, int], FloatArray]  # rows from one number up to another, (r, c)
 
 ORDER = 6  # of the differences: what is two octaves lower passes by 1e-5
@@ -187,3 +190,123 @@ def gain(frequency: float, octave: Octave, step: float) -> float:
         share *= abs(math.cos(math.pi * frequency * T)) ** HALVING
         T *= 2.0
     return share * abs(math.sin(math.pi * frequency * T)) ** ORDER
+
+
+# Motions that run away without swinging, as a grasp does that is squeezed more than it can bear ---------------------
+
+MOST_SAMPLES = 600  # of an octave in which it is looked for: more are looked at in those below
+GROWTH_AWAY = 4.5  # of log amplitude, at least
+SHARE_AWAY = 0.99  # of a stretch without its growth that one real pole explains
+AGREEMENT_AWAY = 0.2  # of the pole's rate with the growth that the windows show
+
+
+class Divergence(NamedTuple):
+    """A stretch of an octave that grows by z a sample, and its second differences in the end (c,)."""
+
+    octave: Octave
+    stretch: Stretch
+    z: float
+    last: FloatArray
+
+    @property
+    def begin(self) -> float:
+        """[s]."""
+        return self.octave.begin + (1 + self.stretch.first * WINDOW) * self.octave.step
+
+    @property
+    def end(self) -> float:
+        """[s]."""
+        return self.begin + self.stretch.length * WINDOW * self.octave.step
+
+    @property
+    def swing(self) -> FloatArray:
+        """The motion in the end: z^k has second differences of z - 2 + 1/z times itself."""
+        return self.last / (self.z - 2.0 + 1.0 / self.z)
+
+
+def divergences(octave: Octave) -> list[Divergence]:
+    """Find stretches of an octave in which a motion grows along one exponential; none in one of many samples."""
+    if octave.size > MOST_SAMPLES:
+        return []
+    y = np.diff(octave.samples(), 2, axis=0)
+    count = len(y) // WINDOW
+    squares = (y[: count * WINDOW] ** 2).reshape(count, -1).sum(axis=1)
+    ways = []
+    for stretch in rises(0.5 * np.log(squares + TINY)):
+        if stretch.growth < max(GROWTH_AWAY, LEAST_GROWTH):
+            continue
+        part = y[stretch.first * WINDOW : (stretch.first + stretch.length) * WINDOW]
+        growth = stretch.growth / len(part)
+        (z,), share = poles(part, growth, 1)
+        rate = math.log(z.real) if z.real > 0.0 else 0.0
+        if share >= SHARE_AWAY and abs(rate - growth) < AGREEMENT_AWAY * growth and z.imag == 0.0:
+            ways.append(Divergence(octave, stretch, float(z.real), part[-1]))
+    return ways
+
+
+# Fingers that let go and touch again in every cycle of an oscillation that does not die away ------------------------
+
+LEAST_TOUCHES = 12  # of a finger, one after another
+LONGEST_PAUSE = 3.0  # times the middle pause between two touches
+STEADY = 0.7  # of the first half's size that the second half keeps
+MOST_ROWS = 4096  # of them a frequency is found
+CYCLES = 8  # of touches, the longest that a motion's cycle is taken to be
+SLOWEST = 0.03  # 2 sin(pi f) of f cycles a row: below it the smoother's equations are singular to rounding
+
+
+class Ringing(NamedTuple):
+    """Rows from `first` up to `stop` in which contacts ring, cycles a tick, and the amplitudes of the motion (c,)."""
+
+    first: int
+    stop: int
+    turn: float
+    swing: NDArray[np.complex128]
+
+
+def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
+    """Find each finger's longest row of touches without a long pause: (first, stop) of ticks, count; none of a few."""
+    spans = []
+    for column in touching.T:
+        onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
+        if len(onsets) < LEAST_TOUCHES:
+            continue
+        pauses = np.diff(onsets)
+        breaks = np.flatnonzero(pauses > LONGEST_PAUSE * np.median(pauses))
+        edges = np.concatenate([[0], breaks + 1, [len(onsets)]])
+        longest = int(np.argmax(np.diff(edges)))
+        if edges[longest + 1] - edges[longest] >= LEAST_TOUCHES:
+            count = int(edges[longest + 1] - edges[longest])
+            spans.append((int(onsets[edges[longest]]), int(onsets[edges[longest + 1] - 1]), count))
+    return spans
+
+
+def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> Ringing | None:
+    """Find the oscillation of a motion that keeps its size and stands above the noise of sensors; None without one.
+
+    Rows are first averaged in groups where cycles are long.
+
+    Args:
+        displacement: (M, c), rows from `first` on.
+        count: of touches in them.
+        noise: of the measured positions, RMS.
+    """
+    x = displacement[-MOST_ROWS:]
+    slow = _slow(len(x), count * len(x) / len(displacement))
+    group = max(1, int(np.ceil(SLOWEST / slow)))
+    x = x[len(x) % group :].reshape(-1, group, x.shape[1]).mean(axis=1)
+    M = len(x)
+    fast = roughness(x.T, _slow(M, count * M * group / len(displacement)) ** -8).T
+    early, late = (float(np.sqrt((part**2).mean())) for part in (fast[: M // 2], fast[M // 2 :]))
+    if late < STEADY * early or late <= 10.0 * noise or late <= 0.0:
+        return None
+    spectrum = np.fft.rfft(fast * np.hanning(M)[:, None], axis=0)
+    peak = int(np.argmax((np.abs(spectrum) ** 2).sum(axis=1)))
+    if peak == 0:
+        return None
+    swing = spectrum[peak] * (2.0 / np.hanning(M).sum())
+    return Ringing(first + len(displacement) - M * group, first + len(displacement), peak / (M * group), swing)
+
+
+def _slow(rows: int, count: float) -> float:
+    """Compute 2 sin(pi f) of the slowest cycles that may ring: of the fewest touches, or of `CYCLES` of them."""
+    return float(2.0 * np.sin(np.pi * min(max(LEAST_TOUCHES / 2, count / CYCLES) / rows, 0.25)))

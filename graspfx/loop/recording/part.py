@@ -23,9 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.attributes import (
+from graspfx.loop.recording.checks import NUMBER, check_of, rows_sum
+from graspfx.loop.recording.header import (
+    Header,
+    KeyChange,
+    Outcome,
+    RunFault,
     changes_of,
-    changes_text,
     conclusion,
     description,
     format_of,
@@ -33,12 +37,9 @@ from graspfx.loop.recording.attributes import (
     layout_of,
     outcome_of,
 )
-from graspfx.loop.recording.check import NUMBER, check_of, rows_sum
-from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.lock import claim, release
-from graspfx.loop.recording.places import sync_folder
-from graspfx.loop.recording.row_store import MemoryRows, Piece, RowStore, StoredRows
+from graspfx.loop.recording.places import claim, release, sync_folder
+from graspfx.loop.recording.rows import BlockRows, MemoryRows, Piece, RowStore, opened
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +47,6 @@ HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"blck", b"flts", b"chgs", b"d
 OLD_ROWS = b"rows"  # of formats 1 to 3: a digest of every byte, and no numbers that follow from a row
 HEAD = struct.Struct("<4sQ16s")  # kind, bytes that follow, digest over the digest before and what follows
 CHECK = struct.Struct("<I")  # of the head itself
-PAGE = 4096  # bytes: the header's block is a multiple of them
 SYNC = 1.0  # [s] between two times that the disk is told to keep what it has
 SECTOR = 512  # bytes that a disk writes at once: as many zeros at a file's end were never written
 
@@ -60,26 +60,24 @@ class Content(NamedTuple):
     outcome: Outcome
 
 
-class Journal:
+class PartWriter:
     """Appends blocks to a part, under a lock that ends with the process.
 
     Args:
         path: of the part; one of a run that was killed is replaced.
         layout: the columns.
         header: of the recording.
-        wide: numbers of a row here: those of the layout, and what follows from them.
 
     Raises:
         RecordingError: another run writes it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, layout: Layout, header: Header, wide: int | None = None) -> None:
-        self.path, self.wide, self.rows = path, wide or layout.width, 0
-        self.end, self._digest = 0, b""
-        self.pieces: list[Piece] = []
+    def __init__(self, path: Path, layout: Layout, header: Header) -> None:
+        self.path, self.wide, self.rows = path, layout.width, 0
+        self._end, self._digest = 0, b""
+        self._pieces: list[Piece] = []
         self.is_synced, self._sync_time = False, time.monotonic()  # the disk may not have its name yet
         text = json.dumps(description(layout, header) | {"wide": self.wide}).encode()
-        text += b" " * (-(len(text) + HEAD.size + CHECK.size) % PAGE)
         try:
             self.file = claim(path)
             while os.fstat(self.file.fileno()).st_size > 0:  # of a run that was killed: to empty it would take longer
@@ -92,13 +90,10 @@ class Journal:
         except OSError as error:
             release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
-        self.start = self.outcome_start = self.end  # of what follows the header
 
-    @property
-    def lead(self) -> int:
-        """Bytes of a block before its rows: as many as some rows take, so that the blocks are an array of rows."""
-        size = NUMBER.itemsize * max(self.wide, 1)
-        return -(-(HEAD.size + CHECK.size) // size) * size
+    def stored(self) -> BlockRows:
+        """Give the rows written so far, each block to be compared with its check."""
+        return BlockRows(self.path, os.dup(self.file.fileno()), self.wide, self._pieces)
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
         """Append rows (r, wide), the faults and the changes since the last ones; the disk gets them once a second.
@@ -109,7 +104,7 @@ class Journal:
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
         if changes:
-            self._append(CHANGES, changes_text(changes).encode())
+            self._append(CHANGES, json.dumps([list(change) for change in changes]).encode())
         if len(rows):
             whole = np.ascontiguousarray(rows, NUMBER)
             try:
@@ -126,9 +121,7 @@ class Journal:
         Raises:
             OSError: it does not fit.
         """
-        text = json.dumps(conclusion(replace(outcome, changes=()))).encode()  # these stand there
-        self.outcome_start = self.end
-        self._append(OUTCOME, text)
+        self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # these stand there
         if self.is_synced:
             self.sync()
 
@@ -139,21 +132,14 @@ class Journal:
             sync_folder(self.path.parent)
         self.is_synced, self._sync_time = True, time.monotonic()
 
-    def blocks(self) -> Iterator[FloatArray]:
-        """Read the rows written so far, block by block; also of a part that was removed meanwhile."""
-        for piece in self.pieces:
-            self.file.seek(piece.offset + piece.lead)
-            content = _read(self.file, piece.count * self.wide * NUMBER.itemsize)
-            yield np.frombuffer(content, NUMBER).reshape(-1, self.wide)
-
     def _append_rows(self, rows: FloatArray) -> None:
-        content, fill = memoryview(rows.reshape(-1)).cast("B"), bytes(self.lead - HEAD.size - CHECK.size)
-        total = rows_sum(content, self.wide)
+        content, lead = memoryview(rows.reshape(-1)).cast("B"), _lead(self.wide)
+        fill, total = bytes(lead - HEAD.size - CHECK.size), rows_sum(content, self.wide)
         head, digest = self._head(ROWS, fill, content, total)
-        piece = Piece(self.rows, len(rows), self.end, self.lead, check_of(head + fill, total))
+        piece = Piece(self.rows, len(rows), self._end, lead, check_of(head + fill, total))
         self._put([memoryview(head + fill), content])
         self._digest = digest
-        self.pieces.append(piece)
+        self._pieces.append(piece)
         self.rows += len(rows)
 
     def _append_some(self, rows: FloatArray) -> None:
@@ -178,25 +164,31 @@ class Journal:
         """Write at the end; nothing is left of what does not fit."""
         size = sum(map(len, parts))
         try:
-            self.file.seek(self.end)
+            self.file.seek(self._end)
             for part in parts:
                 view = part
                 while view:
                     view = view[self.file.write(view) :]
         except BaseException:
             with suppress(OSError):
-                self.file.truncate(self.end)
+                self.file.truncate(self._end)
             raise
-        self.end += size
+        self._end += size
 
 
-def is_journal(path: Path) -> bool:
+def _lead(wide: int) -> int:
+    """Count the bytes of a block before its rows: as many as some rows take."""
+    size = NUMBER.itemsize * max(wide, 1)
+    return -(-(HEAD.size + CHECK.size) // size) * size
+
+
+def is_part_file(path: Path) -> bool:
     """Say whether a file begins as a part does, or is empty, as a part is at first."""
     with path.open("rb") as file:
         return file.read(len(HEADER)) in (HEADER, b"")
 
 
-def read_journal(path: Path) -> Content:
+def read_part(path: Path) -> Content:
     """Read all whole blocks of a part, of rows where they are.
 
     Raises:
@@ -229,7 +221,7 @@ def read_journal(path: Path) -> Content:
     layout = layout_of(attributes)
     outcome = replace(outcome_of(ending, faults), changes=tuple(changes))
     if "wide" in attributes:
-        rows: RowStore = StoredRows(path, int(attributes["wide"]), pieces)
+        rows: RowStore = BlockRows(path, opened(path), int(attributes["wide"]), pieces)
     else:
         numbers = np.frombuffer(bytearray().join(old_rows), NUMBER).astype(np.float64, copy=False)
         rows = MemoryRows(numbers.reshape(-1, layout.width))
@@ -238,10 +230,8 @@ def read_journal(path: Path) -> Content:
 
 def _piece(before: Sequence[Piece], start: int, size: int, wide: int) -> Piece:
     """Find the rows in a block of that size, which begins at `start`."""
-    row, head = NUMBER.itemsize * max(wide, 1), HEAD.size + CHECK.size
-    lead = -(-head // row) * row
-    first = before[-1].first + before[-1].count if before else 0
-    return Piece(first, (size - (lead - head)) // row, start, lead)
+    lead, first = _lead(wide), before[-1].first + before[-1].count if before else 0
+    return Piece(first, (size + HEAD.size + CHECK.size - lead) // (NUMBER.itemsize * max(wide, 1)), start, lead)
 
 
 def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
@@ -268,7 +258,7 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
             wide = int(json.loads(content).get("wide", 0))
         yield kind, content, start
         if kind == OUTCOME:
-            return  # behind it is what makes the part HDF5, if the process ended in the middle of that
+            return  # behind it GraspFX before format 5 wrote what makes the part HDF5
         start, digest = end, next_digest
 
 

@@ -1,0 +1,542 @@
+"""Loss of stability in a recording: motions of a grasp that grow by themselves, or ring without end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.loop.drive import Drive, drive
+from graspfx.loop.recording.history import History
+from graspfx.loop.recording.layout import WIDTHS
+from graspfx.loop.recording.octaves import (
+    LEAST_GROWTH,
+    ORDER,
+    TINY,
+    WINDOW,
+    Divergence,
+    Octave,
+    Stretch,
+    amplitudes,
+    divergences,
+    gain,
+    octaves,
+    poles,
+    ringing,
+    rises,
+    touches,
+)
+
+FloatArray = NDArray[np.float64]
+
+LEAST_SIZE = 1e-9  # [m]
+MOST_GROWTH = 600.0  # of log amplitude: numbers go no further
+LASTING = 8  # windows in which what has grown goes on
+ALIKE = 0.2  # of a frequency
+MOST_OF_IT = 0.6  # of the largest growth
+SHAKEN_ROWS = 1 << 16  # in which the content of tremor and noise is sought
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One loss of stability.
+
+    Attributes:
+        object: its name.
+        mode: as certificates name it: "internal", "external", "external translation", "external rotation" or "pushing
+            with ...".
+        rate: of log amplitude [1/s]; zero for what rings at full size from the start.
+        frequency: [Hz]; zero for what runs away without swinging.
+        begin, end: between which it was seen [s].
+        first, last: largest amplitude of a fingertip against the object then [m].
+        sustained: whether the oscillation goes on at its size, as contacts that let go limit it.
+    """
+
+    object: str
+    mode: str
+    rate: float
+    frequency: float
+    begin: float
+    end: float
+    first: float
+    last: float
+    sustained: bool
+
+    @property
+    def growth(self) -> float:
+        """Growth of the log amplitude, in all."""
+        return math.log(self.last / self.first)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the numbers for summaries and JSON, SI units."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        where = f"from {self.begin:.3g} to {self.end:.3g} s"
+        swing = f" at {self.frequency:.3g} Hz" if self.frequency else " without swinging"
+        how = f"{self.mode} of {self.object} grows by itself, {self.rate:.2g} 1/s{swing}"
+        if self.sustained and not self.rate:
+            how = f"{self.mode} of {self.object} rings without end, {_length(self.last)} at {self.frequency:.3g} Hz"
+            return f"NOT STABLE: {how}, {where}: contacts let go in every cycle"
+        size = f"{_length(self.first)} to {_length(self.last)} at a fingertip"
+        more = ", and goes on" if self.sustained else ""
+        return f"NOT STABLE: {how}, {where}, {size}{more}"
+
+
+def losses(recording: History) -> list[dict[str, Any]]:
+    """List the growths of a recording for its summary: numbers, the certificate's word if there is one, and a sentence.
+
+    Nothing is certified unless something grows.
+    """
+    tables = []
+    for each in growths(recording):
+        certificate = None if recording._beside is None else recording._beside(each.object, each.mode)
+        text = str(each) if certificate is None else f"{each}; {certificate['text']}"
+        tables.append(each.to_dict() | {"certificate": certificate, "text": text})
+    return tables
+
+
+def growths(recording: History) -> list[Growth]:
+    """Find the strongest loss of stability of each object that fingers touch; none where a run looks stable.
+
+    A stretch of a run counts as growth if, in an octave of frequency, the fingers' displacement against the object
+    grows by e^2 along an exponential for eight cycles, one pole explains it, and the hands do not mean it. Operators'
+    motions, touching, sliding and noise fail one or the other. It is judged by what is recorded alone.
+    """
+    with np.errstate(all="ignore"):  # positions may be anything; what is not finite is no growth
+        both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
+    return [each for each in both if each is not None]
+
+
+def _grown(grasp: GraspView) -> Growth | None:
+    period = grasp.recording.row_period
+    candidates: list[Growth] = []
+    steady: list[Growth] = []
+    hands: Drive | None = None
+    above: Octave | None = None
+    for octave in octaves(grasp.displacement, grasp.rows, period):
+        for logs in octave.logs:
+            for stretch in rises(logs):
+                z = coherent_pole(octave, stretch)
+                if z is None or (above is not None and is_alias(octave, above, stretch)):
+                    continue
+                growth = _growth(grasp, octave, logs, stretch, z)
+                if growth.last < LEAST_SIZE or not stands_out(logs, stretch):
+                    continue
+                if stops(grasp, logs, stretch, growth.end, growth.last):
+                    continue
+                hands = hands or grasp.drive()
+                if not is_driven(octave, stretch, z, hands) and not _shaken(grasp, growth, hands):
+                    candidates.append(growth)
+                    steady += [growth] if is_steady(octave, logs, stretch, z) else []
+        for away in divergences(octave):
+            hands = hands or grasp.drive()
+            growth = _divergence(grasp, away)
+            if growth.last > LEAST_SIZE and hands.complete and not _led(grasp, away, hands):
+                candidates.append(growth)
+                steady.append(growth)
+        above = octave
+    # of a motion whose frequency changes as arms move, a shorter stretch is steady
+    candidates = [each for each in candidates if any(_is_alike(each, other) for other in steady)]
+    if not candidates:
+        return None
+    # an alias or a harmonic of a motion is smaller than itself, and what comes of contacts that let go grows less
+    strongest = max(candidates, key=lambda each: math.log(each.last) + each.growth)
+    least = MOST_OF_IT * strongest.growth
+    alike = [each for each in candidates if each.growth > least and _is_alike(each, strongest)]
+    return max(alike, key=lambda each: each.rate)  # a stretch that reaches into the end of growth is slower
+
+
+def _is_alike(growth: Growth, other: Growth) -> bool:
+    """Tell whether two growths may be of one mode."""
+    return abs(growth.frequency - other.frequency) <= ALIKE * other.frequency
+
+
+def _rung(grasp: GraspView) -> Growth | None:
+    """Find oscillations that grew too fast to be seen growing, and ring."""
+    layout = grasp.recording.layout
+    period = grasp.recording.row_period
+    hands: Drive | None = None
+    for first, stop, count in touches(grasp.recording.touching[: grasp.rows, grasp.fingers]):
+        ring = ringing(grasp.displacement(first, stop), first, count, grasp.noise(first, stop))
+        if ring is None:
+            continue
+        hands = hands or grasp.drive()
+        begin, end, frequency = ring.first * period, ring.stop * period, ring.turn / period
+        size = float(np.sqrt((np.abs(ring.swing.reshape(-1, layout.dimensions)) ** 2).sum(axis=1).max()))
+        intent = hands.at(begin + period * np.arange(ring.stop - ring.first))
+        if hands.swings(frequency, 1.5 / (end - begin)) or size < OVER_DRIVE * _content(intent, ring.turn):
+            continue
+        name = grasp.mode(ring.swing, ring.first, ring.stop)
+        growth = Growth(grasp.name, name, 0.0, frequency, first * period, stop * period, size, size, True)
+        if not _shaken(grasp, growth, hands):
+            return growth
+    return None
+
+
+def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
+    """Tell whether tremor or noise of the hands may do it, by the size in the end, however little it grew from.
+
+    A grasp answers a tremor, behind the hand's spring, as it does what hands mean. Noise is force at the fingertip: in
+    N cycles an oscillation without damping, driven at its own frequency, grows by pi N times its drive.
+    """
+    turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
+    tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))
+    return growth.last < max(OVER_DRIVE * tremor, max(OVER_DRIVE, math.pi * cycles) * noise)
+
+
+def _shaking(grasp: GraspView, hands: Drive, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Compute tremor and noise of the hands from row to row, (r, c) each [m]; of a long time its end."""
+    period = grasp.recording.row_period
+    times = (begin + period * np.arange(max(math.ceil((end - begin) / period), 1)))[-SHAKEN_ROWS:]
+    return hands.tremor(times), hands.noise(times, grasp.depth(0, grasp.rows))
+
+
+def _content(x: FloatArray, turn: float) -> float:
+    """Find the largest amplitude of a frequency, in cycles a sample, in columns (M, c)."""
+    taper = np.hanning(len(x))
+    phase = np.exp(-2j * np.pi * turn * np.arange(len(x)))
+    return float(np.abs(((x - x.mean(axis=0)) * (taper * phase)[:, None]).sum(axis=0)).max() * 2.0 / taper.sum())
+
+
+def _divergence(grasp: GraspView, away: Divergence) -> Growth:
+    period, d = grasp.recording.row_period, grasp.recording.layout.dimensions
+    rows = round(away.begin / period), min(round(away.end / period), grasp.rows)
+    last = float(np.linalg.norm(away.swing.reshape(-1, d), axis=1).max())
+    rate = math.log(away.z) / away.octave.step
+    first = last * math.exp(-rate * (away.end - away.begin))
+    mode = grasp.mode(away.swing.astype(complex), *rows)
+    return Growth(grasp.name, mode, rate, 0.0, away.begin, away.end, first, last, False)
+
+
+def _led(grasp: GraspView, away: Divergence, hands: Drive) -> bool:
+    """Tell whether the hands may mean it, or shake so much."""
+    step = away.octave.step
+    times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
+    intent = np.diff(hands.at(times), 2, axis=0)
+    largest = float(np.abs(intent).max())
+    shaking = np.concatenate(_shaking(grasp, hands, away.begin, away.end), axis=1)
+    for octave in octaves(lambda first, stop: shaking[first:stop], len(shaking), grasp.recording.row_period):
+        if octave.step == step:  # without what is faster, as the motion is
+            largest = max(largest, float(np.abs(np.diff(octave.samples(), 2, axis=0)).max()))
+    return float(np.abs(away.last).max()) < OVER_DRIVE * largest
+
+
+def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
+    y = octave.windows(stretch.first, stretch.length)
+    period = grasp.recording.row_period
+    frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
+    rate = math.log(abs(z)) / octave.step
+    begin, end = octave.time(stretch.first), octave.time(stretch.first + stretch.length)
+    swing = amplitudes(y, z) / gain(frequency, octave, period)
+    d = grasp.recording.layout.dimensions
+    first = float(np.sqrt((np.abs(swing.reshape(-1, d)) ** 2).sum(axis=1).max()))
+    rows = slice(round(begin / period), max(round(end / period), round(begin / period) + 1))
+    after = logs[stretch.first + stretch.length :]
+    level = float(logs[stretch.first + stretch.length - 1])
+    goes_on = len(after) >= LASTING and float(np.median(after)) > level - LEAST_GROWTH / 2.0
+    return Growth(
+        object=grasp.name,
+        mode=grasp.mode(swing, rows.start, rows.stop),
+        rate=rate,
+        frequency=frequency,
+        begin=begin,
+        end=end,
+        first=first,
+        last=first * math.exp(min(rate * (end - begin), MOST_GROWTH)),
+        sustained=bool(goes_on),
+    )
+
+
+def _length(metres: float) -> str:
+    for unit, factor in (("m", 1.0), ("mm", 1e3), ("um", 1e6)):
+        if metres * factor >= 1.0:
+            return f"{metres * factor:.3g} {unit}"
+    return f"{metres * 1e9:.3g} nm"
+
+
+# One grasp of a recording: an object and its fingers ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class GraspView:
+    """One object's part of a recording, with its fingers.
+
+    Attributes:
+        name: of the object.
+        fingers: theirs.
+        rows: how many count: up to a fault.
+    """
+
+    recording: History
+    name: str
+    number: int
+    fingers: NDArray[np.intp]
+    rows: int
+
+    def displacement(self, first: int, stop: int) -> FloatArray:
+        """Compute e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
+        e = self._position(first, stop) - self._read("contact_position", first, stop)
+        e *= np.not_equal(self._read("touching", first, stop), 0.0)[:, :, None]
+        return e.reshape(len(e), -1)
+
+    def arms(self, first: int, stop: int) -> FloatArray:
+        """Compute the mean arms of the fingers about the object, (n, d) [m]."""
+        centre = self.recording.read(f"objects/{self.name}/position", first, stop)[:, None]
+        return np.asarray((self._position(first, stop) - centre).mean(axis=0))
+
+    def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
+        """Tell which fingers touch most of the time, (n,)."""
+        return np.asarray(np.not_equal(self._read("touching", first, stop), 0.0).mean(axis=0) > 0.5)
+
+    def depth(self, first: int, stop: int) -> float:
+        """Find the largest of the fingers' mean displacements [m]."""
+        mean = self.displacement(first, stop).mean(axis=0).reshape(len(self.fingers), -1)
+        return float(np.linalg.norm(mean, axis=1).max())
+
+    def noise(self, first: int, stop: int) -> float:
+        """Estimate the RMS noise of the measured positions [m]; zero where nothing is known of it."""
+        if "true_position" not in self.recording.layout.columns:
+            return 0.0
+        off = self._read("finger_position", first, stop) - self._read("true_position", first, stop)
+        return float(np.sqrt((off**2).mean()))
+
+    def drive(self) -> Drive:
+        """Read what hands mean to do with the object."""
+        header = self.recording.header
+        centre = self.recording.read(f"objects/{self.name}/position", 0, 1)[0]
+        return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
+
+    def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
+        """Name a swing (n d,) in these rows."""
+        layout, table = self.recording.layout, self.recording.header.scene_table
+        things = table.get("object") or [{}]
+        free = (things[self.number] if self.number < len(things) else {}).get("free")
+        width = WIDTHS[layout.dimensions]
+        coupling = table.get("coupling") or {}
+        gains = [(coupling.get(part) or {}).get("stiffness", 0.0) for part in ("external", "internal")]
+        plain = all(isinstance(each, int | float) and each > 0.0 for each in gains)
+        return mode_name(
+            swing.reshape(len(self.fingers), -1),
+            self.arms(first, stop),
+            free or [True] * width,
+            self.touching(first, stop),
+            [layout.fingers[i] for i in self.fingers],
+            (float(gains[0]), float(gains[1])) if plain else (1.0, 1.0),
+        )
+
+    def _position(self, first: int, stop: int) -> FloatArray:
+        is_true = "true_position" in self.recording.layout.columns
+        return self._read("true_position" if is_true else "finger_position", first, stop)
+
+    def _read(self, column: str, first: int, stop: int) -> FloatArray:
+        values = self.recording.read(column, first, stop)
+        return values if len(self.fingers) == values.shape[1] else values[:, self.fingers]  # all, as they stand
+
+
+def grasps(recording: History) -> Iterator[GraspView]:
+    """List each object with its fingers, up to a fault."""
+    layout = recording.layout
+    rows = min([len(recording), *(recording.header.rows_before(fault.tick) for fault in recording.faults)])
+    for number, name in enumerate(layout.objects):
+        fingers = np.flatnonzero(np.array(layout.finger_objects) == number)
+        if fingers.size and rows:
+            yield GraspView(recording, name, number, fingers, rows)
+
+
+def mode_name(
+    swing: NDArray[np.complex128],
+    arms: FloatArray,
+    free: Sequence[bool],
+    touching: NDArray[np.bool_],
+    names: Sequence[str],
+    gains: tuple[float, float] = (1.0, 1.0),
+) -> str:
+    """Name the part of a swing with most energy: internal, external translation or rotation; or who pushes alone.
+
+    The split is eq. (3) of hard fingers, the best fit of a motion of the free object to the swing of those that touch.
+
+    Args:
+        swing: amplitudes of e = p - c, (n, d).
+        arms: of the fingers from the object's centre (n, d) [m].
+        free: which of the object's freedoms move (w,).
+        touching: (n,).
+        names: of the fingers.
+        gains: kep and kip, by which parts are weighed.
+
+    Returns:
+        A name as certificates have it.
+    """
+    if not touching.any():
+        touching = np.ones_like(touching)
+    elif not touching.all():
+        return f"pushing with {', '.join(name for name, on in zip(names, touching, strict=True) if on)}"
+    n, d = arms.shape
+    shifts = np.tile(np.eye(d), (n, 1))[:, np.array(free[:d], dtype=bool)]
+    turns = _turns(arms)[:, np.array(free[d:], dtype=bool)]
+    x = swing.ravel()
+    shift = _fit(shifts, x)
+    external = _fit(np.hstack([shifts, turns]), x)
+    kep, kip = gains
+    energies = {
+        "external translation" if d > 1 and turns.shape[1] else "external": kep * _square(shift),
+        "external rotation": kep * _square(external - shift),
+        "internal": kip * _square(x - external),
+    }
+    return max(energies, key=lambda name: energies[name])
+
+
+def _turns(arms: FloatArray) -> FloatArray:
+    """Compute how fingers move as the object turns, (n d, 0), (n d, 1) or (n d, 3)."""
+    n, d = arms.shape
+    if d == 1:
+        return np.zeros((n, 0))
+    if d == 2:
+        return np.stack([-arms[:, 1], arms[:, 0]], axis=1).reshape(n * d, 1)
+    return np.stack([np.cross(axis, arms).ravel() for axis in np.eye(3)], axis=1)
+
+
+def _fit(basis: FloatArray, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Fit the nearest combination of columns."""
+    if not basis.shape[1]:
+        return np.zeros_like(x)
+    return np.asarray(basis @ np.linalg.lstsq(basis, x, rcond=None)[0], dtype=np.complex128)
+
+
+def _square(x: NDArray[np.complex128]) -> float:
+    return float((np.abs(x) ** 2).sum())
+
+
+# Evidence that a stretch of an octave grows by itself: one pole, enough cycles, no alias, no noise, and no hand -----
+
+LEAST_CYCLES = 8.0  # a transient has fewer
+LEAST_SHARE = 0.8  # of a stretch without its growth that one oscillation explains
+LEAST_SHARE_OF_TWO = 0.97
+INSIDE = 0.4  # of half the sampling rate: an octave begins at 0.5
+AGREEMENT = (0.6, 1.6)  # of the pole's rate with the growth that the windows show
+FAR = 20.0  # of log amplitude
+NEW = 1.0  # of log amplitude, above all that was before
+CERTAIN = 4.5  # of log amplitude: noise takes a mode so far once in 1e4 independent windows, not along a line
+SMALL = 0.1  # of the displacement at rest
+FLAGGING = 0.6  # of the first half's rate that the second half keeps; t^k exp(-s t) that rises by e^2 keeps less
+BENDING = 0.6  # rad: second difference of the phases of three thirds, which one frequency has none of
+OVER_DRIVE = 30.0  # times what the hands mean at the pole: a resonance that is driven stays below
+DRIVE_SAMPLES = 2048
+
+
+def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
+    """Find the pole of a stretch; None where it is no oscillation that grows for long enough, of one phase.
+
+    Where one oscillation does not explain it two may, of which the larger one in the end has to be what grows.
+    """
+    y = octave.windows(stretch.first, stretch.length)
+    growth = stretch.growth / len(y)
+    for rank, least in ((2, LEAST_SHARE), (4, LEAST_SHARE_OF_TWO)):
+        z_i, share = poles(y, growth, rank)
+        upper = [complex(z) for z in z_i if z.imag > 0.0]
+        if not upper and octave.is_highest:  # it alternates
+            upper = [complex(z_i[np.argmax(np.abs(z_i))])]
+        # what is so much larger or smaller at one end is not in the stretch
+        upper = [z for z in upper if abs(math.log(max(abs(z), TINY)) - growth) * len(y) < FAR]
+        growing = [z for z in upper if _grows(z, growth, len(y))]
+        if share >= least and growing:
+            z = growing[0]
+            sizes = [_size_at_end(y, each, [other for other in upper if other != each]) for each in upper]
+            if len(upper) == 1 or upper[int(np.argmax(sizes))] == z:
+                return z
+    return None
+
+
+def _size_at_end(y: FloatArray, z: complex, others: list[complex]) -> float:
+    """Estimate the log amplitude at the end."""
+    size = float(np.abs(amplitudes(y, z, others)).max())
+    return math.log(max(size, TINY)) + math.log(max(abs(z), TINY)) * len(y)
+
+
+def _grows(z: complex, growth: float, count: int) -> bool:
+    """Tell whether a pole lies in the octave, turns often enough in so many samples and grows as the windows do."""
+    turn = abs(float(np.angle(z)))
+    low, high = AGREEMENT
+    agrees = low * growth < math.log(max(abs(z), TINY)) < high * growth
+    return agrees and turn > INSIDE * math.pi and turn * count / (2.0 * math.pi) >= LEAST_CYCLES
+
+
+def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> bool:
+    """Tell whether a stretch keeps its rate and its frequency.
+
+    A transient t^k exp(-s t) grows ever slower, and the frequency of a chirp through a resonance goes on.
+    """
+    if stretch.growth > 2.0 * CERTAIN:  # no resonance is passed so slowly, and two modes that grow may beat
+        return True
+    part = logs[stretch.first : stretch.first + stretch.length]
+    half = len(part) // 2
+    first, second = (float(np.polyfit(np.arange(len(each)), each, 1)[0]) for each in (part[:-half], part[half:]))
+    if second < FLAGGING * first:
+        return False
+    y = octave.windows(stretch.first, stretch.length)
+    size = len(y) // 3
+    thirds = [amplitudes(y[k * size : (k + 1) * size], z) * z ** (-k * size) for k in range(3)]
+    early, late = np.vdot(thirds[0], thirds[1]), np.vdot(thirds[1], thirds[2])
+    return abs(float(np.angle(late * np.conj(early)))) < BENDING
+
+
+def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
+    """Tell whether growth is faster than half the octave's samples can tell: it is as large in the octave above.
+
+    What is at half the octave's samples passes twice as large to it as to the one above.
+    """
+    end = octave.time(stretch.first + stretch.length)
+    return 2.0 * above.size_before(end) > octave.size_before(end)
+
+
+def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
+    """Tell whether the growth ends above everything before, or exceeds what noise does to a mode with little damping.
+
+    The amplitude of such a mode wanders: it comes back from near zero, along any curve and of one phase, to no more
+    than it was before.
+    """
+    before = float(logs[: stretch.first].max(initial=-math.inf))
+    end = float(logs[stretch.first + stretch.length - 1])
+    return stretch.growth > CERTAIN or end > before + NEW
+
+
+def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
+    """Tell whether a motion that has grown a little stops although nothing limits it.
+
+    It stops at a small size, as noise lets it, or it dies away again, as a transient does.
+
+    Args:
+        grasp: whose motion it is.
+        logs, stretch: the windows.
+        end_time: when the stretch ends [s].
+        size: of the motion then [m].
+    """
+    rest = logs[stretch.first + stretch.length :]
+    after = rest[: stretch.length]
+    end = float(logs[stretch.first + stretch.length - 1])
+    if stretch.growth > CERTAIN or len(after) < stretch.length or float(after.max()) > end + NEW:
+        return False
+    dies = float(np.median(rest[len(rest) // 2 :])) < end - NEW
+    period = grasp.recording.row_period
+    rows = slice(round(end_time / period), grasp.rows)
+    on = grasp.recording.touching[rows, grasp.fingers]
+    return bool((on == on[0]).all()) and (dies or size < SMALL * grasp.depth(rows.start, rows.stop))
+
+
+def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
+    """Tell whether the hands may mean it."""
+    frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
+    y = octave.windows(stretch.first, stretch.length)
+    if hands.swings(frequency, 1.5 / (len(y) * octave.step)):
+        return True
+    count = min(len(y), DRIVE_SAMPLES)
+    last = y[len(y) - count :]
+    begin = octave.time(stretch.first) + (len(y) - count - ORDER // 2) * octave.step
+    intent = np.diff(hands.at(begin + octave.step * np.arange(count + ORDER)), ORDER, axis=0) / 2.0**ORDER
+    taper = np.hanning(count)[:, None]
+    here, there = (float(np.abs(amplitudes(part * taper, z)).max()) for part in (last, intent))
+    return here < OVER_DRIVE * there

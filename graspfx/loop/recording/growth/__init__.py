@@ -1,1 +1,0 @@
-"""Signs in a recording that a grasp loses its stability."""
