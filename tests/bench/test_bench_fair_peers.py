@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.maps.maps import external_limit_map
+from graspfx.analysis.stability.one_gain import external_limit_map
 from graspfx.bench.case import Case
 from graspfx.bench.cases import batches, ticks
 from graspfx.bench.cases.contact_sets import contact_sets

@@ -10,11 +10,10 @@ import numpy as np
 import graspfx as gx
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.stability.modal import modes
+from graspfx.analysis.stability.modes import modes
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.peers.grasp_limit_peers import by_control, by_eigenvalues
-from graspfx.certificate.first_loss import reach
-from graspfx.certificate.whole_loop import Line, WholeLoop
+from graspfx.certificate.first_loss import Line, WholeLoop, reach
 from graspfx.scene.model import Scene
 
 LIMITS = """
@@ -63,7 +62,7 @@ def _whole(scene: Scene) -> Iterator[Method]:
 
 def _error(scene: Scene, *, quick: bool) -> float:
     """Compare the limit of the external gain with the spectral radius of the whole loop there, which is 1."""
-    from graspfx.analysis.stability.fullloop import loop_matrix, without_drift
+    from graspfx.analysis.stability.loop import loop_matrix, without_drift
     from graspfx.certificate.linearise import linearise
 
     loop = linearise(scene, "provisional" if quick else "squeezed")

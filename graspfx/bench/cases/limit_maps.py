@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
+from graspfx.analysis.stability.one_gain import external_limit_map, wall_limit_map
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.cases import grasp_limits
 from graspfx.bench.oracles.map_oracle import crossing
@@ -19,12 +19,10 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Limits of stability: maps, grasps and certificates"
 LIMITS = """
-Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map` with its engine. Up to two million
-points the default is numpy's; the compiled kernel runs on all processors, numpy on one. It is compiled once on a
-machine, which is not in the times (see Start-up for a first map). The peers know no closed form: they sample the plants
-and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or its Nyquist curve the point
--1; python-control finds all margins of any loop, of which one is used. They are timed on a few of the points. Errors
-are of those points, all with friction, without delay.
+Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map`. The peers know no closed form:
+they sample the plants and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or its
+Nyquist curve the point -1; python-control finds all margins of any loop, of which one is used. They are timed on a few
+of the points. Errors are of those points, all with friction, without delay.
 """
 LIMITS += grasp_limits.LIMITS
 
@@ -40,11 +38,11 @@ def cases(quick: bool) -> Iterator[Case]:
     rows, columns = rng.integers(0, side, (2, COMPARED))
     points = [(float(mass[i, 0]), float(viscosity[j])) for i, j in zip(rows, columns, strict=True)]
 
-    def external(engine: str) -> FloatArray:
-        return external_limit_map(mass, FRICTION, T, OBJECT, viscosity, spring=SPRING, engine=engine)
+    def external() -> FloatArray:
+        return external_limit_map(mass, FRICTION, T, OBJECT, viscosity, spring=SPRING)
 
-    def wall(engine: str) -> FloatArray:
-        return wall_limit_map(mass, viscosity, T, spring=SPRING, engine=engine)
+    def wall() -> FloatArray:
+        return wall_limit_map(mass, viscosity, T, spring=SPRING)
 
     # two fingers: each device has half of the object
     moving = [[(m, FRICTION, SPRING), (OBJECT / 2, b / 2, 0.0)] for m, b in points]
@@ -56,20 +54,10 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _methods(
-    limits: Callable[[str], FloatArray], loops: Sequence[Sequence[Plant]], where: tuple[Any, Any], points: int
+    limits: Callable[[], FloatArray], loops: Sequence[Sequence[Plant]], where: tuple[Any, Any], points: int
 ) -> Iterator[Method]:
-    exact = np.array(
-        [crossing(list(plants), T, float(k)) for plants, k in zip(loops, limits("numpy")[where], strict=True)]
-    )
-
-    def error(engine: str) -> float:
-        return _error(limits(engine)[where], exact)
-
-    yield Method("GraspFX, numpy", partial(limits, "numpy"), partial(error, "numpy"), calls=points)
-    if is_installed("llvmlite"):
-        yield Method("GraspFX, compiled", partial(limits, "compiled"), partial(error, "compiled"), calls=points)
-    else:
-        yield missing("GraspFX, compiled", "llvmlite")
+    exact = np.array([crossing(list(plants), T, float(k)) for plants, k in zip(loops, limits()[where], strict=True)])
+    yield Method("GraspFX", limits, lambda: _error(limits()[where], exact), calls=points)
     for name, limit, package in PEERS:
         if is_installed(package):
             solve = partial(_limits, limit, loops)

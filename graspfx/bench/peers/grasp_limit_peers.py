@@ -14,7 +14,7 @@ Radius = Callable[[float], float]
 
 def by_eigenvalues(linear: Linearisation) -> float:
     """Ask numpy for all eigenvalues of the whole loop, factor by factor, then Brent's method between the last two."""
-    from graspfx.analysis.stability.fullloop import loop_matrix
+    from graspfx.analysis.stability.loop import loop_matrix
 
     # the loop is a line in its gains: two matrices are all that a user needs to build
     still, whole = (loop_matrix(linear.with_changes(stiffness=s * linear.stiffness)) for s in (0.0, 1.0))
