@@ -161,8 +161,7 @@ class Grip:
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """Give a function that computes a sample of this grasp as `GraspedObject.sample` does, some hundred times as fast.
 
-    It is machine code of the step, with the bits of the kernel that Python runs; where there is no LLVM it is that method
-    itself.
+    It is machine code of the step, with the bits of the kernel that Python runs; without LLVM it is that method itself.
     """
     if find_spec("llvmlite") is None:
         return grasped.sample
