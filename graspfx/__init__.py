@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from graspfx.build.session import Session as Session
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
-    from graspfx.certificate.operators.certify_operators import OperatorCertificate as OperatorCertificate
-    from graspfx.certificate.operators.certify_operators import certify_operators as certify_operators
-    from graspfx.certificate.verdict import Report as Report
-    from graspfx.certificate.verdict import check as check
+    from graspfx.certificate.certify_operators import OperatorCertificate as OperatorCertificate
+    from graspfx.certificate.certify_operators import certify_operators as certify_operators
+    from graspfx.certificate.report import Report as Report
+    from graspfx.certificate.report import check as check
     from graspfx.grasp.grasp import Grasp as Grasp
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
@@ -50,10 +50,10 @@ _HOMES = {
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.grasp",
     "Impedance": "graspfx.grasp.impedance",
-    "OperatorCertificate": "graspfx.certificate.operators.certify_operators",
+    "OperatorCertificate": "graspfx.certificate.certify_operators",
     "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.loop.recording.record",
-    "Report": "graspfx.certificate.verdict",
+    "Report": "graspfx.certificate.report",
     "Scene": "graspfx.scene.model",
     "RealTimeSession": "graspfx.build.real_time_session",
     "Session": "graspfx.build.session",
@@ -61,8 +61,8 @@ _HOMES = {
     "SweepResult": "graspfx.sweeps.sweep_result",
     "Tuning": "graspfx.tuning.tuning",
     "certify": "graspfx.certificate.certify",
-    "certify_operators": "graspfx.certificate.operators.certify_operators",
-    "check": "graspfx.certificate.verdict",
+    "certify_operators": "graspfx.certificate.certify_operators",
+    "check": "graspfx.certificate.report",
     "errors": "graspfx.errors",
     "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",

@@ -1,9 +1,13 @@
-"""Devices under zero-order hold and objects under every integrator, as polynomials in s = z - 1."""
+"""Devices under zero-order hold, also of late forces, and objects under every integrator: polynomials in s = z - 1."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 Numbers = FloatArray | float
@@ -11,9 +15,10 @@ Numbers = FloatArray | float
 INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
 """Names of the object's steps under a held force."""
 
-TERMS = 20  # of the series of `held`, whose terms fall below 1e-18 where it is used
+TERMS = 20  # of the series of `force_response`, whose terms fall below 1e-18 where it is used
 WIDE = 0.5  # poles further apart than this per sample: their difference does not cancel
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
+WHOLE = 1e-9  # of a sample: what a delay is off a whole number by is rounding
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
@@ -75,6 +80,52 @@ def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -
     low = Q * (kappa * Q + p * R) + R * R  # the numerator at z = 1, times m
     numerator = stack(low / m, Q / m)
     return numerator, stack(kappa * low, 2.0 * kappa * Q + p * R, 1.0)
+
+
+def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
+    """Divide a delay by the period: n whole samples, and the part phi of one that is left, 0 <= phi < 1."""
+    ratio = seconds / period
+    n = math.floor(ratio + WHOLE)
+    part = ratio - n
+    return n, part if part > WHOLE else 0.0
+
+
+def late_device(
+    mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers, latency: float
+) -> tuple[int, FloatArray, FloatArray]:
+    """Give `discrete.device` for a force held over a sample that begins `latency` seconds late.
+
+    With the delay (n + phi) T the old force acts over the first phi T of a sample and the new one over the rest:
+
+        x/f = z^-n (c + d/z)/den,    c: response to a force held over the last (1 - phi) T, d: whole hold less that
+
+    Nothing is approximated. A delay between the motion and its reading has the same effect, and is to be added.
+
+    Returns:
+        Whole samples, numerator and denominator: z^-samples num/den, ascending powers of s; without a part of a sample
+        those of `discrete.device`, to the bit.
+
+    Raises:
+        InputError: periods of which the delay is not the same number of whole samples.
+    """
+    periods = np.unique(np.asarray(period, dtype=float))
+    counts = [samples_and_part(latency, each) for each in periods.tolist()]
+    if len({(n, part > 0.0) for n, part in counts}) > 1:
+        raise InputError("latency", latency, "as many whole samples for every period", "compute one period at a time")
+    numerator, denominator = device(mass, friction, spring, period)
+    n, part = counts[0]
+    if part == 0.0:
+        return n, numerator, denominator
+    m, T = np.asarray(mass, float), np.asarray(period, float)
+    p, kappa = friction / m, spring / m
+    R, Q = force_response(p, kappa, T)
+    R_new, Q_new = force_response(p, kappa, (n + 1) * T - latency)
+
+    def position(speed: FloatArray, shift: FloatArray) -> FloatArray:
+        return stack((shift * (kappa * Q + p * R) + R * speed) / m, shift / m)
+
+    old, new = position(R - R_new, Q - Q_new), position(R_new, Q_new)
+    return n + 1, plus(old, times(new, ONE_PLUS)), denominator
 
 
 def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from graspfx.bench.timing import TIMED, Row
 from graspfx.build.open_session import open as open_session
 from graspfx.build.run_header import source_name
 from graspfx.errors import GraspFXError, InputError
-from graspfx.loop.recording.growth.growth import growths
+from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.record import Recording
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.progress import waiting

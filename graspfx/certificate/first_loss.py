@@ -1,27 +1,191 @@
-"""The first loss of stability over the factor of a gain, of many families of loops side by side."""
+"""The first loss of stability as a gain of a whole loop grows, the others as they are: any fingers, any preload.
+
+The loop is divided into parts that move by themselves. Where its matrix is a line in the gain's factor, A_0 + s A_1,
+the farthest eigenvalues of a grid of factors tell between which two stability is lost, and Newton's method on the one
+that leaves the unit circle where. Other loops have a bracket on the spectral radius, and loops with a late reaction one
+on the number of eigenvalues beyond the circle.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.certificate.certificate import is_stable
-from graspfx.certificate.crossing import bracketed, crossings
-from graspfx.certificate.gain_reach import BEYOND, FACTORS_ABOVE, FACTORS_BELOW, ROUNDS, Reach
-from graspfx.certificate.late_loss import late_reaches
-from graspfx.certificate.whole_loop import Family, Stiffness, WholeLoop
+from graspfx.analysis.stability.late_roots import LateLoop, farthest_root, root_at, root_near, roots_beyond
+from graspfx.analysis.stability.loop import LoopRows, drift_free, is_late, late_loop, loop_matrix, uncoupled
+from graspfx.analysis.stability.modes import Part, parts_of
+from graspfx.certificate.certificate import ROUNDING, is_stable
 
 FloatArray = NDArray[np.float64]
+Stiffness = Callable[[float], FloatArray]
 
+LEAST, MOST = 0.01, 100.0  # of a gain: where its limit is looked for
+GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
+ABOVE = tuple(np.geomspace(1.0, MOST, GRID // 2).tolist())
+BELOW = tuple(np.geomspace(LEAST, 1.0, GRID // 2).tolist())
 BATCH = 2  # of factors that are looked at together, upwards until one is not stable
+BEYOND = 1e-9  # of the limit: where the root that has crossed is looked at
 ANOTHER = 1e-7  # above 1 there: |z| of a root that has crossed earlier
+ROUNDS = 8  # in which another root is looked for that crosses earlier
+STEPS = 12  # of Newton's method
+SAME = 1e-13  # relative: steps that are rounding
+NEAREST = 1e-12  # relative: the width of a bracket that is narrow enough
+MOST_HALVINGS = 200
+NARROW = 1e-3  # relative width of a bracket in which an eigenvalue of a late loop is followed
+FARTHEST = 0.05  # that it moves there
+
+
+# Loops over the factor of a gain -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A matrix K_0 + s K_1 over the factor s of a gain."""
+
+    still: FloatArray
+    slope: FloatArray
+
+    def __call__(self, s: float) -> FloatArray:
+        return np.asarray(self.still + s * self.slope)
+
+
+class PartLoop:
+    """A(K) of a part, without motions that change no force: A(0) + W K C but for the implicit integrator."""
+
+    def __init__(self, part: Part) -> None:
+        linear, self._part = part.linear, part
+        m, r = linear.coordinates
+        self._motions = uncoupled(linear)
+        self.late = is_late(linear)
+        rows = LoopRows(linear.with_arrays(stiffness=np.zeros((m, m))), self._motions, inputs=m)
+        states = rows.size
+        self._basis = drift_free(linear, states)
+        self.size = states if self._basis is None else self._basis.shape[1]
+        self.affine = linear.integrator != "implicit" and not self.late
+        if self.affine:
+            A, W, f = rows.opened()
+            C = rows.reading[:, :states].copy()
+            C[:, 2 * m : 2 * m + r] -= linear.G_displacement.T
+            self._still = self._without_drift(A + W @ f)
+            self._W, self._C = (W, C) if self._basis is None else (self._basis.T @ W, C @ self._basis)
+
+    def _without_drift(self, A: FloatArray) -> FloatArray:
+        return A if self._basis is None else np.asarray(self._basis.T @ A @ self._basis)
+
+    def matrices(self, stiffness: Stiffness, factors: Sequence[float]) -> FloatArray:
+        """Give A for each factor, (f, states, states)."""
+        K = [self._part.stiffness(stiffness(s)) for s in factors]
+        if self.affine:
+            return np.stack([self._still + self._W @ (each @ self._C) for each in K])
+        loops = [self._part.linear.with_arrays(stiffness=each) for each in K]
+        return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
+
+    def late_loop(self, stiffness: FloatArray) -> LateLoop:
+        """Give the loop of a stiffness, opened where its late reaction enters."""
+        part = self._part
+        return late_loop(part.linear.with_arrays(stiffness=part.stiffness(stiffness)), self._motions)
+
+    def line(self, stiffness: Line) -> Line:
+        """Give A_0 + s A_1."""
+        still, slope = (self._W @ (self._part.stiffness(K) @ self._C) for K in (stiffness.still, stiffness.slope))
+        return Line(self._still + still, slope)
+
+
+class WholeLoop:
+    """A loop without its stiffness, in parts that move by themselves whatever that is put together from.
+
+    Args:
+        linear: the loop as it is.
+        gains: matrices (m, m) that every stiffness to come is a combination of; None where it is not known of which.
+    """
+
+    def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
+        self.linear = linear
+        parts = [Part(linear, None)] if gains is None else parts_of(linear, gains)
+        self.parts = [PartLoop(part) for part in parts]
+
+
+class Family:
+    """The loops of all factors s of a gain, with K(s)."""
+
+    def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
+        self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
+        self.stiffness = stiffness
+
+    @property
+    def size(self) -> int:
+        """States of the largest part."""
+        return max(part.size for part in self.loop.parts)
+
+    @property
+    def late(self) -> bool:
+        """Whether a part has a reaction too late for a state for each sample of it."""
+        return any(part.late for part in self.loop.parts)
+
+    @cached_property
+    def lines(self) -> list[Line] | None:
+        """A_0 and A_1 of each part with A(s) = A_0 + s A_1; None where A is no line in s."""
+        stiffness, parts = self.stiffness, self.loop.parts
+        if not isinstance(stiffness, Line) or not all(part.affine for part in parts):
+            return None
+        return [part.line(stiffness) for part in parts]
+
+    def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:
+        """Give A of each part for each factor."""
+        if self.lines is None:
+            return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
+        s = np.asarray(factors)[:, None, None]
+        return (line.still + s * line.slope for line in self.lines)
+
+    def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
+        """Find the eigenvalues for each factor, (f, states), without motions that change no force, alike ones once."""
+        stacks = [A for A in self.matrices(factors.tolist()) if A.size]
+        return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
+
+    def radius(self, factor: float) -> float:
+        """Find the largest |z| for a factor."""
+        if self.late:
+            return abs(self.farthest(factor))
+        return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
+
+    def farthest(self, factor: float) -> complex:
+        """Find an eigenvalue of largest |z| for a factor, of parts with late reactions too."""
+        return max((self.farthest_of(part, factor) for part in self.loop.parts), key=abs, default=0j)
+
+    def farthest_of(self, part: PartLoop, factor: float) -> complex:
+        """Find an eigenvalue of a part of largest |z| for a factor."""
+        if part.late:
+            return farthest_root(part.late_loop(self.stiffness(factor)))
+        z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])
+        return complex(z[np.abs(z).argmax()]) if z.size else 0j
+
+    def unstable(self, factor: float) -> bool:
+        """Tell whether an eigenvalue lies beyond the circle."""
+        return any(self.unstable_of(part, factor) for part in self.loop.parts)
+
+    def unstable_of(self, part: PartLoop, factor: float) -> bool:
+        """Tell whether an eigenvalue of a part lies beyond the circle; those of a late one are counted."""
+        if part.late:
+            return roots_beyond(part.late_loop(self.stiffness(factor)), 1.0 + ROUNDING) > 0
+        return abs(self.farthest_of(part, factor)) > 1.0 + ROUNDING
+
+
+# The search over factors ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
+
+    factor: float
+    frequency: float
 
 
 @dataclass
@@ -32,7 +196,7 @@ class _Search:
     """
 
     family: Family
-    factors: list[float]
+    factors: Sequence[float] = ABOVE
     from_below: bool = False
     before: float | None = None
     lost: float | None = None
@@ -40,11 +204,9 @@ class _Search:
     beyond: complex | None = None
     roots: dict[float, complex] = field(default_factory=dict)
 
-    def upcoming(self) -> list[float]:
+    def upcoming(self) -> Sequence[float]:
         """Give the factors to look at now; none where the search is over."""
-        if self.lost is not None:
-            return []
-        return self.factors[:BATCH]
+        return self.factors[: 1 if self.family.late else BATCH] if self.lost is None else ()
 
     def take(self, factors: Sequence[float], roots: Sequence[complex]) -> None:
         """Take the farthest roots of these factors into account."""
@@ -57,15 +219,20 @@ class _Search:
                 self.lost = s
                 return
             elif not self.from_below:  # the present gain is not stable
-                self.from_below, self.factors = True, list(FACTORS_BELOW)
+                self.from_below, self.factors = True, BELOW
                 return
+
+    @property
+    def bracket(self) -> tuple[float, float]:
+        """The last stable factor and the first that is not."""
+        return self.before or 0.0, self.lost or 0.0
 
     @property
     def reach(self) -> Reach:
         """The answer, once the search is over."""
         if self.edge is None or self.beyond is None:
             return Reach(0.0 if self.before is None else math.inf, math.nan)
-        return Reach(self.edge, abs(float(np.angle(self.beyond))) / (2 * math.pi * self.family.period))
+        return Reach(self.edge, abs(float(np.angle(self.beyond))) / (2 * math.pi * self.family.loop.linear.period))
 
 
 def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
@@ -84,14 +251,12 @@ def reaches(families: Sequence[Family]) -> list[Reach]:
 
 
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
-    """Find the reach of each family in groups of which the least one counts.
+    """Find the reach of each family in groups whose least reach counts.
 
     A family that is stable up to a factor beyond which another of its group is not has a larger reach: its search ends
     there, and it is told as inf.
     """
-    if any(family.late for group in groups for family in group):
-        return [late_reaches(group) for group in groups]
-    searches = [[_Search(family, list(FACTORS_ABOVE)) for family in group] for group in groups]
+    searches = [[_Search(family) for family in group] for group in groups]
     each = [search for group in searches for search in group]
     while some := [(search, factors) for search in each if (factors := search.upcoming())]:
         roots = farthest([(search.family, factors) for search, factors in some])
@@ -99,7 +264,10 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
             search.take(factors, worst)
         for group in searches:
             _drop_larger(group)
-    _find_edges([search for search in each if search.lost is not None])
+    _find_edges([search for search in each if search.lost is not None and not search.family.late])
+    for search in each:
+        if search.lost is not None and search.family.late:
+            search.edge, search.beyond = _late_edge(search.family, *search.bracket)
     return [[search.reach for search in group] for group in searches]
 
 
@@ -108,15 +276,21 @@ def _drop_larger(group: Sequence[_Search]) -> None:
     least = min((search.lost for search in group if search.lost is not None), default=math.inf)
     for search in group:
         if search.before is not None and not search.from_below and search.before >= least:
-            search.factors, search.lost = [], None
+            search.factors, search.lost = (), None
 
 
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
-    """Find the eigenvalue of largest |z| of each family for each of its factors; matrices of one size go together."""
+    """Find the eigenvalue of largest |z| of each family for each of its factors; matrices of one size go together.
+
+    Of late families only on which side of the circle it is: 0 or 2.
+    """
     stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
     places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
     worst: list[list[complex]] = [[0j] * len(factors) for _, factors in families]
     for k, (family, factors) in enumerate(families):
+        if family.late:
+            worst[k] = [2.0 + 0j if family.unstable(s) else 0j for s in factors]
+            continue
         for A in family.matrices(factors):
             stacks[A.shape[-1]].append(A)
             places[A.shape[-1]] += [(k, i) for i in range(len(factors))]
@@ -131,19 +305,22 @@ def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[co
     return worst
 
 
+# The edge between two factors ----------------------------------------------------------------------------------------
+
+
 def _find_edges(searches: Sequence[_Search]) -> None:
     """Find where between its last stable factor and the first that is not each search's family loses stability."""
     for search in searches:
-        if abs(search.roots[search.before or 0.0]) >= 1.0:
+        if abs(search.roots[search.bracket[0]]) >= 1.0:
             search.edge = search.before  # on the circle to rounding
-    upper = {id(search): (search.lost or 0.0, search.roots[search.lost or 0.0]) for search in searches}
+    upper = {id(search): (search.bracket[1], search.roots[search.bracket[1]]) for search in searches}
     pending = [search for search in searches if search.edge is None]
     for _ in range(ROUNDS):
         candidates = crossings([(search.family, *upper[id(search)]) for search in pending])
         inside = [
             (search, s)
             for search, s in zip(pending, candidates, strict=True)
-            if s is not None and (search.before or 0.0) <= s <= upper[id(search)][0]
+            if s is not None and search.bracket[0] <= s <= upper[id(search)][0]
         ]
         pending = []
         for (search, s), z in zip(inside, _just_above(inside), strict=True):
@@ -156,17 +333,141 @@ def _find_edges(searches: Sequence[_Search]) -> None:
             break
     for search in searches:
         if search.edge is None:
-            family = search.family
-            search.edge = bracketed(partial(_excess, family), search.before or 0.0, search.lost or 0.0)
-    late = [(search, search.edge or 0.0) for search in searches if search.beyond is None]
-    for (search, _), z in zip(late, _just_above(late), strict=True):
+            radius = search.family.radius
+            search.edge = bracketed(lambda s, radius=radius: radius(s) - 1.0, *search.bracket)  # type: ignore[misc]
+    others = [(search, search.edge or 0.0) for search in searches if search.beyond is None]
+    for (search, _), z in zip(others, _just_above(others), strict=True):
         search.beyond = z
-
-
-def _excess(family: Family, s: float) -> float:
-    return family.radius(s) - 1.0
 
 
 def _just_above(searches: Sequence[tuple[_Search, float]]) -> list[complex]:
     """Find the eigenvalue of largest |z| just above a factor of each search."""
     return [z for (z,) in farthest([(search.family, [s * (1.0 + BEYOND)]) for search, s in searches])]
+
+
+def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | None]:
+    """Follow one eigenvalue z of A(s) = A_0 + s A_1 of each family to |z| = 1, from a factor s and z there.
+
+    With right and left eigenvectors x and y, by inverse iteration, z = y'A x / y'x and dz/ds = y'A_1 x / y'x; Newton's
+    steps on log |z|. Families whose A is no line in s, and eigenvalues that are lost on the way, give None.
+    """
+    answers: list[float | None] = [None] * len(starts)
+    groups: defaultdict[int, list[tuple[int, Line, float, complex]]] = defaultdict(list)
+    for k, (family, s, z) in enumerate(starts):
+        lines = family.lines or []
+        if len(lines) > 1:  # the part that z is an eigenvalue of
+            distances = [np.abs(np.linalg.eigvals(line(s)) - z).min(initial=np.inf) for line in lines]
+            lines = [lines[int(np.argmin(distances))]]
+        for line in lines:
+            groups[len(line.still)].append((k, line, s, z))
+    for group in groups.values():
+        for (k, *_), answer in zip(group, _newton(group), strict=True):
+            answers[k] = answer
+    return answers
+
+
+def _newton(group: Sequence[tuple[int, Line, float, complex]]) -> list[float | None]:
+    """Take Newton's steps for matrices of one size together."""
+    A_0 = np.stack([line.still for _, line, _, _ in group]).astype(complex)
+    A_1 = np.stack([line.slope for _, line, _, _ in group]).astype(complex)
+    s, z = np.array([each[2] for each in group]), np.array([each[3] for each in group])
+    f, n, _ = A_0.shape
+    x = y = np.ones((f, n, 1), dtype=complex) + 0.1 * np.cos(np.arange(n))[None, :, None]
+    done = np.zeros(f, dtype=bool)
+    for step in range(STEPS):
+        A = A_0 + s[:, None, None] * A_1
+        M = A - (z * (1.0 + 1e-15j))[:, None, None] * np.eye(n)
+        try:
+            for _ in range(2 if step == 0 else 1):
+                x, y = np.linalg.solve(M, x), np.linalg.solve(M.conj().swapaxes(1, 2), y)
+                x, y = x / np.linalg.norm(x, axis=1, keepdims=True), y / np.linalg.norm(y, axis=1, keepdims=True)
+        except np.linalg.LinAlgError:
+            return [None] * f
+        left = y.conj().swapaxes(1, 2)
+        with np.errstate(all="ignore"):
+            scale = (left @ x)[:, 0, 0]
+            z, slope = (left @ A @ x)[:, 0, 0] / scale, (left @ A_1 @ x)[:, 0, 0] / scale
+            change = -np.log(np.abs(z)) * np.abs(z) ** 2 / (z.conj() * slope).real
+        if not np.isfinite(change).all():
+            return [None] * f
+        done = np.abs(change) <= SAME * s
+        s, z = s + change, z + slope * change
+        if done.all():
+            break
+    return [float(each) if ok else None for each, ok in zip(s, done, strict=True)]
+
+
+def bracketed(function: Callable[[float], float], low: float, high: float) -> float:
+    """Find a zero between two factors at which a function has unlike signs, by the method of Chandrupatla (1997).
+
+    Inverse quadratic interpolation where three points allow it, else the middle; the bracket shrinks in every step.
+    """
+    a, b = high, low
+    f_a, f_b = function(a), function(b)
+    c, f_c = a, f_a
+    t = 0.5
+    for _ in range(MOST_HALVINGS):
+        x = a + t * (b - a)
+        f_x = function(x)
+        if (f_x > 0.0) == (f_a > 0.0):
+            c, f_c = a, f_a
+        else:
+            c, b, f_c, f_b = b, a, f_b, f_a
+        a, f_a = x, f_x
+        best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
+        least = 0.5 * NEAREST * abs(best) / abs(b - a) if b != a else 1.0
+        if least > 0.5 or f_best == 0.0:
+            return best
+        xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b) if f_c != f_b else 1.0
+        if phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi:
+            t = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
+        else:
+            t = 0.5
+        t = min(max(t, least), 1.0 - least)
+    return best
+
+
+def _late_edge(family: Family, before: float, lost: float) -> tuple[float, complex]:
+    """Find where a late family loses stability, and the eigenvalue there.
+
+    The bracket is halved by counting; when it is narrow, the eigenvalue next to the circle is followed onto it, and
+    counting just below and just above tells whether it was the first. Where it was not, halving goes on.
+    """
+    low, high = _halved(family, before, lost, NARROW)
+    crossing = _followed(family, low, high)
+    if crossing is not None:
+        below, above = crossing[0] * (1.0 - BEYOND), crossing[0] * (1.0 + BEYOND)
+        if (below <= low or not family.unstable(below)) and (above >= high or family.unstable(above)):
+            return crossing
+    low, high = _halved(family, low, high, NEAREST)
+    return high, family.farthest(high * (1.0 + BEYOND))
+
+
+def _halved(family: Family, low: float, high: float, width: float) -> tuple[float, float]:
+    while high - low > width * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if family.unstable(middle) else (middle, high)
+    return low, high
+
+
+def _followed(family: Family, low: float, high: float) -> tuple[float, complex] | None:
+    """Find the factor at which an eigenvalue that is beyond the circle at `high` is on it; None where it gets lost."""
+    part = next(part for part in family.loop.parts if family.unstable_of(part, high))
+    if not part.late:
+        edge = bracketed(lambda s: abs(family.farthest_of(part, s)) - 1.0, low, high)
+        return edge, family.farthest_of(part, edge)
+    at = root_at(part.late_loop(family.stiffness(high)), 1.0)
+    if at is None or abs(at) <= 1.0:
+        return None
+    roots = {high: at}
+
+    def excess(s: float) -> float:
+        if s not in roots:
+            start = roots[min(roots, key=lambda each: abs(each - s))]
+            roots[s] = root_near(part.late_loop(family.stiffness(s)), start) or 0j
+        return abs(roots[s]) - 1.0
+
+    if not -FARTHEST <= excess(low) <= 0.0:
+        return None
+    edge = bracketed(excess, low, high)
+    return edge, roots[edge]

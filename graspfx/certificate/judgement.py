@@ -1,27 +1,39 @@
-"""The judgement of a scene with other values: its certificates' figures, and how it holds and squeezes."""
+"""A scene with other values, judged: at a rest of its own in full, or at once at the rest that it has."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.build.live import GAINS, numbered, value_of
+from graspfx.build.numbers import general
+from graspfx.build.resolve import resolve
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
-from graspfx.certificate.certificates import spectral_radius
-from graspfx.certificate.hand_load import HandCourse, grip_of, hand_course
 from graspfx.certificate.linearise import Linearised, linearise
-from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
-from graspfx.certificate.rest.place import NotGraspingError
+from graspfx.certificate.mode_limits import mode_limits, pushing_limits, spectral_radius, standing_limits
+from graspfx.certificate.rest import NotGraspingError
 from graspfx.errors import InputError, NoRestError
 from graspfx.scene.model import Scene
 
+FloatArray = NDArray[np.float64]
+
 TINY = 1e-15  # [J]: a squeeze that is rounding
+UNFELT = 1e-12  # [N]
+INSTANTS = 400  # of a motion that are looked at
+FRICTION = ("coupling.friction", "finger.*.friction")
+FIELDS = dict(zip(GAINS, ("external", "external_damping", "internal", "internal_damping"), strict=True))
+OF_OBJECT = {
+    "object.*.mass": "mass", "object.*.viscosity": "viscosity", "object.*.rotational_viscosity": "rotational_viscosity",
+}  # fmt: skip
 MOVING = ("motion", "duration", "start", "position")  # parts of keys by which a hand's course changes
 
 
@@ -49,7 +61,7 @@ class Judgement:
             object.
         limits: of the modes of all objects, and of what they stand on.
         pushing: of fingers that push alone; none unless asked for.
-        grip: squeeze over the least one that holds the load (`hand_load.grip_of`), the least of all objects.
+        grip: squeeze over the least one that holds the load (`grip_of`), the least of all objects.
         depth: of the deepest fingertip at rest [m]; nan without a rest.
         squeeze: internal force of the finger that squeezes most, at rest [N]; nan without a rest.
         force: of the finger that presses most, at rest [N]; nan without a rest.
@@ -180,3 +192,208 @@ class Judge:
         if index not in self._courses:
             self._courses[index] = hand_course(self.scene, index)
         return self._courses[index]
+
+
+# Loads ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class HandCourse:
+    """The motion that hands intend for an object: velocity and acceleration of their fingers' mean, (k, d) each."""
+
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+def hand_course(scene: Scene, index: int) -> HandCourse:
+    """Follow the hands' intended motion of an object's fingers, no squeeze and no turns; plug-ins' hands stay still.
+
+    Args:
+        scene: with the hands.
+        index: of the object.
+    """
+    parts = resolve(scene)
+    d, start = scene.dimensions, parts.start
+    fingers = parts.objects[index].fingers
+    times = np.linspace(0.0, scene.duration, INSTANTS)
+    position = np.zeros((INSTANTS, len(start), d))
+    for hand in parts.hands:
+        if hand.driver is None and hand.motion is not None:
+            mover = replace(hand, squeeze=0.0, turns=(), guided=False).hold(start, np.zeros_like(start))
+            rest = mover.target(0.0)[0].copy()
+            for k, time in enumerate(times.tolist()):
+                position[k, hand.fingers] = mover.target(time)[0] - rest
+    mean = position[:, fingers].mean(axis=1)
+    step = float(times[1] - times[0])
+    velocity = np.gradient(mean, step, axis=0)
+    return HandCourse(velocity, np.gradient(velocity, step, axis=0))
+
+
+def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> FloatArray:
+    """Compute the wrenches (k, r) about the object's centre that fingers exert, m (a - g) + b v, moments zero."""
+    table, d = scene.object[index], scene.dimensions
+    free = scene.free(table)
+    shifts = int(sum(free[:d]))
+    wrench = np.zeros((len(course.velocity), len(loop.linear.inertia)))
+    if not shifts:
+        return wrench
+    mass, viscosity = float(loop.linear.inertia[0, 0]), float(table.viscosity)
+    gravity = np.zeros(d) if scene.gravity is None else np.array(scene.gravity)
+    force = mass * (course.acceleration - gravity) + viscosity * course.velocity
+    wrench[:, :shifts] = force[:, np.array(free[:d], dtype=bool)]
+    return wrench
+
+
+def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
+    """Compute by how much the squeeze at rest exceeds the least one with which no finger slides or lets go.
+
+    With f_i the internal part of the forces at rest and f_e = P-weighted least forces of a load, the least share s of
+    the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s for the worst instant of
+    the hands' motion. Fingers without a coefficient (that stick, or slip freely) have to push, no more. Torsion of
+    soft fingers does not count.
+
+    Returns:
+        1 where the squeeze just suffices; inf where none is needed, or contacts are attached; 0 where no squeeze along
+        f_i holds; nan without forces at rest.
+    """
+    if scene.coupling.contact == "attached":
+        return float("inf")
+    n, d = loop.contacts.shape
+    if np.isnan(loop.forces).any():
+        return float("nan")
+    split = loop.splits[0]
+    internal = np.asarray(split.divide(loop.forces.ravel())[1]).reshape(n, d)
+    matrix = np.asarray(split.points.matrix)
+    wrench = loads(scene, index, loop, course)
+    metric = np.broadcast_to(np.asarray(split.metric), (n * d,)) if np.ndim(split.metric) == 1 else np.ones(n * d)
+    spread = metric[:, None] * matrix.T @ np.linalg.pinv((matrix * metric) @ matrix.T)  # M G'(G M G')^+
+    external = (wrench @ spread.T).reshape(-1, n, d)
+    coefficients = np.array([scene.coefficients[i] for i in loop.fingers])
+    shares = [
+        needed_share(external[:, k], internal[k], loop.normals[k], float(coefficients[k]) or np.inf) for k in range(n)
+    ]
+    most = float(np.max(shares))
+    return 1.0 / most if most > 0.0 else float("inf")
+
+
+def needed_share(external: FloatArray, internal: FloatArray, normal: FloatArray, mu: float) -> float:
+    """Find the least s >= 0 with external (k, d) + s internal (d,) in the cone of every row; inf where none is."""
+    n_e, n_i = external @ normal, float(internal @ normal)
+    t_e, t_i = external - n_e[:, None] * normal, internal - n_i * normal
+    if n_i <= UNFELT:  # nothing presses: the load alone has to
+        inside = n_e >= -UNFELT if np.isinf(mu) else np.linalg.norm(t_e, axis=1) <= mu * n_e + UNFELT
+        return 0.0 if bool(inside.all()) else float("inf")
+    least = np.maximum(-n_e / n_i, 0.0)
+    if np.isinf(mu):
+        return float(least.max())
+    a = mu**2 * n_i**2 - float(t_i @ t_i)
+    if a <= 0.0:
+        return float("inf")
+    b, c = mu**2 * n_e * n_i - t_e @ t_i, mu**2 * n_e**2 - (t_e**2).sum(axis=1)
+    root = (-b + np.sqrt(np.maximum(b**2 - a * c, 0.0))) / a
+    return float(np.maximum(least, np.where(b**2 >= a * c, root, 0.0)).max())
+
+
+# A loop with a change, at the rest that it has -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a loop: factors of its gains, and numbers of its object.
+
+    Attributes:
+        external, internal: factors of the stiffness.
+        external_damping, internal_damping: factors of the damping.
+        mass: of the object [kg]; None where it stays.
+        viscosity: [N s/m]; None where it stays.
+        rotational_viscosity: [N m s]; None where it stays.
+    """
+
+    external: float = 1.0
+    internal: float = 1.0
+    external_damping: float = 1.0
+    internal_damping: float = 1.0
+    mass: float | None = None
+    viscosity: float | None = None
+    rotational_viscosity: float | None = None
+
+    @property
+    def is_external(self) -> bool:
+        """Whether the external stiffness alone changes, if anything does."""
+        return self == Change(external=self.external)
+
+
+def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
+    """Give the change of an object's loop that leads from a scene to one with these values by live key.
+
+    None where the loop changes otherwise: matrices, gains from zero, other keys of objects, hands, devices.
+
+    Raises:
+        InputError, UnknownNameError: keys that the scene does not have.
+    """
+    changes: dict[str, float] = {}
+    for key, value in values.items():
+        plain, old = general(key), value_of(scene, numbered(scene, key))
+        if plain in FRICTION or old == value:
+            continue  # contacts stick whatever their friction is
+        if plain in FIELDS:
+            if not (_is_number(old) and _is_number(value)) or old <= 0.0 or value < 0.0:
+                return None
+            changes[FIELDS[plain]] = value / old
+        elif plain in OF_OBJECT and _is_number(value):
+            if old is None:
+                return None
+            if _is_of(scene, key, name):
+                changes[OF_OBJECT[plain]] = float(value)
+        else:
+            return None
+    return Change(**changes)
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_of(scene: Scene, key: str, name: str) -> bool:
+    """Tell whether a key of objects is of the one with this name."""
+    number = numbered(scene, key).split(".")[1]
+    index = int(number) if number.isdecimal() else 0
+    return number == "*" or scene.object[index].name == name
+
+
+def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
+    """Give the matrices of a loop with a change, but for those of its stiffness."""
+    linear = loop.linear
+    table = next(each for each in scene.object if each.name == loop.objects[0])
+    shifts = sum(scene.free(table)[: scene.dimensions])
+    inertia, viscosity = linear.inertia.copy(), linear.viscosity.copy()
+    if change.mass is not None and table.mass is not None:
+        ratio = change.mass / table.mass
+        inertia[:shifts, :shifts] *= ratio
+        if table.inertia is None:  # the moment of a solid shape grows with its mass
+            inertia[shifts:, shifts:] *= ratio
+    arrays: dict[str, np.ndarray] = {"inertia": inertia}
+    for value, old, first, last in (
+        (change.viscosity, table.viscosity, 0, shifts),
+        (change.rotational_viscosity, table.rotational_viscosity, shifts, len(viscosity)),
+    ):
+        if value is not None:  # what torsion adds stays
+            places = np.arange(first, last)
+            viscosity[places, places] += value - (old or 0.0)
+    arrays["viscosity"] = viscosity
+    if linear.preload is not None:
+        arrays["preload"] = linear.preload * _squeeze_ratio(scene, linear, change)
+    return linear.with_arrays(**arrays, damping=loop.damping(change.external_damping, change.internal_damping))
+
+
+def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
+    """Give what the squeeze becomes: that of a hand and the internal stiffness in series, closed as far as before."""
+    gain = scene.coupling.internal.stiffness
+    if change.internal == 1.0 or not _is_number(gain):
+        return 1.0
+    _, sizes, V = np.linalg.svd(linear.G)
+    internal = V[int((sizes > 1e-6 * sizes.max(initial=0.0)).sum()) :]
+    if not len(internal):
+        return 1.0
+    hand = float(np.trace(internal @ linear.hand_stiffness @ internal.T)) / len(internal)
+    return change.internal * (hand + gain) / (hand + change.internal * gain)

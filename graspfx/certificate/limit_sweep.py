@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from time import perf_counter
 from typing import Any
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.blas_threads import one_blas_thread
-from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
-from graspfx.analysis.stability.modal import together
-from graspfx.certificate.first_loss import reach
+from graspfx.analysis.plant import Plant
+from graspfx.analysis.stability.modes import COMMUTING, common_axes
+from graspfx.certificate.certificate import plain
+from graspfx.certificate.first_loss import Line, WholeLoop, reach
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, reduced
-from graspfx.certificate.whole_loop import Line, WholeLoop, bounded
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.scene.model import Scene
@@ -100,7 +100,7 @@ class SweptLimits:
         """Write for JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
         table = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
-        return table | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
+        return table | {f"{name}_limit": plain(part) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
         """Write ranges, how limits begin and end over them, and how they were computed."""
@@ -197,7 +197,7 @@ def _point(scene: Scene, at: str) -> tuple[float, float, float]:
 
 
 def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
-    keys = [_plain(scene, sweep.key) for sweep in sweeps]
+    keys = [_of_lone_object(scene, sweep.key) for sweep in sweeps]
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
     if "period" in keys and loop.linear.latency.any():
@@ -205,7 +205,7 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 
-def _plain(scene: Scene, key: str) -> str:
+def _of_lone_object(scene: Scene, key: str) -> str:
     """Write object.0.mass and object.*.mass of a lone object as object.mass."""
     first, *rest = key.split(".")
     if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
@@ -224,7 +224,7 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
     per_root = left @ np.diag(1.0 / sizes) @ left.T
     m_v = float(linear.inertia[0, 0]) if shifts else 1.0
     parts = [per_root @ A @ per_root for A in (of_shifts, linear.inertia - m_v * of_shifts, of_turns)]
-    turn = together(parts) if r else np.zeros((0, 0))
+    turn = common_axes(parts, COMMUTING) if r else np.zeros((0, 0))
     if turn is None:
         return None
     t, J, w = (np.diag(turn.T @ A @ turn) for A in parts)
@@ -242,7 +242,7 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
     }
     values: dict[str, Any] = dict(arguments)
     for axis, sweep in enumerate(sweeps):
-        name = MODAL[_plain(scene, sweep.key)]
+        name = MODAL[_of_lone_object(scene, sweep.key)]
         shape = [1] * len(sweeps)
         shape[axis] = -1
         if name:
@@ -251,24 +251,14 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
     # the moment of a solid shape grows with its mass
     growth = values["m_v"] / m_v if table.inertia is None else 1.0
     internal, external = np.full(whole, math.inf), np.full(whole, math.inf)
-    device = {"spring": values["k_s"], "spring_damping": values["b_s"], "delay": int(linear.delay[0])}
-    latency = float(linear.latency[0])
+    device = Plant(
+        values["m"], values["b"], values["T"], values["k_s"], values["b_s"],
+        delay=int(linear.delay[0]), latency=float(linear.latency[0]), integrator=linear.integrator,
+    )  # fmt: skip
     if m > r:
-        internal[...] = wall_limit_map(
-            values["m"], values["b"], values["T"], wall_damping=values["kid"], latency=latency, **device
-        )
+        internal[...] = replace(device, coupling_damping=values["kid"]).checked().limit_map()
+    device = replace(device, coupling_damping=values["ked"])
     for t_i, J_i, w_i in np.unique(np.round(np.stack([t, J, w], axis=1), 14), axis=0):
-        limit = external_limit_map(
-            values["m"],
-            values["b"],
-            values["T"],
-            values["m_v"] * t_i + growth * J_i,
-            values["b_v"] * t_i + values["b_w"] * w_i,
-            fingers=1,
-            integrator=linear.integrator,
-            coupling_damping=values["ked"],
-            latency=latency,
-            **device,
-        )
-        np.minimum(external, limit, out=external)
+        M, B = values["m_v"] * t_i + growth * J_i, values["b_v"] * t_i + values["b_w"] * w_i
+        np.minimum(external, replace(device, object_mass=M, object_damping=B).checked().limit_map(), out=external)
     return internal, external, np.minimum(internal, external)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +13,24 @@ from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.build.fading import set_fade
-from graspfx.build.mechanics import Mechanics, mechanics
+from graspfx.build.mechanics import mechanics
 from graspfx.build.object_parts import ObjectPart
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.still_hands import still_hands
-from graspfx.certificate.grip_matrices import inertia_of, wrenches
-from graspfx.certificate.operated import assumptions, operated
-from graspfx.certificate.operated import turned as turned_operator
-from graspfx.certificate.pads import joined_pads, pads_of
-from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
-from graspfx.certificate.rest.from_recording import recorded, set_pose
-from graspfx.certificate.rest.ground import LOW, Ground, ground_under, joined_ground
-from graspfx.certificate.rest.place import Place, provisional, require_contact, squeezed
-from graspfx.certificate.rest.resting import Grip
-from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, contact_axes, force_directions
-from graspfx.certificate.worst_lateness import lateness_ends, less_stable
+from graspfx.certificate.grip import EDGE, LOW, Grip, Ground, edge_directions, ground_under
+from graspfx.certificate.matrices import (
+    ScaledGains,
+    assumptions,
+    block_diagonal,
+    contact_axes,
+    force_directions,
+    joined_pads,
+    operated,
+    pads_of,
+    turned_operator,
+)
+from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
+from graspfx.certificate.rest import Place, provisional, require_contact, squeezed
 from graspfx.coupling import block as at
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
@@ -99,37 +103,6 @@ class Linearised:
     pads: tuple[FloatArray, FloatArray] | None = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class _Share:
-    """One object's share of the matrices, in world axes, and where its fingers are."""
-
-    name: str
-    fingers: NDArray[np.intp]
-    position: FloatArray
-    contacts: FloatArray
-    normals: FloatArray
-    forces: FloatArray
-    where: str
-    assumed: list[str]
-    margins: FloatArray
-    edge: NDArray[np.intp]
-    slip: tuple[FloatArray, FloatArray]
-    ground: Ground | None
-    standing: Ground | None
-    fade: tuple[float, float] | None
-    split: Split
-    gains: ScaledGains
-    compliance: FloatArray
-    force: FloatArray
-    G: FloatArray
-    G_e: FloatArray
-    G_c: FloatArray
-    N: FloatArray
-    inertia: FloatArray
-    viscosity: FloatArray
-    integrator: str
-
-
 @one_blas_thread()
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
@@ -169,6 +142,49 @@ def linearise(
     return _joined(parts, shares, recording)
 
 
+def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> Linearisation:
+    """Linearise a scene where a recording of it ends, with the lateness that its forces had there.
+
+    Raises:
+        InputError: a recording of another scene, or without a row; a device that does not tell its mass or friction.
+        RecordingError: a path that leads to no recording.
+    """
+    return linearise(scene, "recorded", recording=recording_of(scene, recording)).linear
+
+
+# One object ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """One object's share of the matrices, in world axes, and where its fingers are."""
+
+    name: str
+    fingers: NDArray[np.intp]
+    grip: Grip
+    place: Place
+    assumed: list[str]
+    edge: NDArray[np.intp]
+    slip: tuple[FloatArray, FloatArray]
+    ground: Ground | None
+    standing: Ground | None
+    split: Split
+    gains: ScaledGains
+    G: FloatArray
+    G_e: FloatArray
+    G_c: FloatArray
+    N: FloatArray
+    contacts: FloatArray
+    viscosity: FloatArray
+    integrator: str
+
+    @property
+    def force(self) -> FloatArray:
+        """Forces at rest (n, d) [N]; nan at the start."""
+        g = self.grip.grasped
+        return np.full_like(g.force, np.nan) if self.place.stiffness is None else g.force
+
+
 def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _Share:
     scene, part, start = parts.scene, parts.objects[index], parts.start
     # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
@@ -206,35 +222,12 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     return _matrices(parts, part, grip, place, ground, standing)
 
 
-def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
-    """Name the step of an object's body; of a plug-in's the one that its module tells, or an assumption.
-
-    Raises:
-        InputError: a plug-in tells one that no body of its kind has.
-    """
-    if table.dynamics == "native":
-        return table.integrator
-    if own := dynamics_of(table.dynamics).integrator:
-        return own
-    module = plugins.load_blaming("dynamics", table.dynamics, parts.folder)
-    told = getattr(module, "INTEGRATOR", None)
-    if told is None:
-        assumed.append(
-            f"the dynamics {table.dynamics} do not tell their integrator: semi-implicit (`INTEGRATOR` of their module)"
-        )
-        return "semi-implicit"
-    if told not in TOLD:
-        raise InputError(f"INTEGRATOR of the dynamics {table.dynamics}", told, f"one of {', '.join(TOLD)}")
-    return str(told)
-
-
 def _matrices(
     parts: Parts, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
 ) -> _Share:
-    scene = parts.scene
-    table, fingers, d, g = part.table, part.fingers, scene.dimensions, grip.grasped
-    J, assumed, state = place.stiffness, place.assumed, g.body_state
-    n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
+    scene, table, fingers, g = parts.scene, part.table, part.fingers, grip.grasped
+    J, assumed, state, rules = place.stiffness, place.assumed, g.body_state, scene.coupling
+    n, d, m, r = grip.n, grip.d, grip.m, grip.r
     R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     centre = state[body.POSITION : body.POSITION + d]
     contacts = (g.rows[:, at.CONTACT : at.CONTACT + 3] @ R.T)[:, :d]
@@ -262,11 +255,9 @@ def _matrices(
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
     D = gains.damping(1.0, 1.0)
-    G, G_e = wrenches(contacts if rules.reaction == "contact" else tips, grip), wrenches(tips, grip)
+    G, G_e = grip.wrenches(contacts if rules.reaction == "contact" else tips), grip.wrenches(tips)
     N = np.zeros((m + r, m + r))
-    if J is None:
-        G = G_e = wrenches(contacts, grip)
-    else:
+    if J is not None:
         K = gains(1.0, 1.0, 1.0)
         stretch = np.hstack([np.eye(m), -G_e.T])
         scale = float(np.abs(np.diag(K)).max(initial=0.0))
@@ -274,7 +265,8 @@ def _matrices(
         unit = grip.lengths() / grip.lengths()[0]
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
-            G = G_e = wrenches(contacts, grip)
+    if not N.any():  # without a preload the levers are those of the contacts
+        G = G_e = grip.wrenches(contacts)
     if ground is not None:
         assumed.append(
             f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
@@ -283,7 +275,6 @@ def _matrices(
     if outside:
         assumed.append(f"{outside} would slide here: beyond the cone's edge")
     edge = np.flatnonzero(np.abs(place.margins - 1.0) <= EDGE)
-    slip = edge_directions(g, edge.tolist())
     viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
     if g.soft and J is not None and D.any():
         turning = grip.axes >= 3
@@ -293,67 +284,74 @@ def _matrices(
     return _Share(
         name=table.name,
         fingers=fingers,
-        position=g.finger_position.copy(),
-        contacts=contacts + centre,
-        normals=g.inward(),
-        forces=np.full((n, d), np.nan) if J is None else g.force.copy(),
-        where=place.where,
+        grip=grip,
+        place=place,
         assumed=assumed,
-        margins=place.margins,
         edge=fingers[edge],
-        slip=slip,
+        slip=edge_directions(g, edge.tolist()),
         ground=ground,
         standing=standing,
-        fade=None if J is None else g.fade_asked(),
         split=split,
         gains=gains,
-        compliance=compliance,
-        force=np.zeros((n, d)) if J is None else g.force.copy(),
         G=G,
         G_e=G_e,
-        G_c=wrenches(contacts, grip),
+        G_c=grip.wrenches(contacts),
         N=N,
-        inertia=inertia_of(state, R, grip),
+        contacts=contacts + centre,
         viscosity=viscosity,
         integrator=_integrator(parts, table, assumed),
     )
 
 
+def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
+    """Name the step of an object's body; of a plug-in's the one that its module tells, or an assumption.
+
+    Raises:
+        InputError: a plug-in tells one that no body of its kind has.
+    """
+    if table.dynamics == "native":
+        return table.integrator
+    if own := dynamics_of(table.dynamics).integrator:
+        return own
+    module = plugins.load_blaming("dynamics", table.dynamics, parts.folder)
+    told = getattr(module, "INTEGRATOR", None)
+    if told is None:
+        assumed.append(
+            f"the dynamics {table.dynamics} do not tell their integrator: semi-implicit (`INTEGRATOR` of their module)"
+        )
+        return "semi-implicit"
+    if told not in TOLD:
+        raise InputError(f"INTEGRATOR of the dynamics {table.dynamics}", told, f"one of {', '.join(TOLD)}")
+    return str(told)
+
+
+# All objects ---------------------------------------------------------------------------------------------------------
+
+
 def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None) -> Linearised:
     """Join the matrices of all shares into one, along the principal axes of the devices' masses."""
-    d = parts.scene.dimensions
-    position = parts.start.copy()
-    inward = np.zeros_like(position)
+    d, period = parts.scene.dimensions, parts.scene.period
+    position, force = parts.start.copy(), np.zeros_like(parts.start)
     for share in shares:
-        position[share.fingers] = share.position
+        position[share.fingers] = share.grip.grasped.finger_position
+        force[share.fingers] = np.nan_to_num(share.force)
     # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
-    hands = list(still_hands(parts, inward))
-    mechanics_: Mechanics = mechanics(parts, position, hands)
-    force = np.zeros_like(position)
-    for share in shares:
-        force[share.fingers] = share.force
+    hands = list(still_hands(parts, np.zeros_like(position)))
+    devices = mechanics(parts, position, hands)
     operator, stiffer, damper = operated(parts, hands, force)
-    gains_of_hands = mechanics_.stiffness, mechanics_.damping
-    if operator is not None:
-        gains_of_hands = gains_of_hands[0] + np.diag(stiffer), gains_of_hands[1] + np.diag(damper)
     fingers = np.concatenate([share.fingers for share in shares])
     columns = (fingers[:, None] * d + np.arange(d)).ravel()
-    V = np.zeros((len(columns), len(columns)))
-    mass = np.zeros(len(columns))
+    block = np.ix_(columns, columns)
+    V, mass = np.zeros((len(columns), len(columns))), np.zeros(len(columns))
     friction = np.zeros_like(V)
     for i, finger in enumerate(fingers):
-        x = slice(i * d, i * d + d)
-        A = mechanics_.mass[finger]
+        x, A = slice(i * d, i * d + d), devices.mass[finger]
         mass[x], V[x, x] = (np.diag(A), np.eye(d)) if not (A - np.diag(np.diag(A))).any() else np.linalg.eigh(A)
-        friction[x, x] = V[x, x].T @ mechanics_.friction[finger] @ V[x, x]
+        friction[x, x] = V[x, x].T @ devices.friction[finger] @ V[x, x]
     apart = friction - np.diag(np.diag(friction))
 
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
         return V.T @ block_diagonal(blocks) @ V
-
-    gains: tuple[FloatArray, ...] | None = None
-    if all(share.gains.is_sum for share in shares):
-        gains = tuple(turned(each) for each in zip(*(share.gains.parts for share in shares), strict=True))
 
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
         return turned([share.gains(shifts, turns, internal) for share in shares])
@@ -364,31 +362,36 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     def conventional(k: float) -> FloatArray:
         return turned([share.gains.alone(k) for share in shares])
 
-    block = np.ix_(columns, columns)
-    G, G_e = (block_diagonal([getattr(share, name) for share in shares]) @ V for name in ("G", "G_e"))
+    gains: tuple[FloatArray, ...] | None = None
+    if all(share.gains.is_sum for share in shares):
+        gains = tuple(turned(each) for each in zip(*(share.gains.parts for share in shares), strict=True))
+    G, G_e, G_c = (block_diagonal([getattr(share, name) for share in shares]) @ V for name in ("G", "G_e", "G_c"))
+    hand_damping = V.T @ (devices.damping + np.diag(damper))[block] @ V
     linear = Linearisation(
-        period=parts.scene.period,
+        period=period,
         mass=mass,
         friction=np.diag(friction),
         G=G,
-        inertia=block_diagonal([share.inertia for share in shares]),
+        inertia=block_diagonal([share.grip.inertia() for share in shares]),
         viscosity=block_diagonal([share.viscosity for share in shares]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=damping(1.0, 1.0),
-        hand_stiffness=V.T @ gains_of_hands[0][block] @ V,
-        hand_damping=V.T @ gains_of_hands[1][block] @ V + (apart if operator is None else 0.0),
-        delay=np.repeat(mechanics_.delay[fingers], d),
-        age=np.repeat(mechanics_.age[fingers], d),
+        hand_stiffness=V.T @ (devices.stiffness + np.diag(stiffer))[block] @ V,
+        hand_damping=hand_damping + (apart if operator is None else 0.0),
+        delay=np.repeat(devices.delay[fingers], d),
+        age=np.repeat(devices.age[fingers], d),
         integrator=shares[0].integrator,
         preload=_preload(shares, V),
         G_displacement=G_e,
-        ground=joined_ground([share.ground for share in shares], [len(share.G) for share in shares]),
+        ground=_joined_ground(shares),
         operator=turned_operator(operator, columns, V, apart),
-        G_contact=block_diagonal([share.G_c for share in shares]) @ V if shares[0].integrator == "implicit" else None,
+        G_contact=G_c if shares[0].integrator == "implicit" else None,
     )
-    linear, late = less_stable(linear, np.repeat(lateness_ends(mechanics_, recording)[:, fingers], d, axis=1))
-    others = [*mechanics_.assumed, *late, *assumptions(parts, fingers.tolist(), force)]
+    ends = np.repeat(lateness_ends(devices, recording)[:, fingers], d, axis=1)
+    linear, late = less_stable(linear, ends)
+    others = [*devices.assumed, *late, *assumptions(parts, fingers.tolist(), force)]
     assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *others])
+    fades = (None if each.place.stiffness is None else each.grip.grasped.fade_asked() for each in shares)
     return Linearised(
         linear=linear,
         objects=tuple(share.name for share in shares),
@@ -396,21 +399,21 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
         finger_of_column=np.repeat(fingers, d),
         contacts=np.concatenate([share.contacts for share in shares]),
         tips=position[fingers],
-        normals=np.concatenate([share.normals for share in shares]),
-        forces=np.concatenate([share.forces for share in shares]),
-        at=tuple(share.where for share in shares),
+        normals=np.concatenate([share.grip.grasped.inward() for share in shares]),
+        forces=np.concatenate([share.force for share in shares]),
+        at=tuple(share.place.where for share in shares),
         assumed=tuple(assumed),
         splits=tuple(share.split for share in shares),
-        margins=np.concatenate([share.margins for share in shares]),
+        margins=np.concatenate([share.place.margins for share in shares]),
         edge=tuple(int(i) for share in shares for i in share.edge),
         slip=(V.T @ block_diagonal([p.slip[0] for p in shares]), V.T @ block_diagonal([p.slip[1] for p in shares])),
         standing=tuple(share.standing for share in shares),
-        fade=tuple(share.fade for share in shares),
+        fade=tuple(fades),
         stiffness=stiffness,
         damping=damping,
         gains=gains,
         conventional=conventional,
-        compliance=np.concatenate([share.compliance for share in shares]),
+        compliance=np.concatenate([np.atleast_1d(share.gains.compliance) for share in shares]),
         pads=joined_pads([share.gains for share in shares], V),
     )
 
@@ -428,3 +431,12 @@ def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
     N[:m] = V.T @ N[:m]
     N[:, :m] = N[:, :m] @ V
     return N
+
+
+def _joined_ground(shares: Sequence[_Share]) -> tuple[FloatArray, FloatArray] | None:
+    """Put stiffness and damping of what the objects stand on along a diagonal; None without any."""
+    if all(share.ground is None for share in shares):
+        return None
+    none = [np.zeros((len(share.G), len(share.G))) for share in shares]
+    grounds = [each.ground or Ground((), zero, zero, 0) for each, zero in zip(shares, none, strict=True)]
+    return block_diagonal([each.stiffness for each in grounds]), block_diagonal([each.damping for each in grounds])

@@ -9,16 +9,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.analysis.grasp_stiffness import alike_sets, in_series, springs_in_series, symmetries, without_freedoms
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.pushing import without_freedoms
-from graspfx.analysis.series import in_series, springs_in_series
-from graspfx.analysis.stability.modal import Mode, modes
-from graspfx.analysis.symmetry import alike_sets, symmetries
-from graspfx.certificate.certificate import STANDING, Limit, is_stable
-from graspfx.certificate.first_loss import least_reaches, reach, reaches
-from graspfx.certificate.gain_reach import Reach
+from graspfx.analysis.stability.modes import Mode, modes
+from graspfx.certificate.certificate import PUSHING, STANDING, Limit, is_stable
+from graspfx.certificate.first_loss import Family, Line, Reach, Stiffness, WholeLoop, least_reaches, reach, reaches
 from graspfx.certificate.linearise import Linearised
-from graspfx.certificate.whole_loop import Family, Line, Stiffness, WholeLoop
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
 
@@ -27,6 +23,11 @@ FloatArray = NDArray[np.float64]
 ALL_SETS = 5  # fingers up to which every set of them may push; of more, single ones
 TIE = 1e-9  # relative: margins that are the same, of which that of fingers near is listed
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
+
+
+def spectral_radius(linear: Linearisation) -> float:
+    """Find the largest |z| of a loop as it is."""
+    return Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness).radius(1.0)
 
 
 def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
@@ -164,7 +165,7 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
         least = min(edge.factor for _, edge in edges[k])
         gain, edge = next(pair for pair in edges[k] if pair[1].factor <= least * (1.0 + TIE))
         who = ", ".join(scene.finger_names[i] for i in pushers)
-        rows.append(Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False))
+        rows.append(Limit(f"{PUSHING}{who}", gain, gain * edge.factor, edge.factor, edge.frequency, False))
     return rows
 
 

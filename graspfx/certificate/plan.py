@@ -11,10 +11,8 @@ from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.resolve import Parts, resolve
-from graspfx.certificate.device_rows import lateness_rows, moment_rows
-from graspfx.certificate.loop_plan import loop_rows
-from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
-from graspfx.certificate.safety_plan import safety_rows
+from graspfx.certificate.device_plan import Row, lateness_rows, loop_rows, moment_rows, safety_rows
+from graspfx.certificate.notes import is_damped, why_not_gradual
 from graspfx.coupling import block as at
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
@@ -43,7 +41,6 @@ def plan(scene: Scene) -> list[PlanRow]:
     return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
-Row = tuple[str, bool, str]
 KERNELS = {
     "contact points": "touch",
     "fade": "fade",

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 def certify(scene: Scene) -> None:
     """Print the certificate, or why there is none."""
-    from graspfx.certificate.certificate_lines import lines
-    from graspfx.certificate.certificates import certificates
+    from graspfx.certificate.certificate import lines
+    from graspfx.certificate.certify import certificates
 
     try:
         with waiting(f"finding the limits of {scene.source.name}"):

@@ -50,7 +50,7 @@ def execute(options: Namespace) -> int:
         raise InputError(name, options.out or options.samples, f"{name} with --operators alone")
     with waiting(f"reading {options.scene}"):
         from graspfx.build.scene_memory import SceneMemory
-        from graspfx.certificate.verdict import report
+        from graspfx.certificate.report import report
         from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
 
@@ -77,7 +77,7 @@ def execute(options: Namespace) -> int:
 
 def _operators(options: Namespace) -> int:
     """Certify over a set of operators, and draw it where a folder is named."""
-    from graspfx.certificate.operators.certify_operators import SAMPLES, certify_operators
+    from graspfx.certificate.certify_operators import SAMPLES, certify_operators
     from graspfx.loop.recording.places import make_folder, placing
     from graspfx.scene.load import load
     from graspfx.show.operator_figures import gains_sheet, operators_sheet

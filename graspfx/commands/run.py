@@ -119,8 +119,8 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
 
 
 def _log_plan(scene: Readable) -> None:
-    from graspfx.certificate.comparison import whole_scene
     from graspfx.certificate.plan import plan
+    from graspfx.certificate.report import whole_scene
 
     for row in plan(whole_scene(scene)):
         if not row.runs:

@@ -87,7 +87,7 @@ def execute(options: Namespace) -> int:
 
 def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
     """Draw the diagrams that --plot names, of the scene's loop at rest; the Z-width is that of its first device."""
-    from graspfx.analysis.passivity.z_width import z_width
+    from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
     from graspfx.loop.recording.places import make_folder
     from graspfx.show import loop_figures

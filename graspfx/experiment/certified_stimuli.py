@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from graspfx.certificate.verdict import check
+from graspfx.certificate.report import check
 from graspfx.errors import InputError
 from graspfx.experiment.study import Study
 from graspfx.live.clamp import SHARE

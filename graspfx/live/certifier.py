@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from graspfx.certificate.altered_loop import Change, altered, change_of
 from graspfx.certificate.certificate import Limit, is_stable
-from graspfx.certificate.certificates import spectral_radius
+from graspfx.certificate.certify import spectral_radius
+from graspfx.certificate.first_loss import Family, WholeLoop
+from graspfx.certificate.judgement import Change, altered, change_of
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
-from graspfx.certificate.whole_loop import Family, WholeLoop
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.model import Scene

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.stability.fullloop import open_loop
+from graspfx.analysis.stability.loop import open_loop
 from graspfx.errors import MissingPackageError, UnknownNameError
 
 LOOPS = ("closed", "open")

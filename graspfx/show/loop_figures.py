@@ -14,7 +14,7 @@ from graspfx.show.style import INK, NEUTRAL, NOTE, PALE, panel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.analysis.passivity.z_width import ZWidth
+    from graspfx.analysis.passivity.walls import ZWidth
     from graspfx.analysis.stability.loci import Loci
     from graspfx.show.sheet import Sheet
 

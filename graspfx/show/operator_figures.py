@@ -15,8 +15,7 @@ from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, panel, pl
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.certificate.operators.certify_operators import OperatorCertificate
-    from graspfx.certificate.operators.operator_region import OperatorRegion
+    from graspfx.certificate.certify_operators import OperatorCertificate, OperatorRegion
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]

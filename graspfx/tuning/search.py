@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.certificate.judgement import Judgement
-from graspfx.certificate.operators.operator_set import OperatorSet
-from graspfx.certificate.operators.worst_operator import Search, worst_operator
+from graspfx.certificate.operator_set import OperatorSet, Search, worst_operator
 from graspfx.progress import waiting
 from graspfx.tuning.tuning_problem import Point, Problem
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 
 from graspfx.analysis.arguments import count
-from graspfx.certificate.certificates import certificates
+from graspfx.certificate.certify import certificates
+from graspfx.certificate.certify_operators import numbers
 from graspfx.certificate.judgement import Judgement
-from graspfx.certificate.operators.certify_operators import numbers
-from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, operator_set
+from graspfx.certificate.operator_set import OperatorSet, Ranges, operator_set
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.scene.load import to_scene

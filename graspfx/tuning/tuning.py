@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from graspfx.card import Card, Carded
-from graspfx.certificate.certificate import STANDING, Certificate, Limit
+from graspfx.certificate.certificate import PUSHING, STANDING, Certificate, Limit, plain
+from graspfx.certificate.certify_operators import judgement_data, numbers
 from graspfx.certificate.judgement import Judgement, ObjectLimit
-from graspfx.certificate.limit_rows import PUSHING
-from graspfx.certificate.operators.certify_operators import judgement_data, numbers
-from graspfx.certificate.operators.operator_range import OperatorRange
-from graspfx.certificate.operators.operator_set import OperatorSet
-from graspfx.certificate.plain_data import plain
+from graspfx.certificate.operator_set import OperatorRange, OperatorSet
 from graspfx.scene.model import Scene
 
 ROUNDING = 1e-5  # of a bound

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.live import value_of
 from graspfx.certificate.judgement import Judge, Judgement
-from graspfx.certificate.operators.operator_range import FORM, OperatorRange
-from graspfx.certificate.operators.operator_set import OperatorSet, Ranges, range_of
+from graspfx.certificate.operator_set import FORM, OperatorRange, OperatorSet, Ranges, range_of
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
 from graspfx.tuning.formulas import Constraint, Expression
@@ -57,7 +56,7 @@ class Problem:
         self._judge = Judge(scene, grips=True)
         self.session = self._judge.session
         self._needs_pushing = PUSHING in self.keys
-        self._memory: dict[tuple[Point, tuple[tuple[str, float], ...]], Judgement] = {}
+        self._memory: dict[tuple[tuple[str, float], ...], Judgement] = {}
 
     @property
     def count(self) -> int:
@@ -87,17 +86,14 @@ class Problem:
 
     def judged(self, point: Sequence[float] | FloatArray, hand: Mapping[str, float]) -> Judgement:
         """Judge the scene at a point in an operator's hand, once."""
-        place = tuple(float(x) for x in np.clip(point, 0.0, 1.0))
-        return self._remembered(place, self.values(place), hand)
+        return self.judged_with(self.values(point), hand)
 
     def judged_with(self, values: Mapping[str, float], hand: Mapping[str, float]) -> Judgement:
-        """Judge the scene with these values, which may be outside of the box, in an operator's hand."""
-        return self._judge.judge({**values, **hand}, pushing=self._needs_pushing)
-
-    def _remembered(self, place: Point, values: Mapping[str, float], hand: Mapping[str, float]) -> Judgement:
-        entry = place, tuple(sorted(hand.items()))
+        """Judge the scene with these values, which may be outside of the box, in an operator's hand, once."""
+        whole = {**values, **hand}
+        entry = tuple(sorted(whole.items()))
         if entry not in self._memory:
-            self._memory[entry] = self._judge.judge({**values, **hand}, pushing=self._needs_pushing)
+            self._memory[entry] = self._judge.judge(whole, pushing=self._needs_pushing)
         return self._memory[entry]
 
     def slacks(self, one: Judgement) -> list[float]:

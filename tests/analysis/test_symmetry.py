@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.analysis.grasp_stiffness import alike_sets, symmetries
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.symmetry import alike_sets, symmetries
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import pushing_limits
 

@@ -11,7 +11,7 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.resolve import resolve
 from graspfx.build.still_hands import most_forces, still_hands
-from graspfx.certificate.certificates import certificates
+from graspfx.certificate.certify import certificates
 from graspfx.errors import InputError, SceneError, UnknownNameError
 
 SPHERE, WAVING = "sphere-three-fingers", "paper-waving"

@@ -245,7 +245,7 @@ def test_a_python_scene_is_checked_once_and_stays_the_same(
     assert scene_files(folder)
     fresh = load(name)
     monkeypatch.setattr("graspfx.build.checks.faults.find_faults", lambda *_: pytest.fail("checked again"))
-    monkeypatch.setattr("graspfx.certificate.notes.doubts.doubts", lambda *_: pytest.fail("looked at again"))
+    monkeypatch.setattr("graspfx.certificate.notes.doubts", lambda *_: pytest.fail("looked at again"))
     assert run(name, "--out", "second") == 0
     first, second = (Recording.load(folder) for folder in ("first", "second"))
     assert np.array_equal(first.rows, second.rows, equal_nan=True)

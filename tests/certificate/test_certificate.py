@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.certificate.certificate import Certificate
-from graspfx.certificate.certificate_lines import lines
-from graspfx.certificate.certificates import certificates
+from graspfx.certificate.certificate import Certificate, lines
+from graspfx.certificate.certify import certificates
 from tests.support.small_scenes import attached
 
 

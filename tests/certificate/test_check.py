@@ -12,10 +12,8 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.analysis.passivity.grasp_leak import CouplingLimits
-from graspfx.certificate.certificate import Certificate, Limit
-from graspfx.certificate.certificate_lines import lines
-from graspfx.certificate.certificates import certificates
-from graspfx.certificate.limit_rows import limit_lines
+from graspfx.certificate.certificate import Certificate, Limit, limit_lines, lines
+from graspfx.certificate.certify import certificates
 
 BEYOND = "coupling.external.stiffness=60"
 KEP_LIMIT = 51.8497  # [N/m] of paper-spring
@@ -151,7 +149,7 @@ def test_the_worst_object_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     close = certificate("base", 0.99, row("external", 30.0, 33.0))
     lost = certificate("lid", 1.01, row("external", 30.0, 20.0), row("internal", 10.0, 90.0))
     found = [roomy, close, lost]
-    monkeypatch.setattr("graspfx.certificate.certificates.certificates", lambda scene: found)
+    monkeypatch.setattr("graspfx.certificate.certify.certificates", lambda scene: found)
     report = gx.check("two-objects")
     assert [each.object for each in report.certificates] == ["lid", "base", "block"]
     assert report.verdict.startswith(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.series import in_series
-from graspfx.analysis.stability.fullloop import loop_matrix
-from graspfx.certificate.certificates import certificates
+from graspfx.analysis.grasp_stiffness import in_series
+from graspfx.analysis.stability.loop import loop_matrix
+from graspfx.certificate.certify import certificates
 from graspfx.certificate.linearise import linearise
 
 ANGLES = np.radians([180.0, 50.0, -70.0])

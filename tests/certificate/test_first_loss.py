@@ -11,14 +11,12 @@ import pytest
 
 import graspfx as gx
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.stability.decoupled import parts_of
-from graspfx.analysis.stability.fullloop import loop_matrix, without_drift
+from graspfx.analysis.stability.loop import loop_matrix, without_drift
+from graspfx.analysis.stability.modes import parts_of
 from graspfx.certificate.certificate import Certificate, Limit, is_stable
-from graspfx.certificate.crossing import bracketed, crossings
-from graspfx.certificate.first_loss import least_reaches, reach, reaches
+from graspfx.certificate.first_loss import Family, Line, WholeLoop, bracketed, crossings, least_reaches, reach, reaches
 from graspfx.certificate.linearise import linearise
-from graspfx.certificate.verdict import Report
-from graspfx.certificate.whole_loop import Family, Line, WholeLoop
+from graspfx.certificate.report import Report
 from tests.support.random_scenes import random_case
 
 

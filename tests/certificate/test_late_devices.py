@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build import pace
-from graspfx.certificate.worst_lateness import exchange_times
+from graspfx.certificate.recorded import exchange_times
 from graspfx.errors import InputError, SceneError
 from tests.support.hardware import VirtualClock
 from tests.support.late_mass import late_driver

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.operator_matrices import OperatorMatrices
-from graspfx.analysis.stability import fullloop
-from graspfx.analysis.stability.fullloop import late_loop, loop_matrix, radius_of, without_drift
+from graspfx.analysis.linearisation import Linearisation, OperatorMatrices
+from graspfx.analysis.stability import loop as loop_module
 from graspfx.analysis.stability.late_roots import LateLoop, farthest_root, roots_beyond
-from graspfx.certificate.first_loss import reach
+from graspfx.analysis.stability.loop import late_loop, loop_matrix, radius_of, without_drift
+from graspfx.certificate.first_loss import Family, Line, WholeLoop, reach
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import mode_limits
-from graspfx.certificate.whole_loop import Family, Line, WholeLoop
 from graspfx.errors import InputError
 
 T = 0.002
@@ -150,13 +148,13 @@ def test_a_late_spring_on_a_mass_has_the_delay_margin_of_its_phase() -> None:
 
 def test_long_delays_are_counted_and_short_ones_have_states_with_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = linearise(pinch(**LIMB, **REACTION))
-    assert fullloop.is_late(loop.linear)
+    assert loop_module.is_late(loop.linear)
     counted = radius_of(loop.linear)
     limits = {row.mode: row for row in mode_limits(pinch(), loop, halves=False, compare=False)}
     A = without_drift(loop.linear, loop_matrix(loop.linear))
     assert np.abs(np.linalg.eigvals(A)).max() == pytest.approx(counted, abs=1e-12)
-    monkeypatch.setattr(fullloop, "MOST_LATE", 10_000)
-    assert not fullloop.is_late(loop.linear)
+    monkeypatch.setattr(loop_module, "MOST_LATE", 10_000)
+    assert not loop_module.is_late(loop.linear)
     for row in mode_limits(pinch(), loop, halves=False, compare=False):
         assert row.limit == pytest.approx(limits[row.mode].limit, rel=1e-8)
         assert row.frequency == pytest.approx(limits[row.mode].frequency, rel=1e-6)
@@ -166,9 +164,9 @@ def test_motions_that_are_lost_together_are_counted_together(monkeypatch: pytest
     """Three fingers around a sphere are alike: eigenvalues that cross the circle are several times the same."""
     scene = gx.load("sphere-three-fingers", {"hand.0.reaction": {"delay": 0.02, "stiffness": 60.0, "damping": 0.5}})
     loop = linearise(scene)
-    assert fullloop.is_late(loop.linear)
+    assert loop_module.is_late(loop.linear)
     limits = {row.mode: row for row in mode_limits(scene, loop, halves=False, compare=False)}
-    monkeypatch.setattr(fullloop, "MOST_LATE", 10_000)
+    monkeypatch.setattr(loop_module, "MOST_LATE", 10_000)
     for row in mode_limits(scene, loop, halves=False, compare=False):
         assert row.limit == pytest.approx(limits[row.mode].limit, rel=1e-8)
         assert row.frequency == pytest.approx(limits[row.mode].frequency, rel=1e-6)
@@ -242,6 +240,6 @@ def test_matrices_that_do_not_fit_are_refused() -> None:
 
 
 def test_reactions_too_late_for_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fullloop, "MOST_WALKED", 299)  # two coordinates, 75 samples
+    monkeypatch.setattr(loop_module, "MOST_WALKED", 299)  # two coordinates, 75 samples
     with pytest.raises(InputError, match="not judged"):
         late_loop(linearise(pinch(**REACTION)).linear)

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 import graspfx as gx
-from graspfx.analysis.series import springs_in_series
-from graspfx.certificate.certificates import certificates
+from graspfx.analysis.grasp_stiffness import springs_in_series
+from graspfx.certificate.certify import certificates
 from graspfx.certificate.limit_sweep import limits_of_scene
 from graspfx.certificate.linearise import linearise
 

@@ -11,7 +11,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.resolve import resolve
-from graspfx.certificate.notes.settling import unsettled
+from graspfx.certificate.notes import unsettled
 
 T, M, B = 0.005, 0.1, 0.5  # [s, kg, N s/m]
 GAP = 0.02

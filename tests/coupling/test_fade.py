@@ -11,8 +11,8 @@ import pytest
 import graspfx as gx
 from graspfx.build.grasps import grasps
 from graspfx.build.resolve import resolve
-from graspfx.certificate.certificate_lines import lines
-from graspfx.certificate.notes.blend import arms, blend_notes
+from graspfx.certificate.certificate import lines
+from graspfx.certificate.notes import arms, blend_notes
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.rules import Rules

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 import graspfx as gx
-from graspfx.analysis.preload import preloaded
+from graspfx.analysis.grasp_stiffness import preloaded
 from graspfx.analysis.stability import Linearisation, spectral_radius
 from tests.support.optional import require
 

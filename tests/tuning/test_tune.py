@@ -12,7 +12,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.judgement import Judge
-from graspfx.certificate.operators.operator_set import OperatorSet
+from graspfx.certificate.operator_set import OperatorSet
 from graspfx.errors import InputError, UnknownNameError
 
 STIFFNESS, DAMPING = "finger.*.hand.stiffness", "finger.*.hand.damping"

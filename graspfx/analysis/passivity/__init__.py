@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspfx.analysis.passivity.encoder import QuantisedWall, quantised_wall, quantised_wall_limit
+from graspfx.analysis.passivity.display import WorstMotion, worst_motion
 from graspfx.analysis.passivity.grasp_leak import (
     CouplingLimits,
     coupling_limits,
@@ -11,9 +11,16 @@ from graspfx.analysis.passivity.grasp_leak import (
     leak_margin,
     leak_matrix,
 )
-from graspfx.analysis.passivity.horizon import WorstMotion, worst_motion
-from graspfx.analysis.passivity.requirement import damping_margin, guaranteed_wall_limit, required_damping, wall_limit
-from graspfx.analysis.passivity.z_width import ZWidth, z_width
+from graspfx.analysis.passivity.requirement import damping_margin, required_damping
+from graspfx.analysis.passivity.walls import (
+    QuantisedWall,
+    ZWidth,
+    guaranteed_wall_limit,
+    quantised_wall,
+    quantised_wall_limit,
+    wall_limit,
+    z_width,
+)
 
 __all__ = [
     "CouplingLimits",

@@ -1,61 +1,22 @@
-"""The damping of a device that a display requires, and how stiff a wall may be, for any operator."""
+"""The damping of a device that a display requires: for functions of z on an adaptive grid, for matrices without one."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import number
 from graspfx.analysis.passivity.display import Display, StateSpace, display, never_passive, symmetric
-from graspfx.analysis.passivity.frequency import required_at, worst_on_grid
-from graspfx.analysis.passivity.pencil import PositiveReal
 
 FloatArray = NDArray[np.float64]
 
-
-def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """Compute K = (b - |B|)/(T/2 + t_d): b > K (T/2 + t_d) + |B| [N/m] (Colgate, Schenkel 1997; Diolaiti et al. 2006).
-
-    The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device t_d late.
-
-    | delay t_d | B | the limit is |
-    |---|---|---|
-    | none | any | exact: passive below, not above |
-    | whole samples | B <= 0 | exact |
-    | whole samples | B > 0 | safe, and low: its two terms are worst at different frequencies |
-    | part of a sample | any | up to 7.7 % too high; `guaranteed_wall_limit` is safe |
-
-    Args:
-        damping: b of the device [N s/m].
-        period: T [s].
-        wall_damping: B [N s/m].
-        delay: t_d [s].
-
-    Returns:
-        The largest stiffness, 0 where B alone takes all of the device's damping.
-
-    Raises:
-        InputError: a period that is not positive, a negative damping or delay, numbers that are not finite.
-    """
-    b, T, t = _wall(damping, period, wall_damping, delay)
-    return max(0.0, (b - abs(wall_damping)) / (T / 2 + t))
-
-
-def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """Compute K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]) [N/m], a = 1/2 + t_d/T, p the part of a sample in t_d.
-
-    Safe for every operator, delay and B, and exact for B = 0: an operator may move fast while the force is still the
-    old one and slowly afterwards, which costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
-    of whole samples the two are equal.
-
-    Args and errors: as `wall_limit`.
-    """
-    b, T, t = _wall(damping, period, wall_damping, delay)
-    p = t / T - math.floor(t / T)
-    a = 0.5 + t / T
-    return max(0.0, 2 * (b - abs(wall_damping)) / (T * (a + math.sqrt(a * a + p * (1 - p)))))
+SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # [rad] where the grid may begin
+PARTED = 100.0  # times the least difference so far
+ROUNDS = 60  # halvings of an interval at most, down to the spacing of floats; and levels of the pencil
+STEP = 1e-10  # relative: how far above a value known to be reached the next level is tried
+NEAR = 1e-4  # eigenvalues so near the unit circle are looked at; one too many costs an evaluation and no more
 
 
 def required_damping(H: object, period: float) -> float:
@@ -106,10 +67,171 @@ def _lack(system: Display, B: FloatArray, T: float) -> float:
     return worst_on_grid(system, B, T)[0]
 
 
-def _wall(damping: float, period: float, wall_damping: float, delay: float) -> tuple[float, float, float]:
-    number("wall_damping", wall_damping, "N s/m", negative=True)
-    return (
-        number("damping", damping, "N s/m"),
-        number("period", period, "s", zero=False),
-        number("delay", delay, "s"),
-    )
+def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.complex128]:
+    """Compute T/2 [Herm H + cot(th/2) j Skew H] with Herm, Skew = (H ± H*)/2, Hermitian (k, n, n) [N s/m].
+
+    The same as T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} (Colgate and Schenkel 1997), written so that
+    nothing cancels: (1 - e^{-j th})/(2 (1 - cos th)) = (1 + j cot(th/2))/2.
+    """
+    H = system.response(angles)
+    adjoint = H.conj().transpose(0, 2, 1)
+    cot = (np.cos(angles / 2) / np.sin(angles / 2))[:, None, None]
+    return np.asarray(T / 4 * ((H + adjoint) + 1j * cot * (H - adjoint)))
+
+
+def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, float]:
+    """Find sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
+
+    Intervals are halved as long as their curvature leaves room for a larger value, then the peak is polished; slow
+    motion is extrapolated. Accurate to about 1e-9 of the damping where the time constants of H are below 10000 samples
+    and it has no resonance much narrower than the first grid's pi/256: such a one can be missed in a function; of
+    matrices the poles are looked at.
+    """
+    first, limit = at_rest(system, T)
+    angles = np.concatenate([np.geomspace(first, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])
+    if isinstance(system, StateSpace) and system.states:
+        poles = system.poles()
+        near = np.abs(np.angle(poles))[:, None] + (1.0 - np.abs(poles))[:, None] * np.array([-2, -1, 0, 1, 2])
+        angles = np.concatenate([angles, near[(near > first) & (near < np.pi)]])
+    angles = np.unique(angles)
+
+    def value(th: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.eigvalsh(required_at(system, th, T) - B)[:, -1])
+
+    best, at = polished(value, *refined(value, angles))
+    slow = float(np.linalg.eigvalsh(limit - B)[-1])
+    return (slow, 0.0) if slow > best else (best, at)
+
+
+def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
+    """Find an angle from which on `required_at` is free of rounding, and its limit for th -> 0, (n, n).
+
+    Close to z = 1 the rounding of H counts 2/th-fold, far from it the extrapolation of its real part, which is even,
+    from th, 2 th and 4 th fails: the angle is taken where two extrapolations differ least, on this side of where they
+    first part (on the far side of a slow pole they would agree again, on another limit).
+    """
+    G = required_at(system, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
+    G = G.reshape(len(SLOW), 3, *G.shape[1:])
+    limits = (64 * G[:, 0] - 20 * G[:, 1] + G[:, 2]) / 45
+    apart = np.abs(np.diff(limits, axis=0)).max(axis=(1, 2))
+    parted = apart > PARTED * np.minimum.accumulate(apart)
+    k = int(apart[: int(parted.argmax()) if parted.any() else None].argmin())
+    return float(SLOW[k]), limits[k]
+
+
+def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tuple[float, float]:
+    """Find a function's largest value on a grid that is halved where it could still hold a larger one."""
+    values = value(angles)
+    left, right, low, high = angles[:-1], angles[1:], values[:-1], values[1:]
+    k = int(values.argmax())
+    best, at = float(values[k]), float(angles[k])
+    scale = float(np.abs(values).max())
+    for _ in range(ROUNDS):
+        middle = (left + right) / 2
+        if not len(middle):
+            break
+        largest = value(middle)
+        k = int(largest.argmax())
+        if largest[k] > best:
+            best, at = float(largest[k]), float(middle[k])
+        # a parabola through the three values rises above them by less than its curvature
+        rise = 4 * np.abs(largest - (low + high) / 2)
+        open_ = (np.maximum(np.maximum(low, high), largest) + rise > best) & (rise > 1e-9 * scale)
+        open_ &= right - left > 1e-13
+        left, right, low, high = (
+            np.concatenate([left[open_], middle[open_]]),
+            np.concatenate([middle[open_], right[open_]]),
+            np.concatenate([low[open_], largest[open_]]),
+            np.concatenate([largest[open_], high[open_]]),
+        )
+    return best, at
+
+
+def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
+    """Sharpen a peak, known to within a millesimal of its angle, to rounding."""
+    from scipy.optimize import minimize_scalar
+
+    for width in (1e-2, 1e-4, 1e-6):
+        ends = max(at * (1 - width), 0.0), min(at * (1 + width), np.pi)
+        result = minimize_scalar(
+            lambda th: -float(value(np.array([th]))[0]), bounds=ends, method="bounded", options={"xatol": 1e-12}
+        )
+        if -result.fun > best:
+            best, at = -float(result.fun), float(result.x)
+    return best, at
+
+
+class PositiveReal:
+    """W(z) = B/T + H(z)/(z - 1) with its pole taken out: T Herm W = B - T/2 H(1) + T Herm X(z), symmetric H(1).
+
+    X(z) = (H(z) - H(1))/(z - 1) = -C (I - A)^-1 (z I - A)^-1 B, and Herm{1/(z - 1)} = -1/2 on the circle. A display is
+    passive on a device with damping B iff this is nowhere negative, z = 1 included, and H(1) >= 0 (discrete positive
+    real lemma, Hitz and Anderson 1969). For a stable H whose H(1) is symmetric.
+    """
+
+    def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:
+        K = system.static()
+        self.rest = B - T / 4 * (K + K.T)
+        self.A, self.B = system.A, system.B
+        self.C = -T * np.linalg.solve((np.eye(system.states) - system.A).T, system.C.T).T
+        sizes = np.linalg.norm(self.B), np.linalg.norm(self.C)
+        if min(sizes) > 0.0:  # states in units that make the pencil's blocks alike
+            ratio = np.sqrt(sizes[1] / sizes[0])
+            self.B, self.C = self.B * ratio, self.C / ratio
+
+    def lack(self, angles: FloatArray) -> FloatArray:
+        """Compute the damping that is missing at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
+        z = np.exp(1j * angles)[:, None, None]
+        X = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B + 0j)
+        return np.asarray(np.linalg.eigvalsh(-self.rest - (X + X.conj().transpose(0, 2, 1)) / 2)[:, -1])
+
+    def crossings(self, level: float, near: float = NEAR) -> FloatArray:
+        """Find the angles in [0, pi] at which some eigenvalue of -T Herm W equals `level`, sorted.
+
+        On the unit circle: z x = A x + B u, p = z (A'p + C'u), 0 = C x + B'p + 2 (rest + level) u, a symplectic pencil
+        whose eigenvalues there are these angles.
+        """
+        from scipy.linalg import eig
+
+        s, n = self.B.shape
+        M, N = np.zeros((2, 2 * s + n, 2 * s + n))
+        M[:s, :s], M[:s, 2 * s :] = self.A, self.B
+        M[s : 2 * s, s : 2 * s] = np.eye(s)
+        M[2 * s :, :s], M[2 * s :, s : 2 * s] = self.C, self.B.T
+        M[2 * s :, 2 * s :] = 2 * (self.rest + level * np.eye(n))
+        N[:s, :s] = np.eye(s)
+        N[s : 2 * s, s : 2 * s], N[s : 2 * s, 2 * s :] = self.A.T, self.C.T
+        over, under = eig(M, N, right=False, homogeneous_eigvals=True)
+        on = (np.abs(np.abs(over) - np.abs(under)) < near * np.abs(under)) & (np.abs(under) > 0.0)
+        return np.sort(np.abs(np.angle(over[on] / under[on])))
+
+    def worst(self) -> tuple[float, float]:
+        """Maximise `lack` [N s/m] over th, and give th: no level above it is crossed.
+
+        Each round takes the crossings of the largest value so far, between which the values above it lie, and looks at
+        the middles of those intervals: it converges quadratically (Boyd and Balakrishnan 1990; Bruinsma and Steinbuch
+        1990, for the H-infinity norm).
+        """
+        start = np.concatenate([[0.0, np.pi], np.abs(np.angle(np.linalg.eigvals(self.A)))])
+        values = self.lack(start)
+        k = int(values.argmax())
+        best, at = float(values[k]), float(start[k])
+        if not len(self.A):
+            return best, np.pi  # without memory every frequency is the worst
+        scale = float(np.abs(values).max() + np.abs(self.rest).max())
+        for _ in range(ROUNDS):
+            edges = self.crossings(best + STEP * scale)
+            if not len(edges):
+                break
+            edges = np.concatenate([[0.0], edges, [np.pi]])
+            angles = np.concatenate([edges, (edges[1:] + edges[:-1]) / 2])
+            values = self.lack(angles)
+            k = int(values.argmax())
+            if values[k] <= best + STEP * scale:
+                break
+            best, at = float(values[k]), float(angles[k])
+        return polished(self.lack, best, at)
+
+    def holds(self) -> bool:
+        """Tell whether Herm W > 0 on the whole circle, from the pencil's eigenvalues and one evaluation alone."""
+        return bool(self.lack(np.array([np.pi]))[0] < 0.0) and not len(self.crossings(0.0, near=1e-9))

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
+from graspfx.analysis.critical import Limits, Loss
 from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.analysis.grasp_stiffness import Preload, in_series, preloaded, pushing, springs_in_series
 from graspfx.analysis.linearisation import Linearisable, Linearisation
-from graspfx.analysis.maps.maps import external_limit_blocks, external_limit_map, external_stable_map, wall_limit_map
-from graspfx.analysis.preload import Preload, preloaded
-from graspfx.analysis.pushing import pushing
-from graspfx.analysis.series import in_series, springs_in_series
-from graspfx.analysis.stability.design import (
+from graspfx.analysis.stability.loci import Loci, loci
+from graspfx.analysis.stability.loop import OpenLoop, loop_matrix, open_loop, spectral_radius
+from graspfx.analysis.stability.modes import Mode, modes
+from graspfx.analysis.stability.one_gain import (
     Gains,
+    external_limit,
+    external_limit_blocks,
+    external_limit_map,
+    external_limits,
+    external_stable_map,
     integrators_compared,
     largest_gains,
     least_friction,
     least_wall_friction,
-)
-from graspfx.analysis.stability.fullloop import OpenLoop, loop_matrix, open_loop
-from graspfx.analysis.stability.limits import Limits, Loss
-from graspfx.analysis.stability.loci import Loci, loci
-from graspfx.analysis.stability.modal import Mode
-from graspfx.analysis.stability.one_gain import (
-    external_limit,
-    external_limits,
-    modes,
-    spectral_radius,
     stable_intervals,
     wall_limit,
+    wall_limit_map,
     wall_limits,
 )
 

@@ -13,7 +13,7 @@ from graspfx import plugins
 from graspfx.analysis.arguments import numbers
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Subject
-from graspfx.analysis.stability.fullloop import OpenLoop, open_loop
+from graspfx.analysis.stability.loop import OpenLoop, open_loop
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError
 

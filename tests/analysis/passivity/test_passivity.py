@@ -12,8 +12,7 @@ import scipy.signal
 
 from graspfx.analysis import passivity
 from graspfx.analysis.passivity.display import StateSpace, display
-from graspfx.analysis.passivity.frequency import worst_on_grid
-from graspfx.analysis.passivity.pencil import PositiveReal
+from graspfx.analysis.passivity.requirement import PositiveReal, worst_on_grid
 from graspfx.errors import InputError
 
 dlti: Any = scipy.signal.dlti  # makes objects of other classes, which its stubs do not say

@@ -12,8 +12,8 @@ from scipy.signal import cont2discrete
 import graspfx as gx
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.stability.decoupled import parts_of
-from graspfx.analysis.stability.fullloop import loop_matrix, open_loop, radius_of
+from graspfx.analysis.stability.loop import loop_matrix, open_loop, radius_of
+from graspfx.analysis.stability.modes import parts_of
 from graspfx.errors import InputError
 from tests.support.sampled_loops import exact_limit
 
@@ -146,7 +146,7 @@ def finer(linear: Linearisation, start: np.ndarray, count: int) -> np.ndarray:
 
 
 def object_parts(linear: Linearisation) -> tuple[np.ndarray, ...]:
-    from graspfx.analysis.stability.fullloop import object_matrices
+    from graspfx.analysis.stability.loop import object_matrices
 
     return object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
 
@@ -259,5 +259,3 @@ def test_a_map_takes_one_part_of_a_sample() -> None:
     assert limits == pytest.approx([gx.stability.wall_limit(m, B, T, latency=4e-4) for m in (0.1, 0.2)], rel=1e-13)
     with pytest.raises(InputError, match="latency: given"):
         gx.stability.wall_limit_map(0.1, B, [1e-3, 2e-3], latency=1.5e-3)
-    with pytest.raises(InputError, match="engine"):
-        gx.stability.wall_limit_map(0.1, B, T, latency=1e-4, engine="compiled")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.stability.fullloop import loop_matrix, open_loop
+from graspfx.analysis.stability.loop import loop_matrix, open_loop
 from graspfx.errors import InputError, UnknownNameError
 
 T = 0.001

@@ -7,7 +7,7 @@ import math
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.stability.design import integrators_compared, largest_gains, least_friction, least_wall_friction
+from graspfx.analysis.stability.one_gain import integrators_compared, largest_gains, least_friction, least_wall_friction
 
 T, SPRING = 0.005, 33.0
 SYSTEM = (0.05, 0.19906, T, 0.1, 0.8)

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from graspfx.analysis.discrete import INTEGRATORS, device, force_response, object_step
-from graspfx.analysis.stability.fullloop import object_matrices
+from graspfx.analysis.stability.loop import object_matrices
 from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
 from graspfx.objects.body import fill_body

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.analysis.grasp_stiffness import preloaded, pushing
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.preload import preloaded
-from graspfx.analysis.pushing import pushing
 from graspfx.analysis.stability import INTEGRATORS, loop_matrix, spectral_radius
-from graspfx.analysis.stability.modal import modes
+from graspfx.analysis.stability.modes import modes
 from graspfx.errors import InputError
 from tests.support.sampled_loops import held_device
 

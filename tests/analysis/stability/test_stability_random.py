@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import graspfx as gx
 from graspfx.analysis.stability import spectral_radius
-from graspfx.analysis.stability.fullloop import loop_matrix
-from graspfx.analysis.stability.held_devices import held_devices
+from graspfx.analysis.stability.loop import held_devices, loop_matrix
 from tests.support.random_scenes import Case, boundary, random_case, scaled
 
 LEAST, MOST, COSTLY = 15, 4000, 1500  # ticks of a run; of one in space under the implicit integrator

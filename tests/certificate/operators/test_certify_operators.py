@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.certify_operators import share_of
 from graspfx.certificate.judgement import Judge
-from graspfx.certificate.operators.operator_range import OperatorRange, usual_law
-from graspfx.certificate.operators.operator_set import operator_set, radical_inverse
-from graspfx.certificate.operators.share import share_of
+from graspfx.certificate.operator_set import OperatorRange, operator_set, radical_inverse, usual_law
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.show import operator_figures
 

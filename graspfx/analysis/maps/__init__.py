@@ -1,1 +1,0 @@
-"""Limits over arrays of parameters."""

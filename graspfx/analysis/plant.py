@@ -1,0 +1,204 @@
+"""A sampled device on a wall, or with the object that it moves: one `Plant`, whose gain has exact limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of, samples
+from graspfx.analysis.critical import Limits, edges, first_loss, limits_of
+from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, plus, power, thing, times
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+LATEST = 20  # samples of delay: beyond, coefficients lose the digits of the roots (4e-9 of |z| at 20, 1e-4 at 25)
+BLOCK = 8192  # points of a map whose intermediate arrays stay in the processor's cache
+UNITS = {
+    "mass": "kg", "damping": "N s/m", "period": "s", "spring": "N/m", "spring_damping": "N s/m",
+    "coupling_damping": "N s/m", "object_mass": "kg", "object_damping": "N s/m", "fingers": "fingers", "gain": "N/m",
+}  # fmt: skip
+OF_OBJECT = ("object_mass", "object_damping", "fingers")
+ABOVE_ZERO = ("mass", "period", "object_mass", "fingers")
+
+
+class WallOptions(TypedDict, total=False):
+    """Options of limits of walls, by name: those of `stability.wall_limit`."""
+
+    spring: ArrayLike
+    wall_damping: ArrayLike
+    delay: int
+    spring_damping: ArrayLike
+    latency: float
+
+
+class ObjectOptions(TypedDict, total=False):
+    """Options of limits of devices that move an object, by name: those of `stability.external_limit`."""
+
+    fingers: ArrayLike
+    spring: ArrayLike
+    integrator: str
+    delay: int
+    object_delay: int
+    coupling_damping: ArrayLike
+    spring_damping: ArrayLike
+    latency: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A device m behind a hand k_s, b_s, sampled every T; numbers, or arrays that broadcast against one another.
+
+        m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
+        f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')                             x_v = 0 for a wall
+
+    Attributes:
+        mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
+        coupling_damping: B of the wall, or of the coupling to the object [N s/m].
+        delay: of the displayed force [samples].
+        latency: of the displayed force besides, and of the reading [s].
+        object_mass, object_damping: m_v [kg], b_v [N s/m] of the object that n fingers move; None for a wall.
+        fingers: n.
+        integrator: of the object.
+        object_delay: of the force on the object [samples].
+        gain: k [N/m], where one is asked about.
+    """
+
+    mass: Any
+    damping: Any
+    period: Any
+    spring: Any = 0.0
+    spring_damping: Any = 0.0
+    coupling_damping: Any = 0.0
+    delay: int = 0
+    latency: float = 0.0
+    object_mass: Any = None
+    object_damping: Any = 0.0
+    fingers: Any = 1
+    integrator: str = "exact"
+    object_delay: int = 0
+    gain: Any = 0.0
+
+    @property
+    def _names(self) -> list[str]:
+        return [name for name in UNITS if self.object_mass is not None or name not in OF_OBJECT]
+
+    def checked(self, *, single: bool = False) -> Plant:
+        """Check every parameter, and make arrays of numbers; numbers again if `single`.
+
+        Raises:
+            InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+        """
+        check: Any = number if single else numbers
+        values: dict[str, Any] = {}
+        for name in self._names:
+            called = "wall_damping" if name == "coupling_damping" and self.object_mass is None else name
+            signed, above = name == "coupling_damping", name in ABOVE_ZERO
+            values[name] = check(called, getattr(self, name), UNITS[name], zero=not above, negative=signed)
+        if single:
+            values["fingers"] = count("fingers", self.fingers, 1)
+        elif (np.asarray(values.get("fingers", 1.0)) < 1.0).any():
+            raise InputError("fingers", self.fingers, "1 or more everywhere")
+        return replace(
+            self,
+            **values,
+            delay=samples("delay", self.delay),
+            latency=number("latency", self.latency, "s"),
+            integrator=one_of("integrator", self.integrator, INTEGRATORS),
+            object_delay=lag_of_object(self.object_delay, self.integrator),
+        )
+
+    @property
+    def unit(self) -> Any:
+        """The stiffness m/T^2 [N/m]."""
+        return self.mass / self.period**2
+
+    def polynomials(self) -> tuple[FloatArray, FloatArray]:
+        """Give D and N of the loop's characteristic polynomial D + k N, ascending powers of s = z - 1.
+
+        On a wall z^L [den + z^-delay (k + B (1 - 1/z)/T) num], the device num/den under zero-order hold, `latency` s
+        later still. The object's velocity is its state; "implicit" takes its position and velocity at the end of the
+        sample. A motion of both together that no force opposes (no spring) is a root z = 1 of D and N: it is put at
+        z = 0, out of the way.
+        """
+        friction = self.damping + self.spring_damping
+        late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)
+        delay, lag = self.delay + late, self.object_delay
+        for name, samples_ in (("delay", delay), ("object_delay", lag)):
+            if samples_ > LATEST:
+                do = "`spectral_radius` of a Linearisation takes any"
+                raise InputError(name, samples_, f"at most {LATEST} samples", do)
+        B, per_period = (np.asarray(each, dtype=float)[None] for each in (self.coupling_damping, 1.0 / self.period))
+        more = int(B.any())
+        if self.object_mass is None:
+            D, N = times(denominator, power(delay + more)), times(numerator, power(more))
+            if more:
+                D = plus(D, times(numerator, S, per_period, B))
+            return D, plus(N, np.zeros_like(D))
+        share = self.object_mass / self.fingers, self.object_damping / self.fingers
+        position, velocity, body = thing(*share, self.integrator, self.period)
+        L = max(delay + more, lag)
+        D = times(denominator, body, power(L))
+        N = plus(times(numerator, body, power(L - delay)), times(position, denominator, power(L - lag)))
+        if more:
+            swing = times(numerator, S, body, power(L - delay - 1), per_period)
+            D = plus(D, times(plus(swing, times(velocity, denominator, power(L - lag))), B))
+        return _without_drift(D, plus(N, np.zeros_like(D)))
+
+    def limits(self) -> Limits:
+        """Find all stable gains of a plant of numbers."""
+        return limits_of(*self.polynomials(), self.unit, self.period)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The common shape of its arrays.
+
+        Raises:
+            InputError: arrays that do not broadcast.
+        """
+        shapes = [np.shape(getattr(self, name)) for name in self._names]
+        try:
+            return np.broadcast_shapes(*shapes)
+        except ValueError as error:
+            text = ", ".join(str(shape) for shape in shapes if shape)
+            raise InputError("parameters", f"shapes {text}", "arrays that broadcast against one another") from error
+
+    def blocks(self) -> Iterator[tuple[int, Plant]]:
+        """Divide the common shape into consecutive points: the first index of each block, and its plant.
+
+        Numbers stay numbers, and only one block is spread out at a time.
+        """
+        shape = self.shape or (1,)
+        total = int(np.prod(shape, dtype=np.int64))
+        arrays = {name: np.asarray(getattr(self, name), dtype=float) for name in self._names}
+        views = {name: np.broadcast_to(a, shape) if a.size != 1 else a.reshape(()) for name, a in arrays.items()}
+        for start in range(0, total, BLOCK):
+            index = np.unravel_index(np.arange(start, min(start + BLOCK, total)), shape)
+            points: dict[str, Any] = {name: a[index] if a.ndim else a for name, a in views.items()}
+            yield start, replace(self, **points)
+
+    def limit_blocks(self) -> Iterator[tuple[int, FloatArray]]:
+        """Find the first loss of every point, a block at a time, as (first index, values)."""
+        for start, block in self.blocks():
+            yield start, np.asarray(first_loss(*edges(*block.polynomials(), block.unit))[0].ravel())
+
+    def limit_map(self) -> FloatArray:
+        """Find the first loss of every point, in the common shape."""
+        limit = np.empty(self.shape)
+        flat = limit.reshape(-1)
+        for start, values in self.limit_blocks():
+            flat[start : start + len(values)] = values
+        return limit
+
+
+def _without_drift(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Move every common root at z = 1 to z = 0; they are exact zeros here, s being a factor of both."""
+    while True:
+        common = (D[0] == 0.0) & (N[0] == 0.0)
+        if not common.any():
+            return D, N
+        D, N = (np.where(common, times(A[1:], ONE_PLUS), A) for A in (D, N))

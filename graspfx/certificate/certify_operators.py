@@ -1,0 +1,439 @@
+"""The certificate of a scene over a set of operators: in whose hands is it stable, and with which gains?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.analysis.arguments import count
+from graspfx.card import Card, Carded
+from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
+from graspfx.certificate.certify import certificates
+from graspfx.certificate.first_loss import Family, WholeLoop
+from graspfx.certificate.judgement import Change, Judge, Judgement, altered
+from graspfx.certificate.linearise import Linearised
+from graspfx.certificate.operator_set import (
+    OperatorRange,
+    OperatorSet,
+    Ranges,
+    are_passive,
+    operator_set,
+    worst_operator,
+)
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.progress import waiting
+from graspfx.scene.load import to_scene
+from graspfx.scene.model import Scene
+
+if TYPE_CHECKING:
+    from graspfx.analysis.passivity.grasp_leak import CouplingLimits
+
+FloatArray = NDArray[np.float64]
+
+SAMPLES = 200
+QUANTILES = (0.0, 0.05, 0.5, 0.95)
+CONFIDENCE = 0.95
+HANDS = 60  # of a population that are looked at with other gains
+MOST_POINTS = 200  # of a region along each key
+LEAST = 0.02  # of the span of gains: where the grid begins
+
+
+@dataclass(frozen=True)
+class Share:
+    """The share of a population that has a property, by a random sample.
+
+    Attributes:
+        count: of those that have it.
+        total: of the sample.
+        low, high: the interval of Clopper and Pearson (1934), which holds the share with 95 % confidence or more.
+    """
+
+    count: int
+    total: int
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        """The share in the sample."""
+        return self.count / self.total
+
+    @property
+    def text(self) -> str:
+        """The share and its interval in per cent."""
+        return f"{100 * self.value:.3g} % (95 % confidence: {100 * self.low:.3g} to {100 * self.high:.3g} %)"
+
+
+def share_of(count: int, total: int) -> Share:
+    """Give the share and its interval: ends at which the sample's count has a tail of 2.5 % of the binomial law."""
+    from scipy.special import betaincinv
+
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = 0.0 if count == 0 else float(betaincinv(count, total - count + 1, tail))
+    high = 1.0 if count == total else float(betaincinv(count + 1, total - count, 1.0 - tail))
+    return Share(count, total, low, high)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OperatorCertificate(Carded):
+    """The certificate of a scene over a set of operators.
+
+    Attributes:
+        scene: its name.
+        operators: the set.
+        own: the judgement with the scene's own operator.
+        worst: the judgement of the worst operator that was met, in full; `pushing` as well.
+        population: judgements of operators drawn at random by the laws of the ranges, in their order.
+        share: of the population that is stable, with its interval.
+        box: every judgement of the search for the worst, by its point in the unit box.
+        passive: largest gains that are passive to any operator, or None.
+        is_passive: whether stability is guaranteed by passivity for the whole set: the scene's gains are no larger than
+            `passive`, ranges are of springs, dampers and masses of hands alone, and no hand reacts late or stiffens.
+        seed: that the population was drawn with.
+    """
+
+    scene: str
+    operators: OperatorSet
+    own: Judgement
+    worst: Judgement
+    population: tuple[Judgement, ...]
+    share: Share
+    box: tuple[tuple[tuple[float, ...], Judgement], ...]
+    passive: CouplingLimits | None
+    is_passive: bool
+    seed: int
+    _made_of: Scene
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is stable in the hands of every operator that was judged."""
+        return self.worst.stable and self.share.count == self.share.total
+
+    @property
+    def judged(self) -> int:
+        """Number of operators that were judged."""
+        return len(self.population) + len(self.box)
+
+    @property
+    def sentence(self) -> str:
+        """The answer to "stable in whose hands?" in a sentence."""
+        row = self.worst.worst
+        has = f"has {'no gain' if row is None else row.text}"
+        if self.worst.at == "apart":
+            has = "brings no finger to an object"
+        worst = f"the worst operator ({numbers(self.worst.values)}) {has}"
+        if self.stable:
+            sure = "by passivity" if self.is_passive else f"at least {100 * self.share.low:.3g} % of the population"
+            return f"stable in every hand of {self.judged} judged, {sure}; {worst}"
+        if self.share.count == 0:
+            return f"NOT stable in any hand of the {self.share.total} drawn; {worst}"
+        drawn = "every hand drawn" if self.share.count == self.share.total else f"{self.share.text} of the hands"
+        return f"stable in {drawn}, NOT in all; {worst}"
+
+    def margins(self, mode: str | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Give the margin of each operator of the population; of one mode, inf where it has no limit."""
+        each = self.population
+        return np.array([one.margin if mode is None else one.margin_of(mode) for one in each])
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """The modes that have limits."""
+        return tuple(dict.fromkeys(row.limit.mode for one in self.population for row in one.limits))
+
+    def region(self, keys: tuple[str, ...] | None = None, points: int = 24) -> OperatorRegion:
+        """Judge a grid over two of the ranges, the scene's own values for the rest: the stable region, to be drawn.
+
+        Args:
+            keys: one or two of the operators' keys; the first two if None.
+            points: along each.
+        """
+        return operator_region(self._made_of, self.operators, keys, points)
+
+    def gains(self, points: int = 40, span: float = 4.0) -> GainRegion:
+        """Tell for gains k_ep and k_ip up to `span` times the scene's which share of the population is stable."""
+        return gain_region(self._made_of, [one.values for one in self.population], points, span)
+
+    def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
+        """Draw the margins' distribution and the region over the first two ranges; write it where a path is given."""
+        return plugins.upward("OperatorCertificate.plot")(self, path, width)
+
+    def lines(self) -> Iterator[str]:
+        """Write the sentence, each mode's margins, and what is guaranteed and what is sampled."""
+        yield f"in whose hands? {self.sentence}"
+        yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
+        own = self.own.worst
+        stable = STABLE if self.own.stable else NOT_GRASPING if self.own.at == "apart" else NOT_STABLE
+        yield f"  the scene's own: {stable}, {'no gain' if own is None else own.text}"
+        yield f"  stable: {self.share.count} of {self.share.total} drawn, {self.share.text}"
+        for mode in self.modes:
+            margins = self.margins(mode)
+            figures = ", ".join(
+                f"{x:.3g}" if x < math.inf else "none" for x in np.quantile(margins, QUANTILES, method="lower")
+            )
+            yield f"  {mode}: margin at its least, in 5 %, 50 % and 95 % of the hands {figures}"
+        weakest = min(self.worst.pushing, key=lambda row: row.limit.margin, default=None)
+        if weakest is not None:
+            yield f"  in the worst hands, {weakest.text}"
+        loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
+        if loose:
+            yield f"  {loose} of {self.share.total} rest without touching: judged at the start"
+        if restless:
+            yield f"  {restless} of {self.share.total} come to no rest: they count as not stable"
+        if apart:
+            yield f"  {apart} of {self.share.total} bring no finger to an object: they count as not stable"
+        yield f"  {self.guarantee}"
+
+    @property
+    def guarantee(self) -> str:
+        """A sentence that says what is guaranteed and what is sampled."""
+        if self.is_passive:
+            return "guaranteed: the gains are passive to any hand of springs, dampers and masses, whatever the ranges"
+        return (
+            f"sampled: each of {self.judged} operators is judged in full (corners, points that fill the box, a descent "
+            "to the worst, a random population); no bound between them. No gain is guaranteed for every operator"
+            + (": passivity is not judged" if self.passive is None else " above the passive ones")
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write plain data for JSON."""
+        return {
+            "scene": self.scene,
+            "sentence": self.sentence,
+            "stable": self.stable,
+            "operators": [plain(each) for each in self.operators.ranges],
+            "own": judgement_data(self.own),
+            "worst": judgement_data(self.worst),
+            "share": plain(self.share) | {"value": self.share.value},
+            "seed": self.seed,
+            "judged": self.judged,
+            "is_passive": self.is_passive,
+            "margins": {mode: plain(self.margins(mode)) for mode in self.modes},
+            "population": [judgement_data(one) for one in self.population],
+        }
+
+    def _card(self) -> Card:
+        first, *rest = self.lines()
+        calls = ".worst, .population, .share, .margins(mode), .region(), .gains(), .plot(path), .to_dict()"
+        return Card(f"{self.scene}: {first}", [("", "\n".join(line.strip() for line in rest))], calls)
+
+
+def certify_operators(
+    scene: Scene | str | PathLike[str],
+    operators: Ranges | None = None,
+    *,
+    samples: int = SAMPLES,
+    seed: int = 0,
+) -> OperatorCertificate:
+    """Certify a scene over a set of operators: the worst of them, and the share of a population that is stable.
+
+    Every operator is a scene with other values, at a rest of its own, judged as `certify` does. The worst is sought
+    over the whole box of the ranges, not at its corners alone, since margins are not monotone in a hand's stiffness.
+
+    Args:
+        scene: from `load`, or made in Python; or its name, or a path.
+        operators: ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with a law as third item; texts
+            "KEY=FROM:TO:LAW"; the scene's table [operators], else the usual ranges of its hands, if None.
+        samples: of the random population.
+        seed: of it; the same seed gives the same answer.
+
+    Returns:
+        An `OperatorCertificate`, whose `.sentence` says in whose hands the scene is stable.
+
+    Raises:
+        InputError: ranges that are none, a device that does not tell its mass or friction, samples below 1, a
+            seed that is no whole number from zero.
+        SceneError: a key or a value that the scene does not take.
+    """
+    scene_ = to_scene(scene)
+    count("samples", samples, 1)
+    seed = count("seed", seed)
+    set_ = operator_set(scene_, operators)
+    judge = Judge(scene_)
+    population = []
+    with judge.session():
+        own = judge.judge({})
+        passive = [each.passive for each in certificates(scene_)]
+        with waiting("judging operators", samples, "operators") as wait:
+            for values in set_.population(samples, seed):
+                population.append(judge.judge(values))
+                wait.done += 1
+        search = worst_operator(set_, judge.judge, lambda one: one.margin)
+        least = min(population, key=lambda one: one.margin)
+        worst = least if least.margin < search.worst.margin else search.worst
+        worst = judge.judge(worst.values, pushing=True)
+    share = share_of(sum(one.stable for one in population), samples)
+    leak = passive[0] if len(passive) == 1 else None
+    is_passive = worst.stable and share.count == samples and are_passive(scene_, set_) and _within(scene_, leak)
+    name = (
+        scene_.title or scene_.source.name if scene_.source.path is None else scene_.source.path.stem.replace("_", "-")
+    )
+    return OperatorCertificate(
+        name, set_, own, worst, tuple(population), share, search.every, leak, is_passive, seed, scene_
+    )
+
+
+def _within(scene: Scene, passive: CouplingLimits | None) -> bool:
+    """Tell whether the gains are passive to any operator."""
+    if passive is None:
+        return False
+    gains = scene.coupling.external.stiffness, scene.coupling.internal.stiffness
+    limits = passive.external, passive.internal
+    return all(isinstance(g, int | float) and g <= limit for g, limit in zip(gains, limits, strict=True))
+
+
+def numbers(values: Mapping[str, float]) -> str:
+    """Write values by key."""
+    return ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
+
+
+def judgement_data(one: Judgement) -> dict[str, Any]:
+    """Write a judgement for JSON."""
+    row = one.worst
+    return {
+        "values": plain(dict(one.values)),
+        "stable": one.stable,
+        "spectral_radius": plain(one.spectral_radius),
+        "margin": plain(one.margin),
+        "worst": None if row is None else {"object": row.object, **plain(row.limit)},
+        "at": one.at,
+    }
+
+
+# Regions -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorRegion:
+    """Margins over one or two keys of a set of operators, the others as in the scene.
+
+    Attributes:
+        ranges: one or two, evenly divided as their laws spread them.
+        values: of each range, (n,).
+        margin: the least of all modes at each point, (n,) or (n1, n2); less than 1 where the loop is not stable.
+        stable: whether it is, in the same shape.
+    """
+
+    ranges: tuple[OperatorRange, ...]
+    values: tuple[FloatArray, ...]
+    margin: FloatArray
+    stable: NDArray[np.bool_]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write plain data for JSON."""
+        return {
+            "keys": [each.key for each in self.ranges],
+            "values": [each.tolist() for each in self.values],
+            "margin": plain(self.margin),
+            "stable": self.stable.tolist(),
+        }
+
+
+def operator_region(
+    scene: Scene, operators: OperatorSet, keys: tuple[str, ...] | None = None, points: int = 24
+) -> OperatorRegion:
+    """Judge a grid over one or two of the ranges; of a set with one range, or one key, a line.
+
+    Raises:
+        InputError: another number of keys, or of points.
+        UnknownNameError: a key that is not in the set.
+    """
+    if not 2 <= points <= MOST_POINTS:
+        raise InputError("points", points, f"from 2 to {MOST_POINTS}")
+    by_key = {each.key: each for each in operators.ranges}
+    selection = operators.keys[:2] if keys is None else tuple(keys)
+    if not 1 <= len(set(selection)) == len(selection) <= 2:
+        raise InputError("keys", keys, "one or two different keys of the set")
+    for key in selection:
+        if key not in by_key:
+            raise UnknownNameError("key of the operators", key, by_key)
+    ranges = tuple(by_key[key] for key in selection)
+    values = tuple(each.between(np.linspace(0.0, 1.0, points)) for each in ranges)
+    shape = (points,) * len(ranges)
+    margin, stable = np.zeros(shape), np.zeros(shape, dtype=bool)
+    judge = Judge(scene)
+    with judge.session(), waiting(f"judging hands over {' and '.join(selection)}", margin.size, "hands") as wait:
+        for place in np.ndindex(*shape):
+            one = judge.judge({key: float(x[i]) for key, x, i in zip(selection, values, place, strict=True)})
+            margin[place], stable[place] = one.margin, one.stable
+            wait.done += 1
+    return OperatorRegion(ranges, values, margin, stable)
+
+
+@dataclass(frozen=True, eq=False)
+class GainRegion:
+    """The share of a population that is stable with each pair of gains.
+
+    Attributes:
+        external: k_ep, (n,) [N/m].
+        internal: k_ip, (n,) [N/m].
+        share: of the hands with which the loop is stable, (external, internal), from 0 to 1.
+        hands: how many were looked at.
+        present: k_ep and k_ip of the scene [N/m].
+    """
+
+    external: FloatArray
+    internal: FloatArray
+    share: FloatArray
+    hands: int
+    present: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write plain data for JSON."""
+        return {
+            "external_N_per_m": self.external.tolist(),
+            "internal_N_per_m": self.internal.tolist(),
+            "share": self.share.tolist(),
+            "hands": self.hands,
+            "present_N_per_m": list(self.present),
+        }
+
+
+def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int = 40, span: float = 4.0) -> GainRegion:
+    """Tell for a grid of gains in how many of the hands the whole loop is stable.
+
+    Each hand is brought to rest once, with the scene's gains; with others its contacts stay, and its squeeze becomes
+    that of hand and k_ip in series (`judgement.altered`): a linearisation for each hand, not for each pair.
+
+    Args:
+        scene: with its gains, which the span is of.
+        hands: values by key; of more than 60 the first 60.
+        points: along each gain.
+        span: times the scene's gain, where the grid ends.
+
+    Raises:
+        InputError: gains that are no numbers above zero, points or a span out of range.
+    """
+    present = tuple(part.stiffness for part in (scene.coupling.external, scene.coupling.internal))
+    if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
+        raise InputError("coupling", present, "gains that are numbers above zero, for a map of them")
+    if not 2 <= points <= MOST_POINTS or not span > LEAST:
+        raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
+    factors = np.linspace(LEAST, 1.0, points) * span
+    count = np.zeros((points, points))
+    judge = Judge(scene)
+    looked_at = list(hands)[:HANDS]
+    with judge.session(), waiting("looking at gains", len(looked_at), "hands") as wait:
+        for hand in looked_at:
+            altered_scene, loops = judge.loops(hand)
+            count += np.all([_stable(altered_scene, loop, factors) for loop in loops], axis=0)
+            wait.done += 1
+    kep, kip = (float(np.asarray(gain)) for gain in present)
+    return GainRegion(factors * kep, factors * kip, count / max(len(looked_at), 1), len(looked_at), (kep, kip))
+
+
+def _stable(scene: Scene, loop: Linearised, factors: FloatArray) -> NDArray[np.bool_]:
+    """Tell which pairs of factors (external, internal) are stable."""
+    result = np.zeros((len(factors), len(factors)), dtype=bool)
+    for j, internal in enumerate(factors.tolist()):
+        whole = WholeLoop(altered(scene, loop, Change(internal=internal)), loop.gains)
+        family = Family(whole, lambda s, c=internal: loop.stiffness(s, s, c))  # type: ignore[misc]
+        radii = np.abs(family.roots(factors)).max(axis=1, initial=0.0)
+        result[:, j] = [is_stable(radius) for radius in radii.tolist()]
+    return result

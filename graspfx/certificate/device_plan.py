@@ -1,0 +1,133 @@
+"""Rows of a plan about devices: the safety chain before them, the loop that runs them, late forces, moments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.build import build
+from graspfx.build.late_simulations import late_wires
+from graspfx.build.process.quenching import quenchers
+from graspfx.build.resolve import Parts
+from graspfx.build.safety_limits import chain_table
+from graspfx.errors import InputError
+from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.realtime.lifecycle import loop_text, why_python
+from graspfx.loop.safety.chain import SafetyLimits
+from graspfx.loop.safety.trust import DECAY
+from graspfx.scene.model import Scene
+from graspfx.system.child_process import is_possible
+
+Row = tuple[str, bool, str]
+FloatArray = NDArray[np.float64]
+
+BACK = "; makes energy where it bites, which passivity = 'control' takes back"
+
+
+def safety_rows(parts: Parts) -> Iterator[Row]:
+    """List the steps of the chain in their order."""
+    limits, table = parts.safety, chain_table(parts.scene, parts.wires)
+    if limits is None or table is None:
+        yield "safety", False, "no [safety]: devices are told what the law and their own limits leave"
+        return
+    usual = "by the usual values, as hardware is never without; " if parts.scene.safety is None else ""
+    why = "what is not finite gives no force and a fault; the object receives what comes out of this"
+    yield "safety", True, f"{usual}{why}"
+    yield _soft_start(limits)
+    fused = parts.simulated
+    decay = f"forces decay in {1e3 * DECAY:g} ms, then a fault"
+    why = f"after {limits.hold} samples in a row without a new one {decay}"
+    yield "stale readings", True, f"{why}{'; simulated ones are always new' if fused else ''}"
+    yield "tank", True, "a soft start under load, and stiffer gains of a session, as far as its energy goes"
+    yield _each("rate", limits.rate, "N/s of growth, towards zero unlimited", BACK, "any growth: no safety.rate")
+    yield _workspace(limits)
+    yield _each("over speed", limits.speed, f"m/s, beyond which {decay}", "", "any speed: no safety.speed")
+    yield _each("clamp", limits.force, "N, last: what limits, brake and all before have left is no longer", "", "")
+    if fused:
+        yield "watchdog", False, "simulated time is never late"
+    else:
+        late = 5.0 * parts.scene.period if table.watchdog is None else table.watchdog
+        yield "watchdog", True, f"of a loop in real time: {1e3 * late:g} ms late, then forces decay"
+
+
+def _soft_start(limits: SafetyLimits) -> Row:
+    if limits.soft_start == 0.0:
+        return "soft start", False, "soft_start = 0: stiffness and damping are whole from the first tick on"
+    why = "so that the first force is zero, on both sides"
+    return "soft start", True, f"stiffness and damping grow over {limits.soft_start:g} s, {why}"
+
+
+def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
+    """Write a limit that fingers have, each its own, or why there is none."""
+    if not np.isfinite(values).any():
+        return step, False, none
+    low, high = float(values.min()), float(values.max())
+    text = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+    return step, True, f"{text} {unit}{more}"
+
+
+def _workspace(limits: SafetyLimits) -> Row:
+    count = int((np.isfinite(limits.lower) | np.isfinite(limits.upper)).any(axis=1).sum())
+    if not count:
+        return "workspace", False, "no box: no device tells its own, and safety.workspace has none"
+    return "workspace", True, f"{count} of {len(limits.force)} fingers: no force pushes one out of its box"
+
+
+def loop_rows(parts: Parts) -> Iterator[Row]:
+    """List what runs between ticks, where the servo runs, and what becomes of each force if its process dies."""
+    if not parts.hardware:
+        return
+    yield "loop", True, _loop(parts)
+    if is_possible():
+        yield "process", True, "the servo has a process of its own with --real-time; who records stands guard over it"
+    else:
+        yield "process", False, "this system has none with shared memory: the servo runs where the recording is written"
+    try:
+        devices = quenchers(parts)
+    except InputError as error:
+        yield "guard", False, f"refused with --real-time: {error}"
+        return
+    for each in devices:
+        own = "" if each.watchdog is None else f"its watchdog drops the force within {each.watchdog:g} s"
+        ours = "" if each.quench is None else "its driver's quench takes the force away"
+        yield "guard", True, f"{each.name}: if the process dies {' and '.join(text for text in (ours, own) if text)}"
+
+
+def _loop(parts: Parts) -> str:
+    """Say which loop it is, and why."""
+    scene = parts.scene
+    stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
+    why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)
+    if not why:
+        with build(scene, real_time=True) as servo:
+            why = servo.why_python
+    return loop_text(why, stations)
+
+
+def lateness_rows(parts: Parts) -> Iterator[Row]:
+    """List the devices whose forces come late by a time that is no count of samples."""
+    for wire, late in late_wires(parts):
+        names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
+        share = late / parts.scene.period
+        text = f"{names}: {1e3 * late:.3g} ms from a motion to the force, {share:.3g} samples, in the certificate"
+        if isinstance(wire.device, SimulatedDevice):
+            yield "lateness", False, f"{text}; a run refuses it, as simulated forces begin with a sample"
+        else:
+            yield "lateness", True, f"{text}; half a hold comes to it by itself"
+
+
+def moment_rows(scene: Scene) -> Iterator[Row]:
+    """Say what of soft fingers' torsion their operators do not feel: devices are told forces alone."""
+    soft = [finger for finger in scene.finger if finger.model == "soft"]
+    if not soft:
+        return
+    coefficients = [mu for mu, finger in zip(scene.coefficients, scene.finger, strict=True) if finger.model == "soft"]
+    levers = [1e3 * mu * (finger.patch or 0.0) for mu, finger in zip(coefficients, soft, strict=True)]
+    low, high = float(np.min(levers)), float(np.max(levers))
+    size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    bound = f", up to mu rho = {size} N mm for each newton that presses" if high > 0.0 else ", without a bound"
+    text = f"torsion of {len(soft)} soft fingers{bound}: the object feels it, the operators do not"
+    yield "displayed moments", False, f"{text}; finger_moment records it"

@@ -1,0 +1,267 @@
+"""Matrices of a grasp at rest: gains of eq. (4) times factors, compliant fingertips, operators who are not springs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.grasp_stiffness import condensed, in_series, springs_in_series
+from graspfx.analysis.linearisation import OperatorMatrices
+from graspfx.build.resolve import Parts
+from graspfx.build.still_hands import StillHand
+from graspfx.certificate.grip import Grip
+from graspfx.coupling.block import FRAME
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.grasp.split import Split
+from graspfx.loop.operator import Operator
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledGains:
+    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
+
+    law: Coupling
+    split: Split
+    fingers: int
+    normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
+    pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
+    compliance: FloatArray | float = 0.0  # of dampers in series (m,) [m/(N s)]
+
+    def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
+        K_t, K_r, K_i = self.parts
+        return self.soften(self.release_tangents(shifts * K_t + turns * K_r + internal * K_i))
+
+    @property
+    def is_sum(self) -> bool:
+        """Whether K is the sum of its parts, each times its factor: no tangents slip, no pads are in series."""
+        return self.normals is None and self.pads is None
+
+    @cached_property
+    def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """K of shifts, of turns and internal, (m, m) each."""
+        n, m = self.fingers, self.split.components
+        d = m // n
+        zero = Impedance(0.0)
+        form = self.law.form
+        outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
+        inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
+        K_e = outer.stiffness(self.split)
+        # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+        one = np.tile(np.eye(d), (n, 1))
+        weighed = (self.split.metric * one.T).T
+        Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
+        K_t = (K_e @ Q + (K_e @ Q).T) / 2
+        return K_t, K_e - K_t, inner.stiffness(self.split)
+
+    def damping(self, external: float, internal: float) -> FloatArray:
+        """Give D of the law, (m, m) [N s/m], with each of its dampings times a factor."""
+        law = self.law
+        if (external, internal) != (1.0, 1.0):
+            outer, inner = (
+                Impedance(0.0, np.multiply(part.damping, factor))
+                for part, factor in ((law.external, external), (law.internal, internal))
+            )
+            law = Coupling(outer, inner, form=law.form)
+        return self.release_tangents(in_series(law.damping(self.split), self.compliance))
+
+    def alone(self, k: float) -> FloatArray:
+        """Give K for every finger by itself with stiffness k, in the metric."""
+        law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
+        return self.soften(self.release_tangents(law.stiffness(self.split)))
+
+    def soften(self, K: FloatArray) -> FloatArray:
+        """Put the pads in series with K."""
+        return K if self.pads is None else springs_in_series(K, *self.pads)
+
+    def release_tangents(self, K: FloatArray) -> FloatArray:
+        """Release the tangents of contacts that slip from K."""
+        if self.normals is None:
+            return K
+        m, p = self.normals.shape
+        basis = np.linalg.qr(self.normals, mode="complete")[0]
+        turned = basis.T @ K @ basis
+        normals = np.arange(m) < p
+        normal = basis[:, :p]
+        return np.asarray(normal @ condensed(turned, normals) @ normal.T)
+
+
+def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
+    """Give the directions (m, p) of contact forces where some have no friction; None where all carry all."""
+    d, rules = grip.d, scene.coupling
+    smooth = [not scene.coefficients[i] for i in fingers]
+    if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
+        return None
+    blocks = [
+        normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
+    ]
+    return block_diagonal(blocks)
+
+
+def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, FRAME : FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
+
+
+def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    """Put matrices along a diagonal."""
+    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole
+
+
+def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
+    """Give the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
+    stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
+    padded = np.flatnonzero(np.isfinite(stiffness))
+    if not len(padded):
+        return None
+    normals = np.zeros((n, d, len(padded)))
+    normals[padded, :, np.arange(len(padded))] = g.inward()[padded]
+    return normals.reshape(n * d, -1), stiffness[padded] if at_rest else np.zeros(len(padded))
+
+
+def joined_pads(gains: Sequence[ScaledGains], V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Join the pads of several grasps, along the axes V; None without any."""
+    if all(each.pads is None for each in gains):
+        return None
+    pads = [each.pads or (np.zeros((each.split.components, 0)), np.zeros(0)) for each in gains]
+    return V.T @ block_diagonal([normals for normals, _ in pads]), np.concatenate([springs for _, springs in pads])
+
+
+# Operators -----------------------------------------------------------------------------------------------------------
+
+
+def operated(
+    parts: Parts, hands: Sequence[StillHand], force: FloatArray
+) -> tuple[OperatorMatrices | None, FloatArray, FloatArray]:
+    """Linearise the operators of all fingers of a scene about the forces at rest.
+
+    Args:
+        parts: of the scene.
+        hands: still ones.
+        force: f on the objects, (n, d) in world axes [N]; zero where nothing presses.
+
+    Returns:
+        The matrices in world axes, finger by finger, None where all hands are springs and dampers; and what the grip
+        adds to their stiffness and damping (n d,) [N/m, N s/m].
+    """
+    n, d = force.shape
+    m, T = n * d, parts.scene.period
+    stiffer, damper = np.zeros((n, d)), np.zeros((n, d))
+    if all(_operator(each) is None for each in hands):
+        return None, stiffer.ravel(), damper.ravel()
+    has_limb = np.zeros((n, d), dtype=bool)
+    M, K, B = np.ones((n, d)), np.zeros((n, d)), np.zeros((n, d))
+    P, Q, C, share = np.zeros((n, d)), np.zeros((n, d)), np.zeros((n, d)), np.zeros((n, d))
+    delay = np.zeros((n, d), dtype=np.int64)
+    A = np.zeros((n, d, n, d))
+    for still in hands:
+        operator = _operator(still)
+        if operator is None:
+            continue
+        own = force[still.fingers]
+        stretch = operator.stretch_at_rest(still.hand.stiffness, own)
+        for k, i in enumerate(still.fingers):
+            finger = operator.finger(k)
+            grip = float(np.linalg.norm(own[k]))
+            if finger.limb_mass:
+                has_limb[i], M[i] = True, finger.limb_mass
+                K[i] = [finger.limb_stiffness[a] for a in range(d)]
+                B[i] = [finger.limb_damping[a] for a in range(d)]
+            stiffer[i], damper[i] = finger.rise * grip, finger.damping_rise * grip
+            P[i], Q[i], C[i] = finger.pull, finger.pull_damping, finger.counter
+            delay[i] = max(1, round(finger.delay / T)) if finger.delay else 0
+            share[i] = np.exp(-T / finger.grip_lag) if finger.grip_lag else 0.0
+            if finger.rise and grip:
+                A[i, :, i, :] = -finger.rise * np.outer(stretch[k], own[k] / grip)
+    reacting = (P != 0.0) | (Q != 0.0) | (C != 0.0)
+    if reacting.any():
+        delay[~reacting] = delay[reacting].max()  # of what is zero, any
+    if (share != 0.0).any():
+        share[share == 0.0] = share.max()
+    matrices = OperatorMatrices(
+        limb=np.eye(m)[:, has_limb.ravel()],
+        limb_mass=np.diag(M[has_limb]),
+        limb_stiffness=np.diag(K[has_limb]),
+        limb_damping=np.diag(B[has_limb]),
+        pull=np.diag(P.ravel()),
+        pull_damping=np.diag(Q.ravel()),
+        counter=np.diag(C.ravel()),
+        delay=delay.ravel(),
+        grip=A.reshape(m, m),
+        grip_share=share.ravel(),
+        friction=np.zeros((m, m)),
+    )
+    return matrices, stiffer.ravel(), damper.ravel()
+
+
+def turned_operator(
+    operator: OperatorMatrices | None, columns: NDArray[np.intp], V: FloatArray, friction: FloatArray
+) -> OperatorMatrices | None:
+    """Restrict an operator to some coordinates, in their order, and turn it to the axes V of each finger.
+
+    Args:
+        operator: in world axes, finger by finger.
+        columns: the coordinates.
+        V: (m, m), block by block.
+        friction: what is not on the diagonal of the devices' own, in their axes (m, m).
+    """
+    if operator is None:
+        return None
+    block = np.ix_(columns, columns)
+    rows = operator.limb[columns]
+    limbs = np.nonzero(rows)[1]  # in the order of the coordinates
+    S = rows[:, limbs]
+    own, W = np.ix_(limbs, limbs), V[np.ix_(S.any(axis=1), S.any(axis=1))]
+    return replace(
+        operator,
+        limb=S,
+        limb_mass=W.T @ operator.limb_mass[own] @ W,
+        limb_stiffness=W.T @ operator.limb_stiffness[own] @ W,
+        limb_damping=W.T @ operator.limb_damping[own] @ W,
+        pull=V.T @ operator.pull[block] @ V,
+        pull_damping=V.T @ operator.pull_damping[block] @ V,
+        counter=V.T @ operator.counter[block] @ V,
+        delay=operator.delay[columns],
+        grip=V.T @ operator.grip[block] @ V,
+        grip_share=operator.grip_share[columns],
+        friction=friction,
+    )
+
+
+def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iterator[str]:
+    """Say at which rest the operators of fingers are linearised, and what of them is left out.
+
+    Args:
+        parts: of the scene.
+        fingers: their numbers.
+        force: f of all fingers, (n, d) [N].
+    """
+    tables = {hand.fingers[0]: hand.holding.table for hand in parts.hands if set(hand.fingers) & set(fingers)}
+    own = [table for table in tables.values() if table is not None and table.form != "made"]
+    if any(table.stiffening is not None for table in own):
+        grip = np.linalg.norm(force, axis=1)
+        forces = ", ".join(f"{parts.scene.finger_names[i]} {grip[i]:.3g} N" for i in fingers)
+        yield f"hands as stiff as grip makes them at rest ({forces}), and the squeeze's own force growing with it"
+    if any(table.reaction is not None for table in own):
+        yield "reactions as late as they are, to the nearest sample; no such operator is passive"
+    inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]
+    if inputs:
+        yield f"{' and '.join(inputs)} left out: what comes from outside moves no eigenvalue"
+
+
+def _operator(still: StillHand) -> Operator | None:
+    operator: Operator | None = getattr(still.hand, "operator", None)
+    return operator

@@ -1,0 +1,212 @@
+"""Warnings about likely mistakes in a valid scene: gains that do not settle, grasps in the blend, settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from graspfx.analysis.plant import Plant
+from graspfx.build.bodies import mass
+from graspfx.build.checks.units import unit_notes
+from graspfx.build.grasps import grasps
+from graspfx.build.holdings import holdings
+from graspfx.build.resolve import Parts
+from graspfx.build.wiring import table_at
+from graspfx.coupling import block as at
+from graspfx.grasp.rigid_modes import NO_ARM, smoothstep
+from graspfx.objects import integrators as body
+from graspfx.objects.dynamics_table import DYNAMICS
+from graspfx.scene.keys import dotted
+from graspfx.scene.model import Scene
+from graspfx.scene.tables.hands import OwnHand, SharedHand
+
+if TYPE_CHECKING:
+    from graspfx.coupling.grasped import GraspedObject
+
+SLOWEST = 1.0  # [1/s]: what grows more slowly is not noticed in a run
+Spring = tuple[float, float]  # K [N/m], B [N s/m]
+
+
+def doubts(parts: Parts) -> list[str]:
+    """List warnings about likely mistakes, a sentence each: units first."""
+    return [*unit_notes(parts.scene, parts.stock), *other_doubts(parts)]
+
+
+def other_doubts(parts: Parts) -> list[str]:
+    """List those that are not about units: of meshes, former names, depths, gains that do not settle."""
+    return [*parts.mesh_notes, *former_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
+
+
+def former_notes(scene: Scene) -> list[str]:
+    """Write a sentence for each device table with such settings."""
+    tables = dict(table_at(scene, i) for i in range(len(scene.finger)))
+    return [
+        f"{dotted((*at, old))} is called {now!r} now: the old name is still read"
+        for at, table in tables.items()
+        for old, now in table.former.items()
+    ]
+
+
+def is_damped(scene: Scene) -> bool:
+    """Tell whether the coupling has any damping."""
+    return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))
+
+
+def why_not_gradual(scene: Scene) -> str:
+    """Say why damping does not grow with depth; empty where it does."""
+    if not is_damped(scene):
+        return "there is no damping"
+    if scene.coupling.contact == "attached":
+        return "attached contacts have all their damping always"
+    if scene.coupling.damping_depth == 0.0:
+        return "coupling.damping_depth = 0: a finger that touches has all its damping at once"
+    return ""
+
+
+def depth_notes(scene: Scene) -> list[str]:
+    """Warn of a `coupling.damping_depth` that changes nothing."""
+    depth = scene.coupling.damping_depth
+    if depth == 0.0:
+        return []
+    why = why_not_gradual(scene)
+    return [f"coupling.damping_depth = {depth:g} m changes nothing: {why}"] if why else []
+
+
+def unsettled(parts: Parts) -> list[str]:
+    """Write a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
+
+    Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
+    Moving, all n swing along with the object: kep, and the arm. Velocities count as known and forces as undelayed, and
+    rotations are left out, so that silence is no proof. Nothing is said where a device does not tell its mass, of
+    hands and dynamics of a plug-in's own, and of gains that are not one number.
+    """
+    scene = parts.scene
+    external, internal = scene.coupling.external, scene.coupling.internal
+    if not all(isinstance(g, float) for each in (external, internal) for g in (each.stiffness, each.damping)):
+        return []
+    kep, ked, kip, kid = (float(g) for each in (external, internal) for g in (each.stiffness, each.damping))  # type: ignore[arg-type]
+    devices = _devices(parts)
+    arms, grips = _springs(scene)
+    notes: list[str] = []
+    for number, thing in enumerate(scene.object):
+        own = [i for i, k in enumerate(scene.finger_objects) if k == number and i in devices and i in grips]
+        if not own:
+            continue
+        mean = np.mean([devices[i][0] for i in own])
+        share = {i: devices[i][0] / float(mean) if scene.coupling.metric == "mass" else 1.0 for i in own}
+        squeezing = {
+            i: _growth(Plant(*devices[i], scene.period, *grips[i], share[i] * kid), share[i] * kip) for i in own
+        }
+        notes += _sentences(scene, squeezing, f"kip = {kip:g} N/m")
+        if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in DYNAMICS:
+            M, kind = mass(thing, parts.objects[number].solid), DYNAMICS[thing.dynamics].integrator or thing.integrator
+            moving = {}
+            for i in own:
+                device = Plant(*devices[i], scene.period, *arms[i], share[i] * ked, integrator=kind)
+                device = replace(device, object_mass=M, object_damping=thing.viscosity, fingers=len(own))
+                moving[i] = _growth(device, share[i] * kep)
+            notes += _sentences(scene, moving, f"kep = {kep:g} N/m with the {1e3 * M:.3g} g of {thing.name}")
+    return notes
+
+
+def _sentences(scene: Scene, growth: dict[int, float], gain: str) -> Iterator[str]:
+    finger = max(growth, key=lambda i: growth[i])
+    if growth[finger] > SLOWEST:
+        name = scene.finger_names[finger]
+        yield (
+            f"at a period of {1e3 * scene.period:g} ms {name} does not settle under {gain}: its swing grows "
+            f"{np.exp(min(growth[finger] * scene.period, 99.0)):.3g}-fold each sample; lower the period or the gains, "
+            "or raise the damping of device or hand"
+        )
+
+
+def _devices(parts: Parts) -> dict[int, Spring]:
+    """Give by finger the mass [kg] and the damping [N s/m] that its device tells."""
+    devices: dict[int, Spring] = {}
+    for wire in parts.wires:
+        features = wire.features
+        if features.mass is not None:
+            devices |= {int(i): (features.mass, features.friction or 0.0) for i in wire.used}
+    return devices
+
+
+def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
+    """Find by finger the softest arm and grip along an axis; a hand that holds one finger is both."""
+    arms: dict[int, Spring] = {}
+    grips: dict[int, Spring] = {}
+    for holding in holdings(scene):
+        table = holding.table
+        if table is not None and not isinstance(table, OwnHand | SharedHand):
+            continue
+        for i in holding.fingers:
+            if isinstance(table, SharedHand):
+                arms[i], grips[i] = _softest(table.arm), _softest(table.grip)
+            else:
+                arms[i] = grips[i] = (0.0, 0.0) if table is None else _softest(table)
+    return arms, grips
+
+
+def _softest(table: object) -> Spring:
+    stiffness, damping = (np.asarray(getattr(table, name), dtype=float) for name in ("stiffness", "damping"))
+    return float(stiffness.min()), float(damping.min())
+
+
+def _growth(device: Plant, gain: float) -> float:
+    """Find the fastest growth [1/s] of a sampled device with a gain."""
+    radius = device.limits().spectral_radius(gain)
+    return math.log(radius) / device.period if math.isfinite(radius) else math.inf
+
+
+def blend_notes(parts: Parts) -> list[str]:
+    """Say of each grasp at the start that lies in the band of `coupling.blend` how far its forces are from eq. (4)."""
+    scene = parts.scene
+    if scene.coupling.blend == "off" or not any(map(scene.turns, scene.object)):
+        return []
+    return [note for part in grasps(parts) for note in _notes(part.name, part.grasped)]
+
+
+def arms(grasped: GraspedObject) -> list[float]:
+    """Compute the rms arms of the free rotations about their principal axes, the least first [m].
+
+    They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, less what the free translations
+    move, over the root of the weights' sum; those that are rounding are left out.
+    """
+    rows, S = grasped.rows, grasped.body_state
+    points = rows[:, at.CONTACT : at.CONTACT + 3] @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T
+    weights = rows[:, at.SHARE]
+    free = S[body.FREE : body.FREE + 6] != 0.0
+    root = np.sqrt(weights)[:, None]
+    fields = [root * np.cross(axis, points) for axis in np.eye(3)[free[3:]]]
+    shifts = np.array([(root * axis).ravel() for axis in np.eye(3)[free[:3]]]).reshape(-1, 3 * len(points))
+    shifts /= math.sqrt(weights.sum())
+    turns = np.array([field.ravel() for field in fields]).reshape(-1, 3 * len(points))
+    turns -= turns @ shifts.T @ shifts
+    values = np.linalg.svd(turns, compute_uv=False) / math.sqrt(weights.sum())
+    return sorted(float(arm) for arm in values if arm > NO_ARM)
+
+
+def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
+    S = grasped.block
+    if S[at.EQUAL] or not S[at.TURNS]:
+        return
+    low, high = float(S[at.ARM_LOW]), float(S[at.ARM_HIGH])
+    small = [arm for arm in arms(grasped) if arm < high]
+    if not small:
+        return
+    blend = smoothstep(small[0], low, high)
+    kep, kip = float(S[at.EXTERNAL_STIFFNESS]), float(S[at.INTERNAL_STIFFNESS])
+    if grasped.matrices:
+        figure = f"{100.0 * (1.0 - blend):.2g} % of its stiffness is the internal one"
+    else:
+        blended = kip + (kep - kip) * blend
+        figure = (
+            f"it has {blended:.4g} N/m where eq. (4) has kep = {kep:g} N/m ({100.0 * (blended / kep - 1.0):+.2g} %)"
+        )
+    yield (
+        f"a rotation of {name} on its contacts, of {1e3 * small[0]:.3g} mm arm, lies in the band of coupling.blend, "
+        f"{1e3 * low:g} to {1e3 * high:g} mm: {figure}; coupling.blend = 'off' is eq. (4) to the letter"
+    )

@@ -1,1 +1,0 @@
-"""Warnings about likely mistakes in a valid scene."""

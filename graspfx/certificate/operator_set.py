@@ -1,0 +1,383 @@
+"""A set of operators: ranges of a scene's keys, a population in them, and the search for the worst one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.live import value_of
+from graspfx.build.numbers import general
+from graspfx.certificate.judgement import Judgement
+from graspfx.errors import GraspFXError, InputError, UnknownNameError
+from graspfx.progress import waiting
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Law = Literal["log", "uniform", "normal", "lognormal"]
+
+FORM = "KEY=FROM:TO or KEY=FROM:TO:LAW, as in finger.*.hand.stiffness=50:1000"
+INSIDE = 0.95  # of a normal law between the ends of its range, where it is cut
+STIFFNESS = 50.0, 1000.0  # of an operator's fingers [N/m]
+DAMPING = 0.5, 2.0  # times the scene's
+MASS = 1.0, 1.5  # times the device's: a fingertip moves with it
+MOST_CORNERS = 6  # ranges up to which all corners of the box are judged
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+POINTS = 16  # that fill the box for each of its ranges
+DESCENTS = 2  # from the worst points
+STEPS = 30  # of a descent for each range, at most
+FINE = 1e-4  # of a range: where a descent ends
+BOX_STEP = 0.15  # of a range: the first step of a descent
+MASSES = "finger.*.device.mass", "device.*.mass"
+OF_HANDS = frozenset(
+    f"{hand}.{key}"
+    for hand in ("finger.*.hand", "hand.*")
+    for key in ("stiffness", "damping", "limb.mass", "limb.stiffness", "limb.damping")
+)
+
+
+@dataclass(frozen=True)
+class OperatorRange:
+    """The values of one key over a set of operators.
+
+    | law | spread between the ends |
+    |---|---|
+    | log | the logarithm evenly: as many from 50 to 100 as from 500 to 1000 |
+    | uniform | evenly |
+    | normal | a bell whose 95 % interval the range is, cut at its ends |
+    | lognormal | a bell of the logarithm whose 95 % interval the range is, cut at its ends |
+
+    Attributes:
+        key: of the scene, with dots.
+        low, high: ends of the range.
+        law: of the population; the worst case is sought over the whole range whatever it is.
+
+    Raises:
+        InputError: ends that are no finite numbers in rising order; a logarithm of what is not above zero.
+        UnknownNameError: a law of another name.
+    """
+
+    key: str
+    low: float
+    high: float
+    law: Law = "log"
+
+    def __post_init__(self) -> None:
+        if self.law not in get_args(Law):
+            raise UnknownNameError("law of a range", str(self.law), get_args(Law))
+        for end in (self.low, self.high):
+            if not is_number(end):
+                raise InputError(self.key, end, "finite ends of a range")
+        if not self.low < self.high:
+            raise InputError(self.key, (self.low, self.high), "an end above the beginning")
+        if self.is_logarithmic and self.low <= 0.0:
+            raise InputError(self.key, self.low, f"ends above zero for the law {self.law!r}", "or the law 'uniform'")
+
+    @classmethod
+    def read(cls, text: str, name: str = "--operators") -> OperatorRange:
+        """Read KEY=FROM:TO or KEY=FROM:TO:LAW; the law is "log" where both ends are above zero, else "uniform".
+
+        Raises:
+            InputError: anything else.
+            UnknownNameError: a law of another name.
+        """
+        key, equals, span = text.partition("=")
+        parts = [part.strip() for part in span.split(":")]
+        if not key.strip() or not equals or len(parts) not in (2, 3):
+            raise InputError(name, text, FORM)
+        try:
+            low, high = float(parts[0]), float(parts[1])
+        except ValueError as error:
+            raise InputError(name, text, FORM) from error
+        return cls(key.strip(), low, high, parts[2] if len(parts) == 3 else usual_law(low))  # type: ignore[arg-type]
+
+    @property
+    def is_logarithmic(self) -> bool:
+        """Whether its values are spread, and drawn, by their logarithm."""
+        return self.law in ("log", "lognormal")
+
+    @property
+    def text(self) -> str:
+        """The range as `read` takes it."""
+        return f"{self.key}={self.low:g}:{self.high:g}:{self.law}"
+
+    def between(self, share: FloatArray | float) -> FloatArray:
+        """Give the values at these shares of the way from one end to the other, evenly or by logarithm."""
+        u = np.asarray(share, dtype=float)
+        if self.is_logarithmic:
+            values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
+        else:
+            values = self.low + u * (self.high - self.low)
+        return np.asarray(np.where(u <= 0.0, self.low, np.where(u >= 1.0, self.high, values).clip(self.low, self.high)))
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Give the values below which these shares of the population are."""
+        if self.law in ("normal", "lognormal"):
+            from scipy.special import ndtr, ndtri
+
+            edge = float(ndtri(0.5 + INSIDE / 2.0))  # in standard deviations
+            inside = ndtr(-edge) + probability * INSIDE
+            return self.between((ndtri(inside) + edge) / (2.0 * edge))
+        return self.between(probability)
+
+
+Ranges = Mapping[str, Any] | Sequence[str | OperatorRange]
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def usual_law(low: float) -> Law:
+    """Give the law of a range that names none."""
+    return "log" if low > 0.0 else "uniform"
+
+
+@dataclass(frozen=True)
+class OperatorSet:
+    """Ranges of keys of a scene, independent of one another.
+
+    Attributes:
+        ranges: one for each key.
+        source: where they come from, in words.
+    """
+
+    ranges: tuple[OperatorRange, ...]
+    source: str
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that vary."""
+        return tuple(each.key for each in self.ranges)
+
+    def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
+        """Give the values by key at a point of the unit box."""
+        pairs = zip(self.ranges, np.clip(point, 0.0, 1.0).tolist(), strict=True)
+        return {each.key: float(each.between(share)) for each, share in pairs}
+
+    def corners(self) -> list[tuple[float, ...]]:
+        """List the corners of the box; of more than six ranges, the two ends of their diagonal."""
+        count = len(self.ranges)
+        if count > MOST_CORNERS:
+            return [(0.0,) * count, (1.0,) * count]
+        return [tuple(map(float, corner)) for corner in product((0, 1), repeat=count)]
+
+    def spread(self, count: int) -> list[tuple[float, ...]]:
+        """List points that fill the box evenly: Halton's, each coordinate in the radix of a prime number."""
+        numbers = range(1, count + 1)
+        return [tuple(radical_inverse(k, PRIMES[i]) for i in range(len(self.ranges))) for k in numbers]
+
+    def population(self, count: int, seed: int) -> list[dict[str, float]]:
+        """Draw operators at random, independent of one another, by the laws of their ranges."""
+        uniform = np.random.Generator(np.random.PCG64(seed)).random((count, len(self.ranges)))
+        columns = [each.quantile(uniform[:, i]).tolist() for i, each in enumerate(self.ranges)]
+        return [dict(zip(self.keys, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def radical_inverse(number: int, radix: int) -> float:
+    """Write a whole number's digits in a radix behind the point, the last digit first (Halton 1960)."""
+    result, place = 0.0, 1.0 / radix
+    while number:
+        number, digit = divmod(number, radix)
+        result += digit * place
+        place /= radix
+    return result
+
+
+def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
+    """Read a set of operators; without one, that of the scene's table [operators], or the usual ranges of its hands.
+
+    Args:
+        scene: whose keys vary.
+        ranges: by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
+
+    Raises:
+        InputError: no ranges, one key twice, too many, or what is no range; a scene without a simulated hand.
+        UnknownNameError, SceneError: a key that the scene does not have.
+    """
+    source = "as asked for"
+    if ranges is None and scene.operators:
+        spans = scene.operators.items()
+        ranges, source = [OperatorRange(key, each.low, each.high, each.law) for key, each in spans], "of the scene"
+    if ranges is None:
+        result, source = list(_usual(scene)), "the usual ones"
+        if not result:
+            remedy = "name their keys, as in finger.*.device.mass=0.1:0.2"
+            raise InputError("operators", scene.source.name, "a scene with a simulated hand", remedy)
+    elif isinstance(ranges, Mapping):
+        result = [range_of(key, value) for key, value in ranges.items()]
+    else:
+        result = [each if isinstance(each, OperatorRange) else OperatorRange.read(each) for each in _listed(ranges)]
+    if not 1 <= len(result) <= len(PRIMES):
+        raise InputError("operators", len(result), f"from 1 to {len(PRIMES)} ranges", FORM)
+    for k, each in enumerate(result):
+        if each.key in [other.key for other in result[:k]]:
+            raise InputError("operators", each.key, "each key once")
+    answer = OperatorSet(tuple(result), source)
+    scene.replace(answer.values([0.0] * len(result)))  # a key or a value that the scene does not take is said here
+    scene.replace(answer.values([1.0] * len(result)))
+    return answer
+
+
+def _listed(ranges: object) -> Sequence[Any]:
+    if isinstance(ranges, str) or not isinstance(ranges, Sequence):
+        raise InputError("operators", ranges, "ranges by key, or a list of them", FORM)
+    return ranges
+
+
+def range_of(key: str, value: Any) -> OperatorRange:
+    """Read (low, high) or (low, high, law) of a key.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if isinstance(value, OperatorRange):
+        return value
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) not in (2, 3):
+        raise InputError(f"operators[{key!r}]", value, "(low, high) or (low, high, law)")
+    low, high, *law = value
+    if not is_number(low):
+        raise InputError(f"operators[{key!r}]", low, "finite ends of a range")
+    return OperatorRange(key, low, high, law[0] if law else usual_law(low))
+
+
+def _usual(scene: Scene) -> Iterator[OperatorRange]:
+    """List the usual ranges: stiffness and damping of every hand, and the masses that the scene states for devices."""
+    hands = [
+        *(f"finger.{i}.hand" for i, each in enumerate(scene.finger) if _has(each.hand, "stiffness")),
+        *(f"hand.{i}.{part}" for i, each in enumerate(scene.hand) for part in ("arm", "grip") if _has(each, part)),
+    ]
+    devices = [f"finger.{i}.device" for i, each in enumerate(scene.finger) if not isinstance(each.device, str)]
+    yield from _alike(scene, [f"{each}.stiffness" for each in hands], None)
+    yield from _alike(scene, [f"{each}.damping" for each in hands], DAMPING)
+    yield from _alike(scene, [f"{each}.mass" for each in devices], MASS)
+
+
+def _has(table: object, name: str) -> bool:
+    return getattr(table, name, None) is not None
+
+
+def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
+    """Write one range for keys of all tables of a kind, where they have one value above zero."""
+    groups: dict[str, list[float]] = {}
+    for key in keys:
+        first, _, *rest = key.split(".")
+        try:
+            value = value_of(scene, key)
+        except GraspFXError:  # a setting that the scene leaves to its driver
+            continue
+        if isinstance(value, int | float) and value > 0.0:
+            groups.setdefault(".".join([first, "*", *rest]), []).append(float(value))
+    for key, values in groups.items():
+        if factors is None:
+            yield OperatorRange(key, *STIFFNESS)
+        elif math.isclose(min(values), max(values)):
+            yield OperatorRange(key, factors[0] * values[0], factors[1] * values[0])
+
+
+def are_passive(scene: Scene, operators: OperatorSet) -> bool:
+    """Tell whether every operator of a set is passive beside the scene's own devices, and nothing else varies.
+
+    Springs, dampers and masses are, and mass of a device beyond the scene's counts to the hand. A reaction feeds energy
+    in, and a hand that grip makes stiffer may.
+    """
+    hands = [*scene.hand, *(finger.hand for finger in scene.finger)]
+    if any(getattr(hand, name, None) is not None for hand in hands for name in ("reaction", "stiffening")):
+        return False
+    return all(_is_passive(scene, each.key, each.low) for each in operators.ranges)
+
+
+def _is_passive(scene: Scene, key: str, least: float) -> bool:
+    if general(key) in MASSES:
+        own = value_of(scene, key)
+        return is_number(own) and least >= own
+    return general(key) in OF_HANDS
+
+
+# The worst of them ---------------------------------------------------------------------------------------------------
+
+
+Point = tuple[float, ...]
+Judging = Callable[[dict[str, float]], Judgement]
+Figure = Callable[[Judgement], float]
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for the worst operator.
+
+    Attributes:
+        worst: the judgement of least figure.
+        point: where in the unit box that is.
+        every: all judgements, with the points.
+    """
+
+    worst: Judgement
+    point: Point
+    every: tuple[tuple[Point, Judgement], ...]
+
+
+def worst_operator(
+    operators: OperatorSet, judge: Judging, figure: Figure, starts: Sequence[Point] = (), points: int | None = None
+) -> Search:
+    """Search the box of a set of operators for the least figure.
+
+    All corners of up to six ranges, the middle, 16 points a range that fill the box, and from the two worst of them a
+    descent by Nelder and Mead (1965) within the box. Each operator is judged in full; what lies between is not, so
+    that a worse one may hide where the figure dips within less than the points' distance.
+
+    Args:
+        operators: the set.
+        judge: gives the judgement of values by key.
+        figure: of a judgement, the less the worse.
+        starts: points that are looked at besides.
+        points: that fill the box; 16 for each range if None.
+    """
+    from scipy.optimize import minimize
+
+    size = len(operators.ranges)
+    spread = operators.spread(POINTS * size if points is None else points)
+    places = list(dict.fromkeys([*operators.corners(), (0.5,) * size, *spread, *starts]))
+    every: dict[Point, Judgement] = {}
+
+    def value(point: FloatArray | Point) -> float:
+        place = tuple(float(x) for x in np.clip(point, 0.0, 1.0))
+        if place not in every:
+            every[place] = judge(operators.values(place))
+        return figure(every[place])
+
+    most = len(places) + DESCENTS * STEPS * size
+    with waiting("looking for the worst operator", most, "operators", lambda: float(len(every))):
+        ranked = sorted(places, key=value)
+        for start in apart(ranked)[:DESCENTS]:
+            minimize(
+                value, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * size,
+                options={
+                    "initial_simplex": simplex(start), "maxfev": STEPS * size, "xatol": FINE, "fatol": 1e-6,
+                },
+            )  # fmt: skip
+    point = min(every, key=lambda place: figure(every[place]))
+    return Search(every[point], point, tuple(every.items()))
+
+
+def apart(ranked: Sequence[Point]) -> list[Point]:
+    """Select of points, the worst first, those that are no neighbours of a worse one."""
+    selection: list[Point] = []
+    for place in ranked:
+        if all(np.abs(np.subtract(place, other)).max() > 2.0 * BOX_STEP for other in selection):
+            selection.append(place)
+    return selection
+
+
+def simplex(start: Point) -> FloatArray:
+    """Put a simplex at a point, its edges inwards."""
+    corners = np.tile(np.array(start), (len(start) + 1, 1))
+    for i, x in enumerate(start):
+        corners[i + 1, i] = x - BOX_STEP if x > 0.5 else x + BOX_STEP
+    return corners

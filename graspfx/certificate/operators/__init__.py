@@ -1,1 +1,0 @@
-"""The certificate over a set of operators: the worst of them, the share of a population, and regions."""

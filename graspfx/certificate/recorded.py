@@ -1,0 +1,209 @@
+"""The rest that a recording ends with, put back into the coupling, and how late its forces came."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.stability.loop import radius_of
+from graspfx.build.mechanics import Mechanics
+from graspfx.certificate.grip import Grip, Ground, bearers
+from graspfx.certificate.rest import NotGraspingError, Place, about, restless
+from graspfx.cones.problem import STICK
+from graspfx.coupling import block as at
+from graspfx.errors import InputError
+from graspfx.loop.recording.record import Recording
+from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+LAST = 0.1  # [s]: over which a rest does not change
+CALM = 1e-3  # of the largest force: what it may change by in that time
+SAME = 1e-3  # of the largest force: what recorded forces may differ by from those of the scene's gains
+BORNE = 1e-2  # of the forces on the object: a wrench that something else balances
+ENDS = (1.0, 99.0)  # per cent of the samples
+COLUMNS = ("late", "io")  # of a run on the wall's clock
+
+
+def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recording:
+    """Give a recording, loaded if it is a path, once it is found to be of this scene.
+
+    Raises:
+        InputError: a recording of other fingers, objects or dimensions, or one without a row.
+        RecordingError: a path that leads to no recording.
+    """
+    recording = source if isinstance(source, Recording) else Recording.load(source)
+    layout = recording.layout
+    has = (layout.dimensions, tuple(layout.fingers), tuple(layout.objects))
+    wants = (scene.dimensions, tuple(scene.finger_names), tuple(thing.name for thing in scene.object))
+    if has != wants:
+        raise InputError(
+            "recording",
+            f"{has[0]} dimensions, fingers {', '.join(has[1])}, objects {', '.join(has[2])}",
+            f"one of this scene: {wants[0]} dimensions, fingers {', '.join(wants[1])}, objects {', '.join(wants[2])}",
+        )
+    if not len(recording):
+        raise InputError("recording", "no rows", "a recording that ends at rest", "run the scene for longer")
+    return recording
+
+
+def recorded(
+    scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
+) -> Place:  # fmt: skip
+    """Put the grip where the recording's last row has it.
+
+    Contacts, fingers and the object's pose are those of the row; forces follow from them by the scene's own gains, and
+    `assumed` says where they are others than the recorded ones, or where the recording is not at rest.
+
+    Raises:
+        NoRestError: a finger does not touch there.
+    """
+    g, name = grip.grasped, scene.object[index].name
+    place = Place("recorded", None, np.full(grip.n, np.nan))
+    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
+        gaps = recording.gap  # a selection of columns may leave it out
+        raise NotGraspingError(
+            scene.object[index].name,
+            float("nan") if gaps is None else float(gaps[-1, fingers].min()),
+            "at the end of the recording",
+        )
+    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
+        apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
+        raise restless(name, f"at the end of the recording {apart} do not touch")
+    set_pose(grip, recording, name)
+    set_contacts(grip, recording, fingers)
+    if g.soft:
+        set_torsions(grip, recording, fingers)
+    with grip.frozen():
+        now = grip.forces()
+    if now is None:
+        raise restless(name, "at the end of the recording the forces of a sample do not settle")
+    place.assumed += differences(scene, index, grip, fingers, recording, ground)
+    if not g.touching.all():
+        raise restless(name, "at the end of the recording a finger pulls")
+    return about(name, grip, place)
+
+
+def set_pose(grip: Grip, recording: Recording, name: str) -> None:
+    """Put the object where the last row has it, at rest."""
+    state, d, motion = grip.grasped.body_state, grip.d, recording.objects[name]
+    state[body.POSITION : body.POSITION + d] = motion.position[-1]
+    if motion.orientation is not None and d == 2:
+        state[body.ANGLE] = motion.orientation[-1]
+    elif motion.orientation is not None:
+        state[body.QUATERNION : body.QUATERNION + 4] = motion.orientation[-1]
+    body.orient(BodyState(state))
+
+
+def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
+    """Put fingers and contacts where the last row has them, sticking there."""
+    g, d = grip.grasped, grip.d
+    c = recording.contact_position[-1, fingers]
+    g.meet(c)  # finds faces and normals
+    state = g.body_state
+    R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
+    wide = np.zeros((grip.n, 3))
+    wide[:, :d] = c - state[body.POSITION : body.POSITION + d]
+    g.rows[:, at.CONTACT : at.CONTACT + 3] = wide @ R
+    g.rows[:, at.TOUCHING] = 1.0
+    g.rows[:, at.STATUS] = STICK
+    g.finger_position[:] = recording.finger_position[-1, fingers]
+
+
+def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
+    """Turn the anchors of soft fingers so that their torsions are the recorded ones."""
+    moments = recording.finger_moment
+    rows = grip.grasped.rows
+    state = grip.grasped.body_state
+    rows[:, at.ANCHOR : at.ANCHOR + 9] = state[body.ROTATION : body.ROTATION + 9]
+    rows[:, at.TORSION_AT_ANCHOR] = 0.0
+    soft = np.flatnonzero(rows[:, at.PATCH] > 0.0)
+    if moments is None or not len(soft):
+        return
+    torsions = (moments[-1, fingers] * grip.grasped.inward()).sum(axis=1)[soft] / rows[soft, at.PATCH]
+
+    def torsion(retained: FloatArray) -> FloatArray:
+        rows[soft, at.TORSION_AT_ANCHOR] = retained
+        grip.forces()
+        return np.array(rows[soft, at.LOCAL + 3])
+
+    length = 1e-4
+    with grip.frozen():  # torsion is linear in what the anchors keep
+        none = torsion(np.zeros(len(soft)))
+        slopes = np.stack([torsion(length * e) - none for e in np.eye(len(soft))], axis=1) / length
+        rows[soft, at.TORSION_AT_ANCHOR] = np.linalg.solve(slopes, torsions - none)
+
+
+def differences(
+    scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
+) -> list[str]:  # fmt: skip
+    """Say what of the recording's end is no rest of this scene."""
+    g, texts = grip.grasped, []
+    force = recording.finger_force[:, fingers]
+    largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
+    before = force[-min(len(force), round(LAST / recording.row_period) + 1) :]
+    change = float(np.abs(before - force[-1]).max(initial=0.0)) / largest
+    if change > CALM:
+        texts.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")
+    off = float(np.abs(g.force - force[-1]).max(initial=0.0)) / largest
+    if off > SAME:
+        texts.append(f"the recorded forces are others than those of this scene's gains, by up to {100 * off:.2g} %")
+    full = np.zeros(6)
+    if scene.gravity is not None:
+        full[: grip.d] = float(g.body_state[body.MASS]) * np.array(scene.gravity)
+    missing = (g.wrench[grip.rows_of_wrench] + full[grip.axes])[grip.axes < 3]
+    scale = max(largest, float(np.abs(full).max(initial=0.0)))
+    if ground is None and change <= CALM and np.abs(missing).max(initial=0.0) > BORNE * scale:
+        who = ", ".join(bearers(scene, index)) or "nothing of the scene"
+        texts.append(
+            f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is left out"
+        )
+    return texts
+
+
+def exchange_times(recording: Recording) -> tuple[float, float] | None:
+    """Give how long after its deadline a tick had written to its devices, the ends of 98 % of them [s].
+
+    That is the tick's own lateness, its reading and its writing; what it computes between the two is in no column. Of a
+    recording without these columns it is the round trip of its header, twice; None for a run without hardware.
+    """
+    if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
+        late, calls = (recording.array(name) for name in COLUMNS)
+        low, high = np.percentile(late + calls.sum(axis=1), ENDS)
+        return max(float(low), 0.0), max(float(high), 0.0)
+    trip = recording.header.round_trip
+    return (trip, trip) if trip > 0.0 else None
+
+
+def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
+    """Give the least and the largest lateness of each finger, (2, n) [s].
+
+    With a recording the time of its reading and writing takes the place of the round trip in the measures of hardware.
+    """
+    times = None if recording is None else exchange_times(recording)
+    if times is None:
+        return mechanics.jitter
+    own = np.maximum(mechanics.lateness - mechanics.round_trip, 0.0)
+    ends = own + np.array(times)[:, None]
+    return np.where(mechanics.hardware, ends, mechanics.jitter)
+
+
+def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation, list[str]]:
+    """Give a loop the lateness of one end, (m,), the one with the larger spectral radius; and say so.
+
+    Args:
+        linear: the loop.
+        ends: least and largest lateness, (2, m) [s].
+    """
+    loops = [linear.with_arrays(lateness=each) for each in ends]
+    if (ends[0] == ends[1]).all():
+        return loops[1], []
+    worse = int(radius_of(loops[1]) >= radius_of(loops[0]))
+    low, high = (1e3 * float(each.max()) for each in ends)
+    text = f"forces {low:.3g} to {high:.3g} ms late in 98 % of the samples: the worse end, {(low, high)[worse]:.3g} ms"
+    return loops[worse], [text]

@@ -1,0 +1,263 @@
+"""The answer of a check: a verdict, the certificates behind it, notes, and the plan of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from graspfx.card import Card, Carded, listed
+from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, PUSHING, STABLE, lines
+from graspfx.errors import Fault, GraspFXError, SceneError
+
+if TYPE_CHECKING:
+    from graspfx.certificate.certificate import Certificate, Limit
+    from graspfx.certificate.plan import PlanRow
+    from graspfx.scene.model import Scene
+    from graspfx.scene.tables.reading import Readable
+
+MOST_STEPS, MOST_FAULTS = 12, 8  # on a card
+NOT_JUDGED = "not judged"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Report(Carded):
+    """The answer of a check.
+
+    Attributes:
+        scene: its name.
+        faults: of a scene that cannot run, all at once; nothing else is judged then.
+        certificates: of each object in fingers, the worst first; none where they cannot be made.
+        why: in words, where there are none.
+        doubts: values that are hardly in SI units, with what they probably mean; they stand above the verdict.
+        notes: other warnings about likely mistakes.
+        plan: what runs in a tick, what is skipped and why.
+        presets: of the scene, each with its reason.
+        preset: the name of the one in force; empty for none.
+    """
+
+    scene: str
+    faults: tuple[Fault, ...] = ()
+    certificates: tuple[Certificate, ...] = ()
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    plan: tuple[PlanRow, ...] = ()
+    presets: Mapping[str, str] = field(default_factory=dict)
+    preset: str = ""
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no fault, and every grasp is stable."""
+        return self.verdict.startswith(STABLE)
+
+    @property
+    def verdict(self) -> str:
+        """One line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why"; of several objects the worst."""
+        if self.faults:
+            count = len(self.faults)
+            return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
+        if not self.certificates:
+            return f"{NOT_JUDGED}: {self.why}"
+        worst, *others = self.certificates
+        text = _sentence(worst)
+        if others:
+            unstable = [each.object for each in others if each.grasps and not each.stable]
+            apart = [each.object for each in others if not each.grasps]
+            rest = [f"not stable either: {', '.join(unstable)}"] if unstable else []
+            rest += [f"{NOT_GRASPING}: {', '.join(apart)}"] if apart else []
+            text += f"; {'; '.join(rest) or 'the other objects have more room'}"
+        return text
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write plain data for JSON, with units in the names of keys; no limit is None."""
+        return {
+            "scene": self.scene,
+            "ok": self.ok,
+            "verdict": self.verdict,
+            "faults": [fault.text(self.scene) for fault in self.faults],
+            "certificates": [each.to_dict() for each in self.certificates],
+            "doubts": list(self.doubts),
+            "notes": list(self.notes),
+            "plan": [{"step": row.step, "runs": row.runs, "why": row.why} for row in self.plan],
+            "presets": dict(self.presets),
+            "preset": self.preset,
+        }
+
+    def lines(self, plan: bool = True) -> Iterator[str]:
+        """Write doubts about units, verdict, limits, notes and, if asked for, the plan as lines of text."""
+        yield from self.head()
+        for certificate in self.certificates:
+            yield from lines(certificate)
+        for note in self.notes:
+            yield f"note: {note}"
+        for name, reason in self.presets.items():
+            yield f"{'preset':<9}{name + (' (in force)' if name == self.preset else ''):<24}{reason}"
+        for row in self.plan if plan else ():
+            yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
+
+    def head(self) -> Iterator[str]:
+        """Write the verdict, below doubts about units."""
+        yield from (f"note: {doubt}" for doubt in self.doubts)
+        yield self.verdict
+
+    def _card(self) -> Card:
+        runs = listed((row.step for row in self.plan if row.runs), MOST_STEPS)
+        skipped = listed((row.step for row in self.plan if not row.runs), MOST_STEPS)
+        rows = [
+            ("check of", self.scene),
+            ("faults", "\n".join(fault.text(self.scene) for fault in self.faults[:MOST_FAULTS])),
+            *((each.object, "\n".join(lines(each))) for each in self.certificates),
+            ("notes", "\n".join([*self.doubts, *self.notes])),
+            ("runs", runs),
+            ("skipped", skipped),
+        ]
+        calls = ".ok, .verdict, .certificates, .notes, .plan, .to_dict(); print(*report.lines(), sep='\\n') shows all"
+        return Card(self.verdict, rows, calls)
+
+
+def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
+    """Say whether a scene's grasps are stable, the limit of each gain, likely mistakes, and what a run does.
+
+    Args:
+        scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
+        overrides: values by dotted key, as `load` takes them.
+
+    Returns:
+        A report; of a scene with faults one that holds them.
+
+    Raises:
+        UnknownNameError: no scene has that name.
+        InputError: the path leads to no file, or the file holds no scene.
+        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
+    """
+    from graspfx.scene.load import to_scene
+
+    try:
+        return report(to_scene(scene, overrides))
+    except SceneError as error:
+        return Report(error.source, error.faults)
+
+
+def report(scene: Scene) -> Report:
+    """Report on a scene that is valid.
+
+    Raises:
+        SceneError: a scene that cannot be built, as with a finger out of its device's reach, or every fault under one
+            of its presets.
+    """
+    from graspfx.build.axes import axes_notes
+    from graspfx.build.checks.units import unit_notes
+    from graspfx.build.resolve import resolve
+    from graspfx.certificate.certify import certificates
+    from graspfx.certificate.notes import blend_notes, other_doubts
+    from graspfx.certificate.plan import plan
+    from graspfx.certificate.prospect import engine_plan
+    from graspfx.scene.presets import preset_faults
+
+    if faults := preset_faults(scene):
+        raise SceneError(scene.source.name, faults)
+    parts = resolve(scene)
+    program = engine_plan(scene)  # places the fingers, as a run does
+    why, answers = "", []
+    try:
+        answers = sorted(certificates(scene), key=_room)
+        why = "" if answers else "no finger touches an object"
+    except GraspFXError as error:
+        why = " ".join(str(error).split())
+    units = tuple(unit_notes(scene, parts.stock))
+    notes = (*other_doubts(parts), *axes_notes(parts), *blend_notes(parts))
+    reasons = {name: preset.reason for name, preset in scene.preset.items()}
+    rows = (*plan(scene), *program)
+    return Report(scene.source.name, (), tuple(answers), why, notes, rows, reasons, scene.source.preset, units)
+
+
+def _room(certificate: Certificate) -> tuple[bool, bool, float]:
+    """Order unstable certificates first, then objects that no finger touches, then by the least margin."""
+    least = _least(certificate)
+    return certificate.stable, not certificate.grasps, math.inf if least is None else least.margin
+
+
+def _least(certificate: Certificate) -> Limit | None:
+    """Find the mode with the least margin of the whole grasp, the most special of equal ones."""
+    rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
+    return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
+
+
+def _lead(stable: bool, least: Limit) -> str:
+    """Introduce the least margin; of a loop that is not stable although no gain is beyond its limit, say so."""
+    if stable:
+        return "the least margin: "
+    return "no gain is beyond its limit, the least margin: " if least.margin > 1.0 else ""
+
+
+def _sentence(certificate: Certificate) -> str:
+    """Write a certificate in one line."""
+    if not certificate.grasps:
+        return certificate.verdict
+    least, stable = _least(certificate), certificate.stable
+    radius = f"spectral radius {certificate.spectral_radius:.6f}"
+    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
+    if least is not None:
+        text += f"; {_lead(stable, least)}{least.mode} {least.text}"
+    if stable:
+        pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
+        if pushing:
+            weakest = min(pushing, key=lambda row: row.margin)
+            text += f"; while all fingers hold: {weakest.mode} is not stable, {weakest.text}"
+    if certificate.at == "start":
+        text += "; judged at the start, without a squeeze"
+    return text
+
+
+def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
+    """Make a function of an object's and a mode's name that gives the scene's certificate for it.
+
+    The certificate is made when it is asked for, once. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None without
+    one), and `text`, in words.
+    """
+    answers: list[dict[str, Certificate] | str] = []
+
+    def say(name: str, mode: str) -> dict[str, Any]:
+        if not answers:
+            answers.append(_certificates(scene))
+        answer = answers[0]
+        if isinstance(answer, str):
+            return {"spectral_radius": None, "gain": None, "limit": None, "text": f"no certificate: {answer}"}
+        return _answer(answer[name], mode)
+
+    return say
+
+
+def _certificates(scene: Readable) -> dict[str, Certificate] | str:
+    from graspfx.certificate.certify import certificates
+
+    try:
+        return {each.object: each for each in certificates(whole_scene(scene))}
+    except GraspFXError as error:
+        return " ".join(str(error).split())
+
+
+def whole_scene(scene: Any) -> Scene:
+    """Give the scene itself; one from the cache is made again from its tables."""
+    from graspfx.scene.model import Scene
+
+    return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())
+
+
+def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
+    row = _row(certificate, mode)
+    radius = certificate.spectral_radius
+    verdict = f"certificate: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    numbers = (None, None) if row is None else (row.gain, row.limit)
+    gain, limit = (value if value is not None and math.isfinite(value) else None for value in numbers)
+    text = verdict if row is None else f"{verdict}; {row.mode} {row.text}"
+    return {"spectral_radius": radius, "gain": gain, "limit": limit, "text": text}
+
+
+def _row(certificate: Certificate, mode: str) -> Limit | None:
+    """Find the limit of a mode by its name, or of the mode that it is a part of."""
+    rows = {row.mode: row for row in certificate.limits}
+    return rows.get(mode) or rows.get(mode.split()[0])

@@ -1,1 +1,0 @@
-"""Where a grasp comes to rest, and what holds it there."""
