@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from graspfx.certificate.certificate import Limit, is_stable
-from graspfx.certificate.certify import spectral_radius
 from graspfx.certificate.first_loss import Family, WholeLoop
 from graspfx.certificate.judgement import Change, altered, change_of
 from graspfx.certificate.linearise import Linearised, linearise
-from graspfx.certificate.mode_limits import mode_limits, pushing_limits, standing_limits
+from graspfx.certificate.mode_limits import mode_limits, pushing_limits, spectral_radius, standing_limits
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.model import Scene

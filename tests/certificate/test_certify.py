@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.analysis.grasp_stiffness import released
 from graspfx.certificate.certificate import Certificate
-from graspfx.certificate.grip import released, sliding_notes
+from graspfx.certificate.grip import sliding_notes
 from graspfx.certificate.judgement import Judge
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import mode_limits
