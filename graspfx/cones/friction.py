@@ -29,9 +29,8 @@ COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unr
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
 CLOSE = 1e-13  # what is taken where rounding ends the descent earlier
 LEAST = 1e-6  # of the larger gain: what a smaller one counts as; scenes have none but a damping of zero (`approach`)
-FIRST, NEAR = 1e-4, 1e-8  # what a zero counts as in the first search of `approach`, and at least
-LESS = 0.1  # of it in the next search
-SEARCHES = 8  # at most
+NEAR = 1e-8  # what a zero counts as in each search of `approach`
+SEARCHES = 8  # of it at most
 STEPS = 100  # evaluations before Coulomb's law starts from elsewhere
 DESCENT = 1000  # the same for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
 SHORTEST = 1e-2  # fraction of a Newton step before Coulomb's law starts from elsewhere
@@ -94,7 +93,8 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
         return Answer(COULOMB if coulomb else ASSOCIATED, 0.0, 0)
     used = problem.modes if gains.external != gains.internal else 0  # equal gains: no contact knows of another
     if not coulomb and min(gains.external, gains.internal) <= 0.0:
-        answer = approach(problem, d, used, gains, high)
+        raised = Gains(max(gains.external, NEAR * high), max(gains.internal, NEAR * high))
+        answer = approach(problem, d, used, raised)
         if answer.law != UNRESOLVED:
             return answer
     raised = Gains(max(gains.external, LEAST * high), max(gains.internal, LEAST * high))
@@ -102,32 +102,28 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
 
 
 @kernel
-def approach(problem: FrictionProblem, d: int, count: int, gains: Gains, high: float) -> Answer:
-    """Seek the associated law of a zero gain, raised by E: a search is repeated without the raise's last force.
+def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answer:
+    """Seek the associated law of a zero gain, raised to E: a search that is repeated without the raise's last force.
 
     f = f0 + (K + E)(e + s) - E (e + s'), s' of the search before, is the proximal point method (Rockafellar 1976). It
     ends at f = f0 + K (e + s), the limit of small gains: each search leaves eps / (eps + lambda) of what is wrong along
-    a direction that contacts resist with lambda, eps of E. A large eps takes few evaluations, a small one few searches:
-    it falls from each search to the next.
+    a direction that contacts resist with lambda, eps of E.
 
     k_e = 0: E (e + s) = sqrt(W) Q h z, which g has as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
     for contact in problem.contacts:
         contact.lent = NOTHING
     soft = gains.external < gains.internal
-    law, residual, steps, raised = ASSOCIATED, 0.0, 0, FIRST * high
+    law, residual, steps = ASSOCIATED, 0.0, 0
     for _ in range(SEARCHES):
-        whole = Gains(max(gains.external, raised), max(gains.internal, raised))
-        answer = solve(problem, d, count, whole, None, True, False, 0)
+        answer = solve(problem, d, count, gains, None, True, False, 0)
         law, residual = answer.law, answer.residual
         steps += answer.evaluations
         if law == UNRESOLVED:
             break
-        ratio = max(LESS, NEAR * high / raised)
-        change, size = pull_back(problem, d, count, whole, ratio) if soft else lend(problem, d, count, whole, ratio)
+        change, size = pull_back(problem, d, count, gains) if soft else lend(problem, d, count, gains)
         if not change > CLOSE * size:
             break
-        raised *= ratio
     for k in range(count):
         problem.unknowns[k].pull = 0.0
     for contact in problem.contacts:
@@ -140,15 +136,15 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains, high: f
 
 
 @kernel
-def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains, ratio: float) -> tuple[float, float]:
-    """Take the answer's E (e + s), times `ratio` for the next E, off g; give what was wrong, and the size of y."""
+def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
+    """Take the raise of k_e times the answer off the next g; give by how much that changed, and the size of y."""
     change = size = 0.0
     for k in range(count):
         unknown = problem.unknowns[k]
         if unknown.share > 0.0:
             pull = gains.external / ((gains.internal - gains.external) * unknown.share) * unknown.value
             change = max(change, abs(pull - unknown.pull))
-            unknown.pull = ratio * pull
+            unknown.pull = pull
     for contact in problem.contacts:
         if contact.weight > 0.0:
             for a in range(d):
@@ -157,8 +153,8 @@ def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains, ratio:
 
 
 @kernel
-def lend(problem: FrictionProblem, d: int, count: int, gains: Gains, ratio: float) -> tuple[float, float]:
-    """Take the answer's E (e + s), times `ratio` for the next E, off f0; give what was wrong, and the size of y."""
+def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
+    """Take the raise of k_i times the answer off the next f0; give by how much that changed, and the size of y."""
     h = gains.internal / (gains.external - gains.internal)
     change = size = 0.0
     for contact in problem.contacts:
@@ -169,14 +165,14 @@ def lend(problem: FrictionProblem, d: int, count: int, gains: Gains, ratio: floa
             total = 0.0
             for k in range(count):
                 total += contact.modes[k].motion[a] * problem.unknowns[k].value
-            whole = contact.force[a] - contact.base_force[a] + root * (1.0 + h) * total
-            change = max(change, abs(whole - contact.lent[a]) / root)
-            size = max(size, abs(contact.force[a]) / root)
-            more = ratio * whole - contact.lent[a]
-            contact.lent[a] += more
+            lent = contact.force[a] - contact.base_force[a] + root * (1.0 + h) * total
+            more = lent - contact.lent[a]
+            contact.lent[a] = lent
             contact.base_force[a] -= more
             if problem.compliant:
                 contact.displacement[a] += contact.compliance / contact.weight * more
+            change = max(change, abs(more) / root)
+            size = max(size, abs(contact.force[a]) / root)
     return change, size
 
 
