@@ -68,12 +68,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def new_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A cache as after `graspfx warmup`: the program of all scenes is there, and nothing else."""
+    """A cache as after `graspfx warmup`: the programs of all scenes and loops are there, and nothing else."""
     from graspfx.compile import cache
     from graspfx.loop import engine
+    from graspfx.loop.realtime import beat
+    from graspfx.loop.realtime.lifecycle import HAS_NATIVE
 
     kept: dict[str, bytes] = {}
     engine.program()
+    if HAS_NATIVE:
+        beat.program()
 
     def noted(name: str, load: Callable[[str], bytes | None] = cache.load) -> bytes | None:
         content = load(name)
@@ -84,9 +88,14 @@ def new_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
     with monkeypatch.context() as patch:
         patch.setattr(cache, "load", noted)
         engine.kept_program()
+        beat.program.cache_clear()
+        if HAS_NATIVE:
+            beat.program()
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
     for name, content in kept.items():
         cache.store(name, content)
-    engine.program.cache_clear()
+    for each in (engine.program, beat.program):
+        each.cache_clear()
     yield tmp_path / "cache"
-    engine.program.cache_clear()
+    for each in (engine.program, beat.program):
+        each.cache_clear()
