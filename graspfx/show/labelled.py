@@ -54,7 +54,7 @@ def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
     from xarray.backends import BackendArray
     from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-    class Stored(BackendArray):  # type: ignore[misc]
+    class Stored(BackendArray):
         shape, dtype = (len(recording), *first.values.shape[1:]), first.values.dtype
 
         def __getitem__(self, key: Any) -> Any:
