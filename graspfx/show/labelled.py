@@ -9,7 +9,7 @@ import numpy as np
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.recording.header import conclusion, description
 from graspfx.show.key_names import unit_of
-from graspfx.show.quantities import Quantity, coordinates, quantities
+from graspfx.show.quantities import Quantity, coordinates, quantities, rows_of
 
 if TYPE_CHECKING:
     import xarray
@@ -22,7 +22,12 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
     """Convert a recording; its docstring is that of `Recording.to_xarray`."""
     xr = _xarray("Recording.to_xarray")
     labels = coordinates(recording.layout)
-    variables = {each.name: _variable(xr, ("time", *each.dimensions), each) for each in quantities(recording)}
+    first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
+    variables = (
+        {name: _lazy(xr, recording, each) for name, each in first.items()}
+        if recording.is_stored
+        else {each.name: _variable(xr, ("time", *each.dimensions), each) for each in quantities(recording)}
+    )
     used = {name for variable in variables.values() for name in variable.dims}
     scales = {name: list(entries) for name, entries in labels.items() if name in used}
     time = xr.Variable("time", recording.time, {"units": "s"})
@@ -42,6 +47,29 @@ def _xarray(wanted_by: str) -> Any:
 
 def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
     return xr.Variable(dimensions, quantity.values, {"units": quantity.unit, "long_name": quantity.meaning})
+
+
+def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
+    """Make a variable whose numbers are read from the disk, or computed from what is, when they are asked for."""
+    from xarray.backends import BackendArray
+    from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+    class Stored(BackendArray):
+        shape, dtype = (len(recording), *first.values.shape[1:]), first.values.dtype
+
+        def __getitem__(self, key: Any) -> Any:
+            return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
+
+        def _read(self, key: tuple[Any, ...]) -> Any:
+            rows, rest = key[0], key[1:]
+            places = range(*rows.indices(len(recording))) if isinstance(rows, slice) else range(rows, rows + 1)
+            low, high = (min(places), max(places) + 1) if len(places) else (0, 0)
+            values = rows_of(recording, first.name, low, high)
+            chosen = slice(None, None, places.step) if isinstance(rows, slice) else 0
+            return values[(chosen, *rest)]
+
+    about = {"units": first.unit, "long_name": first.meaning}
+    return xr.Variable(("time", *first.dimensions), LazilyIndexedArray(Stored()), about)
 
 
 class Labels(NamedTuple):

@@ -67,6 +67,26 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
         yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)
 
 
+def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
+    """Give one of the `quantities` in some rows, of which nothing else is read than what it follows from."""
+    columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
+    if name in ENERGIES:  # added up from the beginning
+        return np.asarray(_derived(recording, name))[first:stop]
+    if name in columns:
+        return _typed(recording.read(columns[name].name, first, stop), columns[name])
+    for part, like in parts_of_objects(recording.layout).items():
+        if object_name(part) == name:
+            own = (recording.layout.columns.get(f"objects/{thing}/{part}") for thing in recording.layout.objects)
+            nothing = np.full((stop - first, *like.shape), np.nan)
+            return np.stack(
+                [nothing if each is None else _typed(recording.read(each.name, first, stop), each) for each in own],
+                axis=1,
+            )
+    step = recording.store.step
+    pieces = (recording.part(k, min(k + step, stop)) for k in range(first, stop, step))
+    return np.concatenate([getattr(each, name) for each in pieces] or [getattr(recording.part(0, 0), name)])
+
+
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
     """Name the entries along each dimension, time apart."""
     return {**layout.scales, "object": layout.objects}
@@ -96,7 +116,10 @@ def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iter
 
 
 def _stored(recording: Recording, column: Column) -> NDArray[Any]:
-    values = recording.array(column.name)
+    return _typed(recording.array(column.name), column)
+
+
+def _typed(values: NDArray[Any], column: Column) -> NDArray[Any]:
     return np.not_equal(values, 0.0) if column.kind == "bool" else values.astype(column.kind)
 
 

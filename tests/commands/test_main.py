@@ -309,7 +309,7 @@ def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | No
 @pytest.mark.parametrize("compression", ["none", "gzip"])
 def test_more_ticks_than_the_disk_has_room_for(compression: str, monkeypatch: pytest.MonkeyPatch) -> None:
     row, forces, time = 17 * 8, 2 * 2 * 8, 8  # 17 columns; internal and external force of two fingers on a line
-    each = row + (row + forces + time)  # the recording is written beside the part of rows alone
+    each = row + (row + forces + time)  # the recording is written beside the part
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each - 1))
     scene = graspfx.load("reference-1dof", {"record.compression": compression})
     rec = graspfx.run(scene)

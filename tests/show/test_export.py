@@ -212,3 +212,21 @@ def test_a_file_without_a_name_or_a_folder_is_an_error_of_ours(tmp_path: Path) -
         rec.to_csv("", overwrite=True)
     with pytest.raises(InputError, match=r"make .*none first"):
         rec.plot().save(tmp_path / "none" / "figure.png")
+
+
+@pytest.mark.parametrize("name", ["two-objects", "soft-pinch"])
+def test_a_dataset_of_a_file_is_read_as_it_is_asked_for(name: str, tmp_path: Path) -> None:
+    """The same numbers as of a recording in memory, in blocks of 7 rows, also backwards and of a single tick."""
+    here = gx.run(name, {"engine": "interpreted"}, duration=0.1)
+    here.save(tmp_path / "r.h5")
+    stored = gx.Recording.load(tmp_path / "r.h5")
+    stored.store.step = 7
+    expected, data = here.to_xarray(), stored.to_xarray()
+    assert list(data) == list(expected) and data.attrs == expected.attrs
+    assert not any(each.variable._in_memory for each in data.values())
+    for key, values in expected.items():
+        own = data[key]
+        assert (own.dims, own.attrs, own.dtype) == (values.dims, values.attrs, values.dtype)
+        for rows in (slice(30, 2, -3), slice(0, 0), 5, slice(None)):
+            some, same = own.isel(time=rows).values, values.isel(time=rows).values
+            assert np.ascontiguousarray(some).tobytes() == np.ascontiguousarray(same).tobytes(), (key, rows)

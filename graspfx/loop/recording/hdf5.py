@@ -23,9 +23,9 @@ from graspfx.progress import waiting
 
 FloatArray = NDArray[np.float64]
 
-CHUNK, MOST_ROWS = 1 << 21, 1 << 15  # bytes of the rows, and rows, that the chunks of all variables hold together
+CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of the rows, and rows, that the chunks of all variables hold together
 LIBRARIES = ("v110", "v110")  # of HDF5 that can read the file: 1.10 and later
-CACHE = 1 << 20  # bytes of chunks that a data set keeps in memory
+CACHE = 0  # bytes of chunks that a data set keeps in memory: each is written, and read back, whole
 
 
 class Written(NamedTuple):
