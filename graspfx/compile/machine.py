@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.emission import require_llvm
-from graspfx.compile.footprints import note_compiled
+from graspfx.compile.footprints import note_compiled, was_compiled
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as native
@@ -50,7 +50,7 @@ class Machine:
         floats = [name for name, kind in parameters if kind == "float"]
         source = program_source(text, {"kernel_": kernel}, [*self._names, "results_"], {}, make=make)
         self._native: Native = native(source, floats, apart=False, make=make)
-        if not self._native.cached:
+        if not was_compiled(kernel):  # sources may have changed where the machine code did not
             note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:

@@ -11,6 +11,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.bench.timing import TIMED, Effort, Method, check, interleaved
+from graspfx.grasp import point_sets
 from tests.bench import batches, runs
 from tests.bench.__main__ import module
 
@@ -65,6 +66,7 @@ def require_ratios(methods: Mapping[str, Method], gates: Sequence[Gate]) -> None
 @pytest.mark.parametrize("name", GATES)
 def test_faster_than_its_peer_and_no_less_exact(name: str) -> None:
     pytest.importorskip("llvmlite")
+    point_sets.warm()  # as `graspfx warmup` does
     left = dict(GATES[name])
     for case in module(name).cases(quick=True):
         gates = left.pop(case.name, [])
