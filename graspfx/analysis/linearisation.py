@@ -134,11 +134,6 @@ class OperatorMatrices:
             grip_share=self.grip_share[:k],
         )
 
-    def without_reaction(self) -> OperatorMatrices:
-        """Give the operator without its late reaction."""
-        zero = np.zeros_like(self.pull)
-        return replace(self, pull=zero, pull_damping=zero, counter=zero)
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Linearisation(Carded):

@@ -77,11 +77,6 @@ class Machine:
             return tuple(results.tolist())
         return float(results[0]) if self._results else None
 
-    def unlocked(self, *arguments: Any) -> None:
-        """Run with the interpreter's lock released, for calls that take long; the result is not returned."""
-        bound, _ = self._bound_to(arguments)
-        bound.long(*[arguments[k] for k in self._number_places])
-
     def once(self, *arguments: Any) -> None:
         """Run on buffers that are not kept for another call, with the interpreter's lock released."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])

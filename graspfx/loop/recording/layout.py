@@ -243,10 +243,6 @@ class Layout:
         """Bytes that a row takes when a run ends: in the part, and in the file with the two forces and the time."""
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
-    def filled_by(self, who: str) -> Iterator[Column]:
-        """List the columns that one part of the loop fills, as `Declared.filled` names it."""
-        return (column for column in self.columns.values() if column.filled == who)
-
     @property
     def derived(self) -> tuple[Column, ...]:
         """Variables that follow from a row: the displayed force where it is no column, `forces`, and displacements."""
