@@ -217,7 +217,7 @@ def native_of(
         wide: with the longest vectors that the processor has.
     """
     description = {
-        "arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": program.checked
+        "arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm, "checked": program.checked
     }  # fmt: skip
     wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
     machine = emitted(f"{program.text}{wrapper}\n", level, lanes=program.lanes, wide=wide)

@@ -28,6 +28,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def works(program: native.Native) -> bool:
     A = np.ones(1)
+    assert program.arrays == ["A"]
     return program.bind(A).brief(3) == 3 and A[0] == math.sin(1.0) + 3
 
 

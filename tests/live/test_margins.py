@@ -80,19 +80,21 @@ def test_the_newest_request_wins(asked: tuple[Margins, list[Verdict]]) -> None:
     margins, verdicts = asked
     assert margins.await_verdict(1, PATIENCE)
     verdicts.clear()
-    longest = 0.0
-    for k in range(300):
+    requests, longest, end = 0, 0.0, time.perf_counter() + PATIENCE
+    while requests < 300 or sum(each.stage == 0 for each in verdicts) <= 10:  # some are answered while it is dragged
+        assert time.perf_counter() < end
         began = time.perf_counter()
-        number = margins.ask({KEP: 100.0 + k, KIP: 400.0})
+        stiffness = 100.0 + requests % 300
+        number = margins.ask({KEP: stiffness, KIP: 400.0})
         longest = max(longest, time.perf_counter() - began)
+        requests += 1
         time.sleep(0.001)
     last = margins.await_verdict(number, PATIENCE)
     assert last is not None
-    assert last.values == {KEP: 399.0, KIP: 400.0}
+    assert last.values == {KEP: stiffness, KIP: 400.0}
     order = [(each.number, each.stage) for each in verdicts]
     assert order == sorted(set(order))
-    assert sum(not each.is_provisional for each in verdicts) < 150  # the others were dropped
-    assert sum(each.stage == 0 for each in verdicts) > 10
+    assert sum(not each.is_provisional for each in verdicts) < requests / 2  # the others were dropped
     assert longest < PATIENCE / 100  # nothing waits for a certificate
 
 

@@ -37,6 +37,7 @@ def test_blocks_of_a_scene_stand_in_one_memory_and_apart_from_one_another(name: 
 
 def test_places_of_fingers_are_where_the_parts_have_them() -> None:
     """A number written into a part by its own views is found by the world at its place, and the other way round."""
+    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     with build(gx.load("two-objects"), engine="interpreted") as servo:
         arena, floats = servo.arena, servo.arena.memory.floats
         d = arena.d
