@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
+    from graspfx.assembly.open_session import open as open
+    from graspfx.assembly.real_time_session import RealTimeSession as RealTimeSession
+    from graspfx.assembly.replay import replay as replay
+    from graspfx.assembly.run import run as run
+    from graspfx.assembly.session import Session as Session
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
-    from graspfx.build.open_session import open as open
-    from graspfx.build.real_time_session import RealTimeSession as RealTimeSession
-    from graspfx.build.replay import replay as replay
-    from graspfx.build.run import run as run
-    from graspfx.build.session import Session as Session
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.certify_operators import OperatorCertificate as OperatorCertificate
@@ -55,8 +55,8 @@ _HOMES = {
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.report",
     "Scene": "graspfx.scene.model",
-    "RealTimeSession": "graspfx.build.real_time_session",
-    "Session": "graspfx.build.session",
+    "RealTimeSession": "graspfx.assembly.real_time_session",
+    "Session": "graspfx.assembly.session",
     "Split": "graspfx.grasp.split",
     "SweepResult": "graspfx.sweeps.sweep_result",
     "Tuning": "graspfx.tuning.tuning",
@@ -67,11 +67,11 @@ _HOMES = {
     "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
-    "open": "graspfx.build.open_session",
+    "open": "graspfx.assembly.open_session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
-    "replay": "graspfx.build.replay",
-    "run": "graspfx.build.run",
+    "replay": "graspfx.assembly.replay",
+    "run": "graspfx.assembly.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
     "style": "graspfx.show",

@@ -55,9 +55,9 @@ UPWARD = {
     "Recording.to_frame": "graspfx.show.tabular.recording_frame",
     "Recording.to_html": "graspfx.live.page.document.write_page",
     "Recording.to_xarray": "graspfx.show.labelled.recording_dataset",
-    "Scene.faults": "graspfx.build.checks.faults.find_faults",
+    "Scene.faults": "graspfx.assembly.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
-    "Scene.reach_faults": "graspfx.build.resolve.reach_faults",
+    "Scene.reach_faults": "graspfx.assembly.resolve.reach_faults",
     "ZWidth.plot": "graspfx.show.loop_figures.z_width",
 }
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.arguments import count
+from graspfx.assembly.resolve import resolve
+from graspfx.assembly.run import warn_of_axes
+from graspfx.assembly.run_header import header_of
 from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.group_runs import Runs
 from graspfx.batch.measured_columns import columns_of, is_quantity
 from graspfx.batch.statistics import STATISTICS, Statistics
 from graspfx.batch.variants import Variants
-from graspfx.build.resolve import resolve
-from graspfx.build.run import warn_of_axes
-from graspfx.build.run_header import header_of
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.assembly.resolve import resolve
+from graspfx.assembly.run import require_memory, ticks_of
+from graspfx.assembly.run_header import header_of
 from graspfx.batch.groups import Group
 from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, split_of
@@ -18,9 +21,6 @@ from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import statistic
 from graspfx.batch.variants import Variants
-from graspfx.build.resolve import resolve
-from graspfx.build.run import require_memory, ticks_of
-from graspfx.build.run_header import header_of
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.recording.header import Header, Outcome, RunFault

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.build import build
+from graspfx.assembly.columns import Columns, plain_keys
+from graspfx.assembly.late_simulations import require_prompt_simulations
+from graspfx.assembly.part_columns import NotAlikeError
+from graspfx.assembly.resolve import resolve
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.batch.part_memory import PartMemory
-from graspfx.build.build import build
-from graspfx.build.columns import Columns, plain_keys
-from graspfx.build.late_simulations import require_prompt_simulations
-from graspfx.build.part_columns import NotAlikeError
-from graspfx.build.resolve import resolve
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
 from graspfx.loop.foreign import foreign, guests, looked_ahead

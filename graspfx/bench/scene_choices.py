@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.open_session import open as open_session
+from graspfx.assembly.run_header import source_name
 from graspfx.bench.rows import error_text, front, time_text
 from graspfx.bench.timing import TIMED, Row
-from graspfx.build.open_session import open as open_session
-from graspfx.build.run_header import source_name
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.record import Recording

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.build import build
-from graspfx.build.late_simulations import late_wires
-from graspfx.build.process.quenching import quenchers
-from graspfx.build.resolve import Parts
-from graspfx.build.safety_limits import chain_table
+from graspfx.assembly.build import build
+from graspfx.assembly.late_simulations import late_wires
+from graspfx.assembly.process.quenching import quenchers
+from graspfx.assembly.resolve import Parts
+from graspfx.assembly.safety_limits import chain_table
 from graspfx.errors import InputError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.parts import DeviceWiring

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from graspfx.analysis.grasp_stiffness import ROWS, cross, released
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
-from graspfx.build import encounters
-from graspfx.build.resolve import Parts
+from graspfx.assembly import encounters
+from graspfx.assembly.resolve import Parts
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import GraspState

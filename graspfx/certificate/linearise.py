@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.build.fading import set_fade
-from graspfx.build.mechanics import mechanics
-from graspfx.build.object_parts import ObjectPart
-from graspfx.build.resolve import Parts, resolve
-from graspfx.build.still_hands import still_hands
+from graspfx.assembly.fading import set_fade
+from graspfx.assembly.mechanics import mechanics
+from graspfx.assembly.object_parts import ObjectPart
+from graspfx.assembly.resolve import Parts, resolve
+from graspfx.assembly.still_hands import still_hands
 from graspfx.certificate.grip import EDGE, LOW, Grip, Ground, edge_directions, ground_under
 from graspfx.certificate.matrices import (
     ScaledGains,

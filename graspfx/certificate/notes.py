@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspfx.analysis.plant import Plant
-from graspfx.build.bodies import mass
-from graspfx.build.checks.units import unit_notes
-from graspfx.build.grasps import grasps
-from graspfx.build.holdings import holdings
-from graspfx.build.resolve import Parts
-from graspfx.build.wiring import table_at
+from graspfx.assembly.bodies import mass
+from graspfx.assembly.checks.units import unit_notes
+from graspfx.assembly.grasps import grasps
+from graspfx.assembly.holdings import holdings
+from graspfx.assembly.resolve import Parts
+from graspfx.assembly.wiring import table_at
 from graspfx.coupling import block as at
 from graspfx.grasp.rigid_modes import NO_ARM, smoothstep
 from graspfx.objects import integrators as body

@@ -11,8 +11,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.live import value_of
-from graspfx.build.numbers import general
+from graspfx.assembly.live import value_of
+from graspfx.assembly.numbers import general
 from graspfx.certificate.judgement import Judgement
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.progress import waiting

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from graspfx.build.encounters import meeting
-from graspfx.build.force_limits import forceless_text, hidden_text, limit_text
-from graspfx.build.grasps import grasps
-from graspfx.build.holdings import descriptions, holdings
-from graspfx.build.meshes import mesh_name
-from graspfx.build.resolve import Parts, resolve
+from graspfx.assembly.encounters import meeting
+from graspfx.assembly.force_limits import forceless_text, hidden_text, limit_text
+from graspfx.assembly.grasps import grasps
+from graspfx.assembly.holdings import descriptions, holdings
+from graspfx.assembly.meshes import mesh_name
+from graspfx.assembly.resolve import Parts, resolve
 from graspfx.certificate.device_plan import Row, lateness_rows, loop_rows, moment_rows, safety_rows
 from graspfx.certificate.notes import is_damped, why_not_gradual
 from graspfx.coupling import block as at

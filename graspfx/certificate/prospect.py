@@ -6,7 +6,7 @@ from collections.abc import Collection
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message

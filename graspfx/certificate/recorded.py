@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
-from graspfx.build.mechanics import Mechanics
+from graspfx.assembly.mechanics import Mechanics
 from graspfx.certificate.grip import Grip, Ground, bearers
 from graspfx.certificate.rest import NotGraspingError, Place, about, restless
 from graspfx.cones.problem import STICK

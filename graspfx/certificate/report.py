@@ -148,9 +148,9 @@ def report(scene: Scene) -> Report:
         SceneError: a scene that cannot be built, as with a finger out of its device's reach, or every fault under one
             of its presets.
     """
-    from graspfx.build.axes import axes_notes
-    from graspfx.build.checks.units import unit_notes
-    from graspfx.build.resolve import resolve
+    from graspfx.assembly.axes import axes_notes
+    from graspfx.assembly.checks.units import unit_notes
+    from graspfx.assembly.resolve import resolve
     from graspfx.certificate.certify import certificates
     from graspfx.certificate.notes import blend_notes, other_doubts
     from graspfx.certificate.plan import plan

@@ -27,8 +27,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.calibration.device_calibration import calibrate, require_hardware
-    from graspfx.build.resolve import resolve
+    from graspfx.assembly.calibration.device_calibration import calibrate, require_hardware
+    from graspfx.assembly.resolve import resolve
     from graspfx.scene.load import load
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")

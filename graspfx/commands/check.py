@@ -49,7 +49,7 @@ def execute(options: Namespace) -> int:
         name = "--out" if options.out is not None else "--samples"
         raise InputError(name, options.out or options.samples, f"{name} with --operators alone")
     with waiting(f"reading {options.scene}"):
-        from graspfx.build.scene_memory import SceneMemory
+        from graspfx.assembly.scene_memory import SceneMemory
         from graspfx.certificate.report import report
         from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
@@ -110,7 +110,7 @@ def _operators(options: Namespace) -> int:
 
 def _tick(scene: Scene) -> list[str]:
     """List what ticks of the scene run, and what they skip."""
-    from graspfx.build.build import build
+    from graspfx.assembly.build import build
     from graspfx.loop.tick_listing import listing
 
     with build(scene, engine="interpreted") as servo:

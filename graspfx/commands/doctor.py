@@ -88,8 +88,8 @@ class _Subject:
         import numpy as np
 
         from graspfx import plugins
-        from graspfx.build.checks.settings import signature_faults
-        from graspfx.build.wiring import AUTOMATIC
+        from graspfx.assembly.checks.settings import signature_faults
+        from graspfx.assembly.wiring import AUTOMATIC
         from graspfx.loop.device import is_hardware
         from graspfx.loop.parts import DeviceWiring
 
@@ -107,8 +107,8 @@ class _Subject:
         self._note(name, device.features, settings)
 
     def _add_scene(self, options: Namespace, settings: dict[str, Any]) -> None:
-        from graspfx.build.resolve import resolve
-        from graspfx.build.wiring import table_at
+        from graspfx.assembly.resolve import resolve
+        from graspfx.assembly.wiring import table_at
         from graspfx.loop.device import is_hardware
         from graspfx.loop.parts import DeviceWiring
         from graspfx.scene.load import load

@@ -27,7 +27,7 @@ CODES = f"""exit codes:
 
 def doubts(scene: Scene) -> list[str]:
     """List warnings about likely mistakes in a scene."""
-    from graspfx.build.resolve import resolve
+    from graspfx.assembly.resolve import resolve
     from graspfx.certificate import notes
 
     return notes.doubts(resolve(scene))

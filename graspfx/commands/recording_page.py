@@ -60,7 +60,7 @@ def show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable[
 
 def write_run(options: Namespace) -> int:
     """Run a scene for its duration, and write the run's page to --html; give the exit code."""
-    from graspfx.build.run import run
+    from graspfx.assembly.run import run
     from graspfx.scene.load import load
 
     _require_room(options)

@@ -15,7 +15,7 @@ from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_js
 from graspfx.loop.recording.places import NAME, make_folder, recording_file
 
 if TYPE_CHECKING:
-    from graspfx.build.replay import Replay
+    from graspfx.assembly.replay import Replay
 
 EXAMPLE = """  graspfx replay out/latest
   graspfx replay out/latest --set coupling.internal.stiffness=80 --out out/stiffer"""
@@ -30,7 +30,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.replay import replayed_with
+    from graspfx.assembly.replay import replayed_with
     from graspfx.loop.recording.record import Recording
 
     source, out = recording_file(options.recording), options.out

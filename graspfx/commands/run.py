@@ -48,7 +48,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.scene_cache import cached, place
+    from graspfx.assembly.scene_cache import cached, place
 
     if options.out is not None:
         _require_room(options.out, options)
@@ -59,7 +59,7 @@ def execute(options: Namespace) -> int:
     with destination(options, Path(options.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, options)
     if complete and where is not None and entry is None:
-        from graspfx.build.scene_cache import keep
+        from graspfx.assembly.scene_cache import keep
 
         keep(where, scene, notes)
     return code
@@ -76,7 +76,7 @@ def _require_room(folder: Path, options: Namespace) -> None:
 
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
     """Run a scene and write its files into a folder; return the exit code, and whether the run came to its end."""
-    from graspfx.build.run import run
+    from graspfx.assembly.run import run
     from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
 
@@ -130,7 +130,7 @@ def _log_plan(scene: Readable) -> None:
 def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
     """Let a Python file make its scene, which is checked unless the very same one was before; with its notes."""
     with waiting(f"checking {options.scene}"):
-        from graspfx.build.scene_memory import SceneMemory
+        from graspfx.assembly.scene_memory import SceneMemory
         from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
 

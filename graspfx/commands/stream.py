@@ -51,7 +51,7 @@ def add_stream(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.resolve import resolve
+    from graspfx.assembly.resolve import resolve
     from graspfx.live.live_run import LiveRun
     from graspfx.live.stream.stream_socket import stream_of
     from graspfx.scene.load import load

@@ -53,7 +53,7 @@ def execute(options: Namespace) -> int:
             return show_recording(options, stop, _tell)
     if options.html is not None:
         return write_run(options)
-    from graspfx.build.resolve import resolve
+    from graspfx.assembly.resolve import resolve
     from graspfx.scene.load import load
 
     with waiting(f"checking {options.scene}"):

@@ -10,7 +10,7 @@ from graspfx.commands.arguments import add_overrides, scene
 from graspfx.commands.output import SUCCESS, WRONG
 
 if TYPE_CHECKING:
-    from graspfx.build.warm import Warmed
+    from graspfx.assembly.warm import Warmed
 
 EXAMPLE = """  graspfx warmup"""
 
@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.warm import CANNOT, KERNELS, NOTHING
+    from graspfx.assembly.warm import CANNOT, KERNELS, NOTHING
     from graspfx.compile.cache import folder, require_room
     from graspfx.compile.emission import require_llvm
 
@@ -48,7 +48,7 @@ def execute(options: Namespace) -> int:
 
 
 def _warmed(options: Namespace) -> Iterator[Warmed]:
-    from graspfx.build.warm import warm, warm_kernels
+    from graspfx.assembly.warm import warm, warm_kernels
 
     yield warm_kernels()
     for name in [] if options.kernels else options.scenes:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from graspfx import plugins
-from graspfx.build.checks.faults import field_faults
+from graspfx.assembly.checks.faults import field_faults
 from graspfx.environment import require_file, resolved, to_path
 from graspfx.errors import Fault, InputError, SceneError, UnknownNameError
 from graspfx.experiment.experiment import Experiment

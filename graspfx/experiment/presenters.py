@@ -85,7 +85,7 @@ class RealTime:
     """
 
     def __init__(self, scene: Scene, duration: float, watchers: Sequence[Watcher] = ()) -> None:
-        from graspfx.build.resolve import resolve
+        from graspfx.assembly.resolve import resolve
 
         self._scene, self._duration, self._watchers = scene, duration, tuple(watchers)
         self.has_hardware = bool(resolve(scene).hardware)
@@ -152,7 +152,7 @@ class Simulated:
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
         """Compute an interval; its time is the run's own."""
-        from graspfx.build.run import run
+        from graspfx.assembly.run import run
 
         zero = time.monotonic()
         begin(zero)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from graspfx.build.live import GAINS
-from graspfx.build.numbers import general
+from graspfx.assembly.live import GAINS
+from graspfx.assembly.numbers import general
 from graspfx.live.stability_verdict import MarginRow, Verdict
 
 SHARE = 0.9  # of a limit: the most that hardware gets

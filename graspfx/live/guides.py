@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.holdings import holdings
-from graspfx.build.live import value_of
+from graspfx.assembly.holdings import holdings
+from graspfx.assembly.live import value_of
 
 if TYPE_CHECKING:
-    from graspfx.build.live_session import LiveSession
+    from graspfx.assembly.live_session import LiveSession
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ from multiprocessing.connection import Connection
 from subprocess import Popen
 from typing import Any
 
-from graspfx.build.process import boot
-from graspfx.build.process.errand import Errand
+from graspfx.assembly.process import boot
+from graspfx.assembly.process.errand import Errand
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
 from graspfx.resource import Resource

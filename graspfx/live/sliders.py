@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from graspfx.build.build import build
-from graspfx.build.live import GAINS, INERTIA, value_of
-from graspfx.build.numbers import general
-from graspfx.build.steering import Steering
+from graspfx.assembly.build import build
+from graspfx.assembly.live import GAINS, INERTIA, value_of
+from graspfx.assembly.numbers import general
+from graspfx.assembly.steering import Steering
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
 from graspfx.loop.servo import Servo

@@ -38,7 +38,7 @@ class Scene(Carded, SceneTable):
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
-    _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.build.resolve`
+    _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.assembly.resolve`
 
     _written: dict[str, Any] | None = PrivateAttr(default=None)  # its written form, where that is at hand
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.assembly.resolve import resolve
+from graspfx.assembly.run import run
 from graspfx.batch.group_runs import Measures, Runs, measured_variants
 from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.row_measures import measures_of_recording
 from graspfx.batch.variants import ForeignPartsError, Variants
-from graspfx.build.resolve import resolve
-from graspfx.build.run import run
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
 from graspfx.loop.recording.growth import growths

@@ -78,7 +78,7 @@ def check_scene(
         scene_ = _scene(scene)
         list(plan(scene_))
     with _promise("it runs without a fault"):
-        from graspfx.build.run import run
+        from graspfx.assembly.run import run
 
         recording = run(scene_, duration=duration)
     _check_recording(scene_, recording)
@@ -170,7 +170,7 @@ def _ahead_of_sample(scene: Scene, number: int, motion: ObjectMotion) -> FloatAr
 
 
 def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
-    from graspfx.build.build import build
+    from graspfx.assembly.build import build
 
     with build(scene) as servo:
         coupling, objects = accounts(scene, recording, [part.grasped.body_state for part in servo.objects])
@@ -204,7 +204,7 @@ class _Listener:
 
 def _check_together(scene: Scene, recording: Recording) -> None:
     """Run two servos at once, tick by tick in turns, and listen to the devices of both."""
-    from graspfx.build.build import build
+    from graspfx.assembly.build import build
     from graspfx.loop.parts import DeviceWiring
     from graspfx.loop.recording.header import Header
     from graspfx.loop.recording.recorder import Recorder

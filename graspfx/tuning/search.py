@@ -192,7 +192,7 @@ def _best_in_box(problem: Problem, hands: Sequence[Hand], before: Point | None) 
 
 
 def _own(problem: Problem, key: str) -> float:
-    from graspfx.build.live import value_of
+    from graspfx.assembly.live import value_of
 
     value = value_of(problem.scene, key)
     return float(value) if isinstance(value, int | float) else 0.0

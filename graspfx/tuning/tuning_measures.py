@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from graspfx.build.live import value_of
+from graspfx.assembly.live import value_of
 from graspfx.certificate.certificate import STANDING
 from graspfx.certificate.judgement import Judgement
 from graspfx.errors import GraspFXError, InputError, UnknownNameError

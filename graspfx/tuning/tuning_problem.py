@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.live import value_of
+from graspfx.assembly.live import value_of
 from graspfx.certificate.judgement import Judge, Judgement
 from graspfx.certificate.operator_set import FORM, OperatorRange, OperatorSet, Ranges, range_of
 from graspfx.errors import InputError

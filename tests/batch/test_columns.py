@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.assembly.columns import plain_keys
+from graspfx.assembly.resolve import resolve
 from graspfx.batch.variants import FULL, Variants
-from graspfx.build.columns import plain_keys
-from graspfx.build.resolve import resolve
 from graspfx.errors import GraspFXError, SceneError
 from tests.support.random_scenes import random_case
 from tests.support.small_scenes import line
@@ -32,7 +32,7 @@ COUNT = FULL + 4
 
 def values_of(scene: gx.Scene, key: str, rng: np.random.Generator) -> np.ndarray | None:
     """Random values around the scene's own, zero and those of other gains among them; None where it has none."""
-    from graspfx.build.live import value_of
+    from graspfx.assembly.live import value_of
 
     try:
         own = value_of(scene, key)

@@ -7,10 +7,10 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
+from graspfx.assembly.live import value_of
 from graspfx.batch import many
 from graspfx.batch.batch import Batch
 from graspfx.batch.lane_runs import LaneRuns
-from graspfx.build.live import value_of
 
 EVERY = sorted(name for name, origin in plugins.names("scenes").items() if origin.startswith("GraspFX"))
 OTHERS = ("two-objects", "mug", "twenty-fingers", "carry-bar")  # by other software, or long to compile

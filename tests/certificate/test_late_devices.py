@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
+from graspfx.assembly import pace
 from graspfx.certificate.recorded import exchange_times
 from graspfx.errors import InputError, SceneError
 from tests.support.hardware import VirtualClock

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from graspfx.build.build import build
-from graspfx.build.run import run
+from graspfx.assembly.build import build
+from graspfx.assembly.run import run
 from graspfx.certificate.plan import PlanRow, equal_gains, packages, plan
 from graspfx.compile.kernel import source_function
 from graspfx.coupling.contacts import refactor

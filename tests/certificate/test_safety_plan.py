@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.certificate.plan import PlanRow, plan
 from graspfx.loop.tick_listing import used
 from graspfx.scene.load import load

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.resolve import resolve
+from graspfx.assembly.resolve import resolve
 from graspfx.certificate.notes import unsettled
 
 T, M, B = 0.005, 0.1, 0.5  # [s, kg, N s/m]

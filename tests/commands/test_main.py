@@ -18,7 +18,7 @@ import pytest
 import graspfx
 import graspfx.errors
 from graspfx.__main__ import main
-from graspfx.build import pace
+from graspfx.assembly import pace
 from graspfx.commands.arguments import override
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import finish

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.native import compiled, interpreted
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory, Static

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.build.axes import axes_notes
-from graspfx.build.resolve import resolve
+from graspfx.assembly.axes import axes_notes
+from graspfx.assembly.resolve import resolve
 from graspfx.certificate.linearise import linearise
 from graspfx.coupling.closed_motion import worst_turn
 from graspfx.coupling.grasped import GraspedObject

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.certificate.plan import plan
 from graspfx.commands.output import doubts
 from graspfx.coupling import block as at

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.grasps import grasps
-from graspfx.build.resolve import resolve
+from graspfx.assembly.grasps import grasps
+from graspfx.assembly.resolve import resolve
 from graspfx.certificate.certificate import lines
 from graspfx.certificate.notes import arms, blend_notes
 from graspfx.coupling import block as at

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.two_forces import Samples, SplitRule
 from graspfx.objects.body_state import Motion

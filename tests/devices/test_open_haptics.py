@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
+from graspfx.assembly import pace
 from graspfx.certificate.plan import plan
 from graspfx.devices import open_haptics
 from graspfx.errors import DeviceError, InputError

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
-from graspfx.build.run import run
+from graspfx.assembly import pace
+from graspfx.assembly.run import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import touch_screen
 from graspfx.devices.touch_screen.touch_fingers import TouchFingers

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
+from graspfx.assembly import pace
 from graspfx.loop.realtime.pacing import decay_ticks
 from tests.support.hardware import EVIL, LIMIT, VirtualClock, driver, fakes
 

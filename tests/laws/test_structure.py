@@ -7,7 +7,7 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState

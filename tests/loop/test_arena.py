@@ -11,7 +11,7 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.memory import Memory
 from graspfx.errors import InputError
 from graspfx.loop.arena import Arena

@@ -10,8 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
+from graspfx.assembly.build import build
 from graspfx.bench.timing import is_installed
-from graspfx.build.build import build
 from graspfx.certificate.plan import limits_inside, plan
 from graspfx.coupling.limit import is_inside
 from graspfx.errors import InputError

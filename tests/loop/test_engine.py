@@ -12,8 +12,8 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
+from graspfx.assembly.build import build
 from graspfx.bench.timing import is_installed
-from graspfx.build.build import build
 from graspfx.compile import native
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.engine import Compiled, machine_codes

@@ -9,7 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.errors import KernelError
 from graspfx.loop.engine import FIRST, Compiled
 from tests.support.engines import TICKS, recorded, same

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.loop.parts import BodyGroup, guest_of
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.kernel import written
 from graspfx.compile.records import Floats
 from graspfx.loop import step

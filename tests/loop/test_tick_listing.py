@@ -14,7 +14,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.kernel import source_function
 from graspfx.coupling import limit as limits
 from graspfx.loop import step

@@ -254,7 +254,7 @@ def test_commands_take_a_preset(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_cache_tells_presets_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    from graspfx.build.scene_cache import cached, place
+    from graspfx.assembly.scene_cache import cached, place
 
     def execute(*words: str) -> gx.Recording:
         assert main(["run", "own.toml", "--no-figure", "--duration", "0.05", "--overwrite", "--out", "o", *words]) == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.resolve import resolve
+from graspfx.assembly.resolve import resolve
 from graspfx.errors import SceneError
 from tests.support.optional import require
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder

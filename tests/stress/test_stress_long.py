@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
 from graspfx.objects import integrators as at

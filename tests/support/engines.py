@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.errors import SceneError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording

@@ -19,7 +19,7 @@ DEVICE = f'''
 """A finger 4 mm inside a cart, whose device logs the time and the size of each force."""
 import ctypes, os, time
 import numpy as np
-from graspfx.build.process import orders
+from graspfx.assembly.process import orders
 from graspfx.loop.device import Features
 
 class Logged:

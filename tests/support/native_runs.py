@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.build.build import build
+from graspfx.assembly.build import build
 from graspfx.compile.kernel import source_function
 from graspfx.loop.realtime.beat import Reach, beat
 from graspfx.loop.realtime.native_loop import NativeLoop

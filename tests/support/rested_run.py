@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import graspfx as gx
-from graspfx.build.build import build
-from graspfx.build.resolve import resolve
-from graspfx.build.run_header import header_of
+from graspfx.assembly.build import build
+from graspfx.assembly.resolve import resolve
+from graspfx.assembly.run_header import header_of
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder

@@ -83,7 +83,7 @@ def servo_of(parent: int) -> int:
         with suppress(OSError, ValueError, IndexError):
             if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) != parent:
                 continue
-            if b"graspfx.build.process.servo_child" in (entry / "cmdline").read_bytes():
+            if b"graspfx.assembly.process.servo_child" in (entry / "cmdline").read_bytes():
                 return int(entry.name)
     return 0
 

@@ -39,7 +39,7 @@ SEAMS = {
     "signal.pidfd_send_signal": {"graspfx/system/process_end.py"},
     "os.getuid": {"graspfx/compile/ownership.py"},
     "os.pread": {"graspfx/loop/recording/rows.py"},
-    "select.poll": {"graspfx/serial_port.py", "graspfx/build/process/guard.py"},
+    "select.poll": {"graspfx/serial_port.py", "graspfx/assembly/process/guard.py"},
     "time.CLOCK_MONOTONIC": {"graspfx/loop/realtime/beat.py"},
     "time.clock_gettime": {"graspfx/loop/realtime/beat.py"},
     "os.O_NOCTTY": {"graspfx/serial_port.py"},

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from graspfx.build.live import numbered, value_of
+from graspfx.assembly.live import numbered, value_of
 from graspfx.live.hardware_clamp import HardwareClamp, Order
 from graspfx.live.margins import Margins
 

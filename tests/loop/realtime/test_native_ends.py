@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
-from graspfx.build.replay import replayed_with
+from graspfx.assembly import pace
+from graspfx.assembly.replay import replayed_with
 from graspfx.commands.output import say_faults
 from graspfx.environment import granted
 from graspfx.errors import DeviceError

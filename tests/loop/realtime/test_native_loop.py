@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
+from graspfx.assembly import pace
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.realtime.pacing import ClockState, Lateness, Pacer

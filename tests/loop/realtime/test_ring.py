@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.build import make_layout
-from graspfx.build.process import relay as relays
-from graspfx.build.process.relay import Relay
-from graspfx.build.resolve import resolve
+from graspfx.assembly.build import make_layout
+from graspfx.assembly.process import relay as relays
+from graspfx.assembly.process.relay import Relay
+from graspfx.assembly.resolve import resolve
 from graspfx.errors import DeviceError, InputError, RecordingError, SceneError, UnknownNameError
 from graspfx.loop.realtime.pacing import Lateness
 from graspfx.loop.realtime.ring import (

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, lfilter
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.analysis.stability import spectral_radius
-from graspfx.build.resolve import resolve
+from graspfx.assembly.resolve import resolve
 from graspfx.loop.drive import drive
 from graspfx.loop.recording.growth import Growth, coherent_pole, growths, mode_name
 from graspfx.loop.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises

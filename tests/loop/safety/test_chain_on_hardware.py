@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build import pace
+from graspfx.assembly import pace
 from tests.support import native_runs
 from tests.support.hardware import EVIL, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require

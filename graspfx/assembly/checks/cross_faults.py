@@ -1,0 +1,336 @@
+"""Checks of fields against one another; each skips a field that has a fault of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspfx import plugins
+from graspfx.assembly import bodies
+from graspfx.assembly.checks.hand_faults import own_hand_faults, shared_hand_faults
+from graspfx.assembly.checks.lengths import length_faults as _length
+from graspfx.assembly.checks.meeting import light_faults, meeting_faults
+from graspfx.assembly.checks.recorded import record_faults
+from graspfx.assembly.checks.safety_faults import chain_faults, finger_safety_faults, safety_faults
+from graspfx.assembly.checks.settings import reason, setting_faults
+from graspfx.assembly.checks.solids import mass_faults, shape_faults
+from graspfx.assembly.checks.touching import (
+    contact_axes_faults,
+    control_faults,
+    metric_faults,
+    own_coefficient,
+    pad_faults,
+    soft_faults,
+)
+from graspfx.assembly.checks.viscosity import may_turn, viscosity_faults
+from graspfx.assembly.placement import placement_faults
+from graspfx.assembly.stock import Stock
+from graspfx.assembly.wiring import wiring_faults
+from graspfx.cones.friction import LEAST
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.objects.dynamics_table import dynamics_of
+from graspfx.objects.integrators import SIZE
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.reading import WIDTHS
+from graspfx.scene.tables.scene_table import SceneTable
+
+Location = tuple[str | int, ...]
+Finding = tuple[Location, str]
+
+UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
+NAME_KEYS = {"object": "name", "device": "label", "hand": "name"}
+
+
+def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
+    """Find faults between the valid fields of a scene, or of a draft of one."""
+    faults: list[Finding] = []
+    for check in _checks(scene, stock, faults):
+        with suppress(NotValid):
+            for finding in check:
+                faults.append(finding)  # one by one: those before a field that is not valid stay
+    return faults
+
+
+def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[Iterator[Finding]]:
+    yield _enough(scene)
+    yield _length(scene, (), scene, "gravity")
+    for table in NAME_KEYS:
+        yield _unique(scene, table)
+    yield _finger_names(scene)
+    for i, thing in enumerate(_items(scene, "object")):
+        for field in ("position", "velocity"):
+            yield _length(scene, ("object", i), thing, field)
+        yield shape_faults(scene, ("object", i), thing, stock)
+        yield mass_faults(scene, ("object", i), thing)
+        for rule in (_free, _inertia, _turning, _orientation, _angular_velocity):
+            yield rule(scene, ("object", i), thing)
+        yield viscosity_faults(scene, ("object", i), thing, stock)
+        yield _body(scene, ("object", i), thing, stock, faults)
+        yield _dynamics(("object", i), thing, stock.folder)
+        yield light_faults(scene, ("object", i), thing, stock)
+    for i, thing in enumerate(_items(scene, "obstacle")):
+        yield _length(scene, ("obstacle", i), thing, "position")
+        yield shape_faults(scene, ("obstacle", i), thing, stock)
+        yield _orientation(scene, ("obstacle", i), thing)
+    yield _unique(scene, "obstacle")
+    yield meeting_faults(scene, stock, faults)
+    yield safety_faults(scene)
+    for i, finger in enumerate(_items(scene, "finger")):
+        yield _start(scene, i, finger, stock)
+        for field in NAME_KEYS:
+            yield _reference(scene, ("finger", i, field), finger, field)
+        yield own_hand_faults(scene, i, stock)
+        yield own_coefficient(scene, ("finger", i, "friction"), finger)
+        yield soft_faults(scene, i, finger)
+        yield pad_faults(scene, i, finger)
+        yield finger_safety_faults(scene, i, finger)
+        yield _own_device(scene, ("finger", i, "device"), finger, stock)
+    for i, device in enumerate(_items(scene, "device")):
+        yield setting_faults(scene, ("device", i), device, stock)
+    for i, hand in enumerate(_items(scene, "hand")):
+        yield shared_hand_faults(scene, ("hand", i), hand, stock)
+    yield _channels(scene)
+    yield wiring_faults(scene, stock.devices)
+    yield metric_faults(scene, stock.devices)
+    yield control_faults(scene, stock.devices)
+    yield chain_faults(scene, stock.devices)
+    for table in ("device", "hand"):
+        yield _unused(scene, table)
+    for share in ("external", "internal"):
+        for quantity in ("stiffness", "damping"):
+            yield _gain(scene, share, quantity)
+        yield _stiff(scene, share)
+        yield contact_axes_faults(scene, share)
+    for quantity in ("stiffness", "damping"):
+        yield _ratio(scene, quantity)
+    yield record_faults(scene)
+    yield _fade(scene)
+    yield _blend(scene)
+
+
+def _start(scene: SceneTable, i: int, finger: Any, stock: Stock) -> Iterator[Finding]:
+    if isinstance(finger.start, tuple):
+        yield from _length(scene, ("finger", i), finger, "start")
+        return
+    wrong = list(_length(scene, ("finger", i, "start"), finger.start, "toward"))
+    yield from wrong or placement_faults(scene, i, stock)
+
+
+def _items(scene: SceneTable, table: str) -> tuple[Any, ...]:
+    try:
+        items: tuple[Any, ...] = getattr(scene, table)
+    except NotValid:
+        return ()
+    return items
+
+
+def _enough(scene: SceneTable) -> Iterator[Finding]:
+    for table in ("object", "finger"):
+        if getattr(scene, table) == ():
+            yield (table,), "expected at least one"
+
+
+def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
+    names: set[str] = set()
+    for i, item in enumerate(_items(scene, table)):
+        try:
+            name = getattr(item, NAME_KEYS.get(table, "name"))
+        except NotValid:
+            continue
+        if name in names:
+            yield (table, i, NAME_KEYS.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
+        names.add(name)
+
+
+def _finger_names(scene: SceneTable) -> Iterator[Finding]:
+    names = scene.finger_names
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a name of its own"
+
+
+def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    width = WIDTHS[scene.dimensions]
+    if thing.free is not None and len(thing.free) != width:
+        moves = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
+        yield (*at, "free"), f"expected {width} of true or false ({moves}); given {abbreviate(list(thing.free))}"
+
+
+def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    inertia, d = thing.inertia, scene.dimensions
+    if inertia is None:
+        if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
+            yield (*at, "inertia"), "required where a rotation is free and there is no shape to compute it from"
+        return
+    values = inertia if isinstance(inertia, tuple) else (inertia,)
+    if d == 1:
+        yield (*at, "inertia"), "a line has no rotation: leave it out"
+    elif isinstance(inertia, tuple) and len(values) != (3 if d == 3 else 1):
+        expected = "a number or 3 numbers" if d == 3 else "a number"
+        yield (*at, "inertia"), f"expected {expected}; given {abbreviate(list(values))}"
+    elif min(values) <= 0:
+        yield (*at, "inertia"), f"expected more than 0; given {abbreviate(inertia)}"
+
+
+def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    if thing.rotational_viscosity is None and may_turn(scene, thing):
+        yield (
+            (*at, "rotational_viscosity"),
+            "required where a rotation is free: without it a grasp is not stable; `free` locks it",
+        )
+
+
+def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    yield from _turned(scene, at, "orientation", thing.orientation, "a quaternion of 4 numbers x, y, z, w", 4)
+    value = thing.orientation
+    if scene.dimensions == 3 and isinstance(value, tuple) and len(value) == 4:
+        norm = float(np.linalg.norm(value))
+        if abs(norm - 1.0) > UNIT:
+            yield (*at, "orientation"), f"expected a quaternion of norm 1; its norm is {norm:.6g}"
+
+
+def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    yield from _turned(scene, at, "angular_velocity", thing.angular_velocity, "3 numbers", 3)
+
+
+def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: str, count: int) -> Iterator[Finding]:
+    if value is None:
+        return
+    if scene.dimensions == 1:
+        yield (*at, field), "a line has no rotation: leave it out"
+    elif scene.dimensions == 2 and isinstance(value, tuple):
+        yield (*at, field), f"expected a number in the plane; given {abbreviate(list(value))}"
+    elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
+        yield (*at, field), f"expected {in_space}; given {abbreviate(value)}"
+
+
+def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
+    """Find what the body itself refuses, where there is no other fault."""
+    if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
+        return
+    try:
+        bodies.fill(scene, thing, stock.solid(at, thing), np.zeros(SIZE))
+    except InputError as error:
+        yield (*at, error.name), reason(error)
+
+
+def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding]:
+    try:
+        plugins.find("dynamics", thing.dynamics, folder)
+        if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
+            module = plugins.load_blaming("dynamics", thing.dynamics, folder)
+            if not callable(getattr(module, "create", None)):
+                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} have no function create(state)"
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "dynamics"), reason(error)
+    except GraspFXError as error:
+        yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} cannot be imported: {error}"
+    engine = dynamics_of(thing.dynamics)
+    if engine.missing:
+        yield (
+            (*at, "dynamics"),
+            f"{engine.name!r} needs the package {engine.package}, which is not installed: {engine.remedy}",
+        )
+
+
+def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iterator[Finding]:
+    name = getattr(finger, table)
+    if not isinstance(name, str):
+        return
+    names = [getattr(item, NAME_KEYS[table]) for item in getattr(scene, table)]
+    if name not in names:
+        close = closest(name, names)
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(names)})" if names else ""
+        yield at, f"no [[{table}]] has the {NAME_KEYS[table]} {name!r}{hint}"
+
+
+def _own_device(scene: SceneTable, at: Location, finger: Any, stock: Stock) -> Iterator[Finding]:
+    if not isinstance(finger.device, str):
+        yield from setting_faults(scene, at, finger.device, stock)
+
+
+def _channels(scene: SceneTable) -> Iterator[Finding]:
+    users: dict[tuple[str, int], int] = {}
+    for i, finger in enumerate(scene.finger):
+        try:
+            key = (finger.device, finger.channel)
+        except NotValid:
+            continue
+        if not isinstance(key[0], str):
+            continue
+        if key in users:
+            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is finger {users[key]}'s already"
+        users.setdefault((key[0], key[1]), i)
+
+
+def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
+    used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
+    for i, item in enumerate(getattr(scene, table)):
+        if getattr(item, NAME_KEYS[table]) not in used:
+            yield (table, i, NAME_KEYS[table]), f"no finger names {getattr(item, NAME_KEYS[table])!r}"
+
+
+def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
+    value = np.asarray(getattr(getattr(scene.coupling, share), quantity))
+    n, d, objects = len(scene.finger), scene.dimensions, len(scene.object)
+    m = n * d
+    forms: dict[int, list[tuple[int, ...]]] = {0: [()], 1: [(n,)], 2: [(d, d), (m, m)], 3: [(n, d, d)]}
+    at = ("coupling", share, quantity)
+    if value.shape not in forms[value.ndim]:
+        sizes = " or ".join(" x ".join(map(str, shape)) for shape in forms[value.ndim])
+        yield at, f"expected {sizes} numbers for {n} fingers in {d} dimensions; given {_size(value.shape)}"
+    elif value.ndim == 2 and value.shape != (d, d) and objects > 1:
+        yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
+    if scene.coupling.contact != "unilateral":
+        return
+    stiffness = np.asarray(getattr(scene.coupling, share).stiffness)
+    least = float((np.linalg.eigvalsh(stiffness) if stiffness.ndim > 1 else stiffness).min())
+    if least <= 0.0:
+        expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
+        yield (
+            ("coupling", share, "stiffness"),
+            f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
+        )
+
+
+def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
+    if scene.coupling.contact != "unilateral":
+        return
+    gains = {share: np.asarray(getattr(getattr(scene.coupling, share), quantity)) for share in ("external", "internal")}
+    if any(gain.ndim for gain in gains.values()):
+        return
+    small, large = sorted(gains, key=lambda share: float(gains[share]))
+    if 0.0 < gains[small] < LEAST * gains[large]:
+        unit, instead = ("N/m", "") if quantity == "stiffness" else ("N s/m", ", or 0")
+        yield (
+            ("coupling", small, quantity),
+            f"unilateral contact expects at least {LEAST:g} of coupling.{large}.{quantity}, "
+            f"{LEAST * gains[large]:.6g} {unit}{instead}; given {gains[small]:.6g} (contact = 'attached' takes any)",
+        )
+
+
+def _fade(scene: SceneTable) -> Iterator[Finding]:
+    if scene.coupling.fade == "auto":
+        return
+    low, high = scene.coupling.fade
+    if not 0.0 <= low < high:
+        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {abbreviate([low, high])}"
+
+
+def _blend(scene: SceneTable) -> Iterator[Finding]:
+    if scene.coupling.blend == "off":
+        return
+    low, high = scene.coupling.blend
+    if not 0.0 < low < high:
+        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {abbreviate([low, high])}"

@@ -1,0 +1,168 @@
+"""Every fault of a scene in one pass: of each field first, then of what is valid taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from graspfx.assembly.checks.cross_faults import cross_faults
+from graspfx.assembly.checks.foreign_files import trust_faults
+from graspfx.assembly.checks.units import unit_doubts
+from graspfx.assembly.stock import Stock
+from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
+from graspfx.scene.budget import too_deep
+from graspfx.scene.keys import Key, as_faults
+from graspfx.scene.source import Source
+from graspfx.scene.tables.fields import DRAFT, NotValid, Table
+from graspfx.scene.tables.scene_table import SceneTable
+
+BOUNDS = {
+    "greater_than": ("more than", "gt"),
+    "greater_than_equal": ("no less than", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("no more than", "le"),
+}
+EXPECTED = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "dict_type": "a table",
+}
+
+FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # all others: tables
+
+
+MOST_HINTS = 200  # unknown keys for which one that is near is looked for
+VERY_NEAR = 0.75  # 'mss' and 'mass' are at 0.86, 'axis' and 'radius' at 0.6
+
+# What other programs, and the paper, call by another name or keep in another place: by table and key.
+ELSEWHERE = {
+    ("Coupling", "kep"): "external.stiffness",
+    ("Coupling", "ked"): "external.damping",
+    ("Coupling", "kip"): "internal.stiffness",
+    ("Coupling", "kid"): "internal.damping",
+    ("SharedHand", "stiffness"): "arm.stiffness and grip.stiffness",
+    ("SharedHand", "damping"): "arm.damping and grip.damping",
+    ("Capsule", "height"): "length",
+    ("Cylinder", "height"): "length",
+    ("Capsule", "axis"): "the orientation of what has the shape",
+    ("Cylinder", "axis"): "the orientation of what has the shape",
+    ("HalfSpace", "offset"): "the position of what has the shape",
+    ("Plane", "offset"): "the position of what has the shape",
+}
+
+
+def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
+    """Find the faults of a scene given as nested tables; none means that `SceneTable` takes it.
+
+    Args:
+        data: as read from a file.
+        source: where it comes from.
+
+    Returns:
+        The faults, and the devices and shapes that were connected and loaded to find them.
+    """
+    stock = Stock(source.folder)
+    if deep := too_deep(data):
+        return [deep], stock
+    try:
+        draft = SceneTable.model_validate(data)
+    except ValidationError as error:
+        draft = SceneTable.model_validate(data, context=DRAFT)
+        faults = [*field_faults(error, draft), *trust_faults(draft, source)]
+        misspelt = _likely_keys(error.errors(include_url=False), draft)
+        faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
+        return as_faults(data, faults), stock
+    faults = [*trust_faults(draft, source), *cross_faults(draft, stock)]
+    if faults:  # of values that are valid each: a wrong unit may be behind them
+        faults = [*((at, f"given {text}") for at, text in unit_doubts(draft, stock)), *faults]
+    return as_faults(data, faults), stock
+
+
+def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, str]]:
+    """Find the faults of fields, each with where it stands in the data.
+
+    Args:
+        error: of the validation.
+        draft: what is valid, from a validation with `DRAFT`.
+    """
+    errors = error.errors(include_url=False)
+    likely = _likely_keys(errors, draft)
+    for each in errors:
+        at = each["loc"]
+        if each["type"] == "missing" and at in likely.values():
+            continue
+        if each["type"] == "extra_forbidden":
+            yield at, f"unknown key{_hint(at, likely, draft)}"
+        elif each["type"] == "kind" and isinstance(each["input"], Mapping):
+            yield (*at, "kind"), message(each)
+        else:
+            yield at, message(each)
+
+
+def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
+    """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
+    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
+    close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
+    return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
+
+
+def _near(key: str, table: Any) -> str | None:
+    """Find the key that could be meant: one that is there already only where it is very near, as by an override."""
+    if table is None:
+        return None
+    if len(key) > LONGEST_KEY:
+        return None
+    keys = type(table).model_fields
+    near = closest(key, keys.keys() - table.model_fields_set), closest(key, keys, VERY_NEAR)
+    return closest(key, filter(None, near))
+
+
+def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
+    elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
+    if elsewhere is not None:
+        return f"; here it is {elsewhere}"
+    return f"; did you mean {likely[at][-1]!r}?" if at in likely else ""
+
+
+def message(error: Any) -> str:
+    """Write one of pydantic's faults in the words of this project."""
+    kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
+    if kind == "missing":
+        return "required, but not given"
+    if kind in BOUNDS:
+        words, limit = BOUNDS[kind]
+        return f"expected {words} {context[limit]:g}; given {value}"
+    if kind in EXPECTED:
+        return f"expected {EXPECTED[kind]}; given {value}"
+    if kind == "union_tag_invalid":
+        forms = [FORMS.get(tag.strip(" '<>"), "a table") for tag in context["expected_tags"].split(",")]
+        return f"expected {' or '.join(dict.fromkeys(forms))}; given {value}"
+    if kind == "literal_error":
+        return f"expected {context['expected']}; given {value}"
+    if kind in ("too_short", "too_long"):
+        length = context.get("min_length", context.get("max_length"))
+        return f"expected {length} numbers; given {context['actual_length']}"
+    if kind == "string_pattern_mismatch":
+        return f"expected letters, digits, '_' and '-', a letter first; given {value}"
+    return str(error["msg"])
+
+
+def part_at(draft: Table, location: Sequence[str | int]) -> Any:
+    """Find the table at a validator's location; None where that is not valid."""
+    part: Any = draft
+    try:
+        for step in location:
+            if isinstance(step, int) or isinstance(part, Mapping):
+                part = part[step]
+            elif not step.startswith("<"):
+                part = getattr(part, step)
+    except NotValid:
+        return None
+    return part

@@ -1,0 +1,313 @@
+"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands of a plug-in's own."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from graspfx import plugins
+from graspfx.assembly.checks.lengths import Finding, Location, length_faults, numbers
+from graspfx.assembly.checks.settings import reason, signature_faults
+from graspfx.assembly.hand_parts import AUTOMATIC, plugin_hand
+from graspfx.assembly.placement import start_of
+from graspfx.assembly.stock import Stock
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
+from graspfx.loop.motion import motion
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
+from graspfx.scene.tables.hands import Path as RecordedPath
+from graspfx.scene.tables.part_tables import Object
+from graspfx.scene.tables.reading import AXES, listed
+from graspfx.scene.tables.scene_table import SceneTable
+
+LONGEST = 10_000  # samples of a reaction's delay
+NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
+
+
+def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
+    """Find faults of finger i's own hand."""
+    finger, at = scene.finger[i], ("finger", i, "hand")
+    hand = finger.hand
+    if hand is None or isinstance(hand, str):
+        return
+    if isinstance(hand, MadeHand):
+        yield from _plugin_faults(scene, at, hand, [i], stock)
+        return
+    yield from _each(
+        length_faults(scene, at, hand, "rest"),
+        _spring(scene, at, hand),
+        _moving(scene, at, hand, [i], stock),
+        _own_closing(scene, at, hand),
+        _normals(scene, at, hand, [i]),
+    )
+
+
+def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Finding]:
+    """Find faults of a hand that several fingers may name."""
+    name = getattr(hand, "name", None)  # none if it has a fault of its own
+    fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
+    if isinstance(hand, MadeHand):
+        yield from _plugin_faults(scene, at, hand, fingers, stock)
+        return
+    yield from _each(
+        *(_half(scene, (*at, half), hand, half) for half in ("arm", "grip")),
+        _moving(scene, at, hand, fingers, stock),
+        _closing(scene, at, hand, fingers, stock),
+        _normals(scene, at, hand, fingers),
+        _share(at, hand, fingers),
+    )
+
+
+def _each(*checks: Iterator[Finding]) -> Iterator[Finding]:
+    for check in checks:
+        with suppress(NotValid):
+            yield from check
+
+
+def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Finding]:
+    yield from _spring(scene, at, getattr(hand, half))
+
+
+def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Finding]:
+    for quantity in ("stiffness", "damping"):
+        if isinstance(getattr(spring, quantity), tuple):
+            yield from length_faults(scene, at, spring, quantity)
+
+
+def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
+    yield from _each(
+        *(_motion(scene, where, each, stock) for where, each in _numbered((*at, "motion"), hand, "motion")),
+        *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
+        _squeeze(at, hand),
+        _guide(scene, (*at, "guide"), hand, fingers),
+        _operator(scene, at, hand),
+    )
+
+
+def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
+    """Find faults of what a hand is besides a spring and a damper."""
+    if hand.limb is not None:
+        yield from _spring(scene, (*at, "limb"), hand.limb)
+    tremor, reaction = hand.tremor, hand.reaction
+    if tremor is not None and tremor.width >= 2.0 * tremor.frequency:
+        yield (*at, "tremor", "width"), f"expected less than twice the frequency; given {abbreviate(tremor.width)}"
+    if reaction is not None and reaction.delay > LONGEST * scene.period:
+        yield (*at, "reaction", "delay"), f"expected at most {LONGEST} periods; given {abbreviate(reaction.delay)}"
+
+
+def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+    guide = hand.guide
+    if guide is None or guide.offset is None:
+        return
+    offset = guide.offset
+    if not (offset and isinstance(offset[0], tuple)):
+        yield from length_faults(scene, at, guide, "offset")
+        return
+    if fingers and len(offset) != len(fingers):
+        yield (*at, "offset"), f"expected one for each of its {len(fingers)} fingers; given {len(offset)}"
+    for i, each in enumerate(offset):
+        if len(each) != scene.dimensions:
+            yield (*at, "offset", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(each))}"
+
+
+def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
+    """List the tables of a field that takes one or a list, with where each stands."""
+    try:
+        value = getattr(hand, field)
+    except NotValid:
+        return
+    for k, each in enumerate(listed(value)):
+        yield ((*at, k) if isinstance(value, tuple) else at), each
+
+
+def _motion(scene: SceneTable, at: Location, motion: Any, stock: Stock) -> Iterator[Finding]:
+    if isinstance(motion, Sine):
+        yield from _axis(scene, at, motion)
+    elif isinstance(motion, Reach):
+        yield from length_faults(scene, at, motion, "displacement")
+    elif isinstance(motion, RecordedPath):
+        yield from _recorded(scene, at, motion, stock)
+
+
+def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
+    axis = part.axis
+    if isinstance(axis, tuple):
+        wrong = list(length_faults(scene, at, part, "axis"))
+        yield from wrong or _zero((*at, "axis"), axis)
+    elif AXES.get(str(axis), axis) not in range(scene.dimensions):
+        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {abbreviate(axis)}"
+
+
+def _zero(at: Location, vector: Sequence[float]) -> Iterator[Finding]:
+    if not any(vector):
+        yield at, f"expected a direction, of any length but zero; given {abbreviate(list(vector))}"
+
+
+def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
+    times, positions = path.times, path.positions
+    if path.file is not None:
+        if times is not None or positions is not None:
+            yield (*at, "file"), "expected either a file or times and positions, not both"
+            return
+        try:
+            recorded = stock.path(path.file)
+        except InputError as error:
+            yield (*at, "file"), reason(error)
+            return
+        if recorded.dimensions != scene.dimensions:
+            yield (*at, "file"), f"expected {numbers(scene.dimensions)} after the time; given {recorded.dimensions}"
+        return
+    if times is None or positions is None:
+        yield at, "expected a file, or times and positions"
+        return
+    if len(times) < 2 or min(np.diff(times)) <= 0.0:
+        yield (*at, "times"), "expected at least two times, rising"
+    if len(times) != len(positions):
+        yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
+    for i, position in enumerate(positions):
+        if len(position) != scene.dimensions:
+            yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(position))}"
+            return
+
+
+def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+    d = scene.dimensions
+    if d == 1:
+        yield at, "a line has no rotation: leave it out"
+        return
+    yield from _each(_turn_axis(scene, at, turn), length_faults(scene, at, turn, "centre"))
+    if turn.centre is None and len({thing.name for thing in _touched(scene, fingers)}) > 1:
+        yield (*at, "centre"), "required where a hand touches several objects"
+
+
+def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
+    if scene.dimensions == 3:
+        if turn.axis is None:
+            yield (*at, "axis"), "required in space: x, y, z or a direction"
+        else:
+            yield from _axis(scene, at, turn)
+    elif turn.axis not in (None, 2, "z"):
+        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {abbreviate(turn.axis)}"
+
+
+def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
+    squeeze = hand.squeeze
+    if isinstance(squeeze, int | float):
+        return
+    if "squeeze_ramp" in hand.model_fields_set:
+        yield (*at, "squeeze_ramp"), "a squeeze in steps has its own times: leave it out"
+    steps: tuple[Step, ...] = listed(squeeze)
+    if not steps:
+        yield (*at, "squeeze"), "expected a number, or one step at least"
+    for k in range(1, len(steps)):
+        before = steps[k - 1]
+        if motion.overlap(before.begin, before.duration, steps[k].begin):
+            yield (
+                (*at, "squeeze", k, "begin"),
+                f"expected {before.begin + before.duration:.6g} or more, when the step before it ends; "
+                f"given {abbreviate(steps[k].begin)}",
+            )
+
+
+def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+    bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
+    closes = hand.squeeze != 0.0 or (hand.guide is not None and hand.guide.squeeze != 0.0)
+    if bare and hand.closing == "normal" and closes:
+        yield (
+            (*at, "closing"),
+            f"a direction is required: {bare[0]!r} has no shape, so it has no normals to close along",
+        )
+
+
+def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
+    if isinstance(hand.closing, tuple):
+        wrong = list(length_faults(scene, at, hand, "closing"))
+        yield from wrong or _zero((*at, "closing"), hand.closing)
+
+
+def _closing(
+    scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int], stock: Stock
+) -> Iterator[Finding]:
+    closing = hand.closing
+    if isinstance(closing, tuple):
+        if fingers and len(closing) != len(fingers):
+            yield (*at, "closing"), f"expected a direction for each of its {len(fingers)} fingers; given {len(closing)}"
+        for i, direction in enumerate(closing):
+            if len(direction) != scene.dimensions:
+                yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(direction))}"
+    elif closing == "centre":
+        start = np.array(_starts(scene, fingers, stock), dtype=float)
+        arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
+        if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
+            yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
+
+
+def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
+    share = hand.share
+    if fingers and isinstance(share, tuple) and len(share) != len(fingers):
+        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
+
+
+def _plugin_faults(
+    scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], stock: Stock
+) -> Iterator[Finding]:
+    kind = table.kind
+    try:
+        module = plugins.load_blaming("hands", kind, stock.folder)
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "kind"), reason(error)
+        return
+    except GraspFXError as error:
+        yield (*at, "kind"), f"the hand {kind!r} cannot be imported: {error}"
+        return
+    if not callable(getattr(module, "hold", None)):
+        yield (*at, "kind"), f"the hand {kind!r} has no function hold(**settings)"
+        return
+    parameters, settings = inspect.signature(module.hold).parameters, table.settings
+    clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
+    wrong = [((*at, key), "the scene gives it: leave it out") for key in clashes]
+    wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
+    yield from wrong
+    starts = _starts(scene, fingers, stock)
+    centres = [thing.position or (0.0,) * scene.dimensions for thing in _touched(scene, fingers)]
+    if wrong or not starts or any(len(vector) != scene.dimensions for vector in (*starts, *centres)):
+        return
+    rest = np.array(starts, dtype=float)
+    # directions to the objects' centres stand in for the normals, which are known once the scene is built
+    arms = np.array(centres, dtype=float) - rest
+    inward = arms / np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), np.finfo(float).tiny)
+    try:
+        plugin_hand(module, table, rest, inward)
+    except InputError as error:
+        yield ((*at, error.name), reason(error)) if error.name in settings else (at, str(error))
+    except GraspFXError as error:
+        yield at, f"{kind!r} cannot hold: {error}"
+
+
+def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
+    """List where fingers start; NotValid if one has no place, which is a fault of its own."""
+    starts = []
+    for i in fingers:
+        try:
+            start = start_of(scene, i, stock)
+        except GraspFXError as error:  # of its object's shape
+            raise NotValid("start") from error
+        if start is None:
+            raise NotValid("start")
+        starts.append(start)
+    return starts
+
+
+def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
+    """List the objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
+    things = {thing.name: thing for thing in scene.object}
+    if not things:
+        raise NotValid("object")
+    names = [scene.finger[i].object or scene.object[0].name for i in fingers]
+    if not things.keys() >= set(names):
+        raise NotValid("object")
+    return [things[name] for name in names]

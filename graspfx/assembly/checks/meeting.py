@@ -1,0 +1,165 @@
+"""Checks of what objects can meet with their dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from graspfx import plugins
+from graspfx.assembly import bodies, encounters
+from graspfx.assembly.stock import Stock
+from graspfx.errors import GraspFXError, InputError
+from graspfx.objects.dynamics_table import MEETING, dynamics_of
+from graspfx.objects.integrators import SIZE
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.part_tables import Object
+from graspfx.scene.tables.scene_table import SceneTable
+
+Location = tuple[str | int, ...]
+Finding = tuple[Location, str]
+
+FLAT = ("half-space", "plane")
+STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
+DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
+
+
+def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
+    """Find what objects cannot meet with these dynamics; nothing where an object or obstacle has its own fault."""
+    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
+        return
+    yield from _together(scene, stock)
+    if not scene.obstacle:
+        return
+    native = [thing.name for thing in scene.object if _meets(scene, thing, "native")]
+    for i, table in enumerate(scene.obstacle):
+        if native and table.shape.kind not in FLAT:
+            yield (
+                ("obstacle", i, "shape", "kind"),
+                f"{', '.join(native)} with native dynamics can meet a half-space or a plane, not a {table.shape.kind}; "
+                f"dynamics = {MEETING} meets any",
+            )
+    if native and scene.world.restitution > 0.0:
+        yield (
+            ("world", "restitution"),
+            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = {MEETING} does",
+        )
+    for i, thing in enumerate(scene.object):
+        if thing.shape is not None and thing.shape.kind in FLAT and encounters.moves(scene, thing):
+            yield (
+                ("object", i, "shape", "kind"),
+                f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
+            )
+        elif thing.shape is not None and encounters.moves(scene, thing):
+            yield from _inside(scene, i, thing, stock)
+            if thing.dynamics == "native":
+                yield from _too_stiff(scene, i, thing, stock)
+
+
+def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -> Iterator[Finding]:
+    """Find a mass, or moments of inertia, too small for the program that moves the object."""
+    engine = dynamics_of(thing.dynamics)
+    if not engine.least:
+        return
+    from graspfx.objects.carrier import CarriedBody
+    from graspfx.objects.guest import SIZE as PART
+
+    state = np.zeros(SIZE)
+    try:
+        bodies.fill(scene, thing, stock.solid(at, thing), state)
+        one = CarriedBody(state, np.zeros(PART))
+        mass = bodies.mass(thing, stock.solid(at, thing))
+    except (GraspFXError, NotValid):
+        return  # has a fault of its own
+    if one.fixed:
+        return
+    otherwise = "; dynamics = 'native' takes it among half-spaces and planes"
+    if not mass > engine.least:
+        key = "mass" if thing.mass is not None else "density"
+        yield (*at, key), f"the mass is {mass:.4g} kg: {engine.label} needs more than {engine.least:g} kg{otherwise}"
+    if one.turns and not min(one.moments) > engine.least:
+        key = "inertia" if thing.inertia is not None else "mass" if thing.mass is not None else "density"
+        yield (
+            (*at, key),
+            f"the least moment of inertia is {min(one.moments):.4g} kg m^2: {engine.label} needs more than "
+            f"{engine.least:g} kg m^2{otherwise}",
+        )
+
+
+def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
+    if scene.world.collide and len(scene.object) > 1:
+        for i, thing in enumerate(scene.object):
+            if thing.dynamics == "native" and encounters.moves(scene, thing):
+                yield ("object", i, "dynamics"), f"native objects meet no other object; world.collide needs {MEETING}"
+    collide = bool(scene.world.collide)
+    for group in encounters.groups(scene):
+        if not encounters.in_world(scene, group):
+            continue
+        name = scene.object[group[0]].dynamics
+        if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
+            yield (
+                ("object", group[0], "dynamics"),
+                f"{name!r} without create_world lets objects meet nothing; use {MEETING}",
+            )
+            continue
+        for i in group:
+            thing = scene.object[i]
+            engine = dynamics_of(thing.dynamics)
+            if thing.shape is not None and sum(map(bool, scene.free(thing)[3:])) not in engine.rotations:
+                yield (
+                    ("object", i, "free"),
+                    f"two of three rotations of a body that meets others are no joint of {engine.label}'s: expected "
+                    "none, one or three; dynamics = 'native' takes it on half-spaces and planes",
+                )
+            if engine.partial:
+                continue
+            if scene.dimensions != 3:
+                who = "world.collide" if collide and not scene.obstacle else "obstacles"
+                yield (
+                    ("object", i, "dynamics"),
+                    f"a {engine.label} world is in space, not in {scene.dimensions} dimension(s): {who} need "
+                    "dimensions = 3, or dynamics = 'mujoco'"
+                    + ("" if who == "world.collide" else ", or 'native' and half-spaces or planes"),
+                )
+            elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
+                yield (
+                    ("object", i, "free"),
+                    f"{engine.label} locks no single freedom of a body that meets others: expected all free or none; "
+                    "dynamics = 'mujoco', 'native' on half-spaces and planes, or world.collide = false, no obstacles",
+                )
+
+
+def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
+    return thing.dynamics == dynamics and thing.shape is not None and encounters.moves(scene, thing)
+
+
+def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
+    mass = bodies.mass(thing, stock.solid(("object", i), thing))
+    k, T = scene.world.stiffness, scene.period
+    if k * T * T > STIFFEST * mass:
+        yield (
+            ("world", "stiffness"),
+            f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m, {STIFFEST:g} m/T^2 of "
+            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding throws it off what it rests on",
+        )
+
+
+def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
+    """Tell whether a shape begins below a half-space or across a plane; other pairs would need a search."""
+    from graspfx.objects.floor.floor import clearance
+
+    state = np.zeros(SIZE)
+    try:
+        solid = stock.solid(("object", i), thing)
+        bodies.fill(scene, thing, solid, state)
+        for table, obstacle in zip(scene.obstacle, encounters.obstacles(scene, stock), strict=True):
+            if table.shape.kind in FLAT:
+                height = clearance(solid.shape, scene.dimensions, state, obstacle)
+                if height < -DEEP:
+                    yield (
+                        ("object", i, "position"),
+                        f"the object starts {-1e3 * height:.4g} mm inside the obstacle {table.name!r}: expected its "
+                        "lowest point on or above it",
+                    )
+    except (InputError, NotValid):
+        return  # has a fault of its own

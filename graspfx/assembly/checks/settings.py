@@ -1,0 +1,112 @@
+"""A device table against its driver: imported, its settings held to the signature of `connect`, then connected."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from graspfx import plugins
+from graspfx.assembly.stock import Stock
+from graspfx.assembly.wiring import AUTOMATIC, connect
+from graspfx.compile.memory import within
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.loop.device import Features, lacking
+from graspfx.scene.tables.part_tables import Device
+from graspfx.scene.tables.scene_table import SceneTable
+
+Location = tuple[str | int, ...]
+Finding = tuple[Location, str]
+OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
+
+
+def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
+    """Find what keeps a device from being connected; one that can be goes to the stock."""
+    try:
+        driver = plugins.load_blaming("devices", table.name, stock.folder)
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "name"), reason(error)
+        return
+    except GraspFXError as error:
+        yield (*at, "name"), f"the driver {table.name!r} cannot be imported: {error}"
+        return
+    if not callable(getattr(driver, "connect", None)):
+        yield (*at, "name"), f"the driver {table.name!r} has no function connect(**settings)"
+        return
+    parameters, settings = inspect.signature(driver.connect).parameters, table.settings
+    faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
+    faults += [
+        ((*at, key), f"the former name of {table.former[key]!r}, which is there too: leave it out") for key in twice
+    ]
+    if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
+        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
+    yield from faults
+    if not faults:
+        yield from _connection(scene, at, table, driver, stock)
+
+
+def reason(error: GraspFXError) -> str:
+    """Write an error's text without the name that it begins with, where the fault's key says that already."""
+    return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
+
+
+def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
+    dimensions = scene.dimensions
+    try:
+        with plugins.blaming(Path(driver.__file__ or driver.__name__)), within(stock.memory):
+            device = connect(driver, table, dimensions)
+            features = getattr(device, "features", None)
+            missing = lacking(device)
+    except InputError as error:
+        is_setting = error.name in table.settings
+        yield ((*at, error.name), reason(error)) if is_setting else (at, str(error))
+    except GraspFXError as error:
+        yield at, f"{table.name!r} cannot be connected: {error}"
+    else:
+        if not isinstance(features, Features):
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
+            return
+        stock.devices[at] = device  # also one that lacks a method: what it tells of itself is checked in the same pass
+        if missing:
+            file = plugins.shown_path(Path(driver.__file__ or driver.__name__))
+            names, kind = ", ".join(f"{name}()" for name in missing), type(device).__name__
+            yield (
+                at,
+                f"the device of {file} lacks {names}: add what is missing to {kind}; "
+                "graspfx.protocols.Device says what each method does",
+            )
+
+
+def signature_faults(
+    at: Location,
+    name: str,
+    settings: Mapping[str, Any],
+    parameters: Mapping[str, inspect.Parameter],
+    automatic: AbstractSet[str],
+) -> Iterator[Finding]:
+    """Find settings that a plug-in does not take, and missing ones that it needs; the automatic ones are filled in."""
+    for key, value in settings.items():
+        if not _finite(value):
+            yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
+    names = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
+    unknown = [key for key in settings if key not in names] if len(names) == len(parameters) else []
+    likely = {key: closest(key, names) for key in unknown}
+    for key, close in likely.items():
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(names - automatic))})"
+        yield (*at, key), f"unknown setting of {name!r}{hint}"
+    for key in sorted(names - automatic - settings.keys() - set(likely.values())):
+        if parameters[key].default is inspect.Parameter.empty:
+            yield (*at, key), f"required by {name!r}, but not given"
+
+
+def _finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list | tuple):
+        return all(map(_finite, value))
+    return all(map(_finite, value.values())) if isinstance(value, dict) else True

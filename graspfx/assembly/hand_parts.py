@@ -1,0 +1,241 @@
+"""The hands of a scene with what they do in time, ready to take hold of fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from inspect import signature
+from pathlib import Path as FilePath
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.assembly.holdings import Holding, axis_of
+from graspfx.assembly.operators import operator_of
+from graspfx.assembly.stock import Stock
+from graspfx.errors import InputError
+from graspfx.loop import plant
+from graspfx.loop.guided_hand import GuidedHand
+from graspfx.loop.hand import Hand
+from graspfx.loop.motion import motion as motions
+from graspfx.loop.motion.tremor import Tremor
+from graspfx.loop.motion.turn import Turn
+from graspfx.scene.tables.reading import listed
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.hands import Guide, MadeHand, Moving, SharedHand, SharedMadeHand
+    from graspfx.scene.tables.hands import Motion as MotionTable
+    from graspfx.scene.tables.hands import Turn as TurnTable
+    from graspfx.scene.tables.scene_table import SceneTable
+
+FloatArray = NDArray[np.float64]
+
+AUTOMATIC = frozenset({"rest", "inward"})  # given to a plug-in's `hold` that takes them
+
+
+@dataclass(frozen=True, eq=False)
+class HandPart:
+    """A hand, its fingers, and its intended motion, squeeze and turns.
+
+    Attributes:
+        holding: its table and its fingers.
+        driver: the module of a hand that is a plug-in's own; such a hand has its own course in time.
+        motion: of all its fingers together.
+        squeeze: how far it closes in time [m].
+        turns: one after another.
+        guided: whether it has the guide that its table asks for.
+        settled: whether the followers of its guide begin at their goals.
+    """
+
+    holding: Holding
+    driver: ModuleType | None = None
+    motion: motions.Motion | None = None
+    squeeze: float | motions.Motion = 0.0
+    turns: Sequence[Turn] = ()
+    guided: bool = True
+    settled: bool = False
+
+    @property
+    def fingers(self) -> list[int]:
+        """The numbers of its fingers in the scene."""
+        return self.holding.fingers
+
+    def still(self, *, guided: bool = True) -> HandPart:
+        """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is.
+
+        Args:
+            guided: whether its guide has led it to the goals; else it has none.
+        """
+        return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
+
+    def with_course(self) -> HandPart:
+        """Give the hand with a squeeze that has a course in time, also one of zero, which else has none."""
+        table = self.holding.table
+        if (
+            self.driver is not None
+            or table is None
+            or table.form == "made"
+            or not isinstance(self.squeeze, int | float)
+        ):
+            return self
+        return replace(self, squeeze=motions.Levels([[self.squeeze, 0.0, table.squeeze_ramp]]))
+
+    def hold(self, start: FloatArray, inward: FloatArray) -> plant.Hand:
+        """Take hold of the fingers.
+
+        Args:
+            start: of all fingers of the scene (n, d) [m].
+            inward: unit normals into the objects where they touch (n, d).
+        """
+        table, rest, normals = self.holding.table, start[self.fingers], inward[self.fingers]
+        if table is None:
+            return Hand(rest, 0.0)
+        if table.form == "made":
+            assert self.driver is not None
+            return plugin_hand(self.driver, table, rest, normals)
+        if table.form == "own":
+            if table.rest is not None:
+                rest = np.array([table.rest])
+            closing = normals if table.closing == "normal" else np.array([table.closing], dtype=float)
+            hand = Hand(
+                rest, table.stiffness, table.damping, self.motion, self.squeeze, closing, table.squeeze_ramp,
+                turns=self.turns,
+            )  # fmt: skip
+            hand.operator = operator_of(table, self.fingers, start.shape[1])
+            return self._guided(hand, table.guide)
+        hand = Hand.arm_and_grip(
+            rest,
+            arm=(table.arm.stiffness, table.arm.damping),
+            grip=(table.grip.stiffness, table.grip.damping),
+            motion=self.motion,
+            squeeze=self.squeeze,
+            inward=closing_directions(table, rest, normals),
+            squeeze_ramp=table.squeeze_ramp,
+            share=table.share,
+            turns=self.turns,
+        )
+        hand.operator = operator_of(table, self.fingers, start.shape[1])
+        return self._guided(hand, table.guide)
+
+    def _guided(self, hand: Hand, guide: Guide | None) -> plant.Hand:
+        if guide is None or not self.guided:
+            return hand
+        offset = 0.0 if guide.offset is None else np.array(guide.offset, dtype=float)
+        return GuidedHand(hand, guide.lag, offset, guide.squeeze, settled=self.settled)
+
+
+def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
+    """Make a hand's motion, squeeze and turns, or load the plug-in that it is."""
+    table = holding.table
+    if table is None:
+        return HandPart(holding)
+    if table.form == "made":
+        return HandPart(holding, plugins.load_blaming("hands", table.kind, stock.folder))
+    return HandPart(
+        holding,
+        motion=_with_tremor(make_motions(scene, stock, table), scene, table, holding.fingers[0]),
+        squeeze=make_squeeze(table),
+        turns=[_turn(scene, each, holding.fingers) for each in listed(table.turn)],
+    )
+
+
+def plugin_hand(
+    module: ModuleType, table: MadeHand | SharedMadeHand, rest: FloatArray, inward: FloatArray
+) -> plant.Hand:
+    """Make the hand that a plug-in's `hold` gives, once it is found to be one.
+
+    Raises:
+        InputError: what it gives is no hand for these fingers.
+        PluginError: whatever else it raises, with its line.
+    """
+    parameters = signature(module.hold).parameters
+    scene = {"rest": rest.copy(), "inward": inward.copy()}
+    with plugins.blaming(FilePath(module.__file__ or module.__name__)):
+        hand: plant.Hand = module.hold(
+            **{key: value for key, value in scene.items() if key in parameters}, **table.settings
+        )
+        lacking = [name for name in ("stiffness", "damping", "target") if not hasattr(hand, name)]
+        if lacking:
+            file = plugins.shown_path(FilePath(module.__file__ or module.__name__))
+            raise InputError(
+                "hold()", hand, "a hand, with stiffness, damping and target(time)",
+                f"that of {file} lacks {', '.join(lacking)}: add what is missing; see graspfx.protocols.Hand",
+            )  # fmt: skip
+        n, d = rest.shape
+        r, v = hand.target(0.0)
+        arrays: dict[str, Any] = {
+            "stiffness": hand.stiffness,
+            "damping": hand.damping,
+            "target(0)": r,
+            "the rate of target(0)": v,
+        }
+    for (name, array), shape in zip(arrays.items(), [(d, n, n), (d, n, n), (n, d), (n, d)], strict=True):
+        if not isinstance(array, np.ndarray) or array.shape != shape or not np.isfinite(array).all():
+            raise InputError(f"{name} of what hold() gives", array, f"an array {shape} of finite numbers")
+    return hand
+
+
+def closing_directions(table: SharedHand, rest: FloatArray, normals: FloatArray) -> FloatArray:
+    """Give the direction in which each finger goes when the hand closes, (n, d)."""
+    if table.closing == "normal":
+        return normals
+    if table.closing == "centre":
+        return np.asarray(rest.mean(axis=0) - rest)
+    return np.array(table.closing, dtype=float)
+
+
+def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Motion:
+    """Make the intended motion of a hand: that of its table, or the sum of several."""
+    each = [make_motion(scene, stock, part) for part in listed(table.motion)]
+    if len(each) > 1:
+        return motions.Sum(each)
+    return each[0] if each else motions.Rest()
+
+
+def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first: int) -> motions.Motion:
+    """Add the tremor of a hand, whose first finger tells its random numbers from those of other hands."""
+    own = table.tremor
+    if own is None:
+        return motion
+    seed = (own.seed, first)
+    tremor = Tremor(own.amplitude, own.frequency, own.width, scene.dimensions, seed, own.begin, own.ramp)
+    return motions.Sum([motion, tremor])
+
+
+def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.Motion:
+    """Make the motion that a table describes."""
+    if table.kind == "rest":
+        return motions.Rest()
+    if table.kind == "sine":
+        along = axis_of(table.axis, scene.dimensions)
+        return motions.Sine(table.amplitude, table.frequency, along, table.begin, table.ramp)
+    if table.kind == "reach":
+        return motions.Reach(table.displacement, table.begin, table.duration)
+    if table.file is not None:
+        return stock.path(table.file)
+    assert table.times is not None and table.positions is not None
+    return motions.Path(table.times, table.positions)
+
+
+def make_squeeze(table: Moving) -> float | motions.Motion:
+    """Give how far a hand closes in time: a number as it is, steps as levels."""
+    if isinstance(table.squeeze, int | float):
+        return table.squeeze
+    return motions.Levels([[step.to, step.begin, step.duration] for step in listed(table.squeeze)])
+
+
+def _turn(scene: SceneTable, table: TurnTable, fingers: Sequence[int]) -> Turn:
+    angle: motions.Motion
+    if table.kind == "reach":
+        angle = motions.Reach([table.angle], table.begin, table.duration)
+    else:
+        angle = motions.Sine(table.amplitude, table.frequency, [1.0], table.begin, table.ramp)
+    centre = table.centre
+    if centre is None:
+        touched = scene.object[scene.finger_objects[fingers[0]]]
+        centre = touched.position or (0.0,) * scene.dimensions
+    axis = None if scene.dimensions == 2 or table.axis is None else axis_of(table.axis, 3)
+    return Turn(angle, centre, axis)

@@ -1,0 +1,135 @@
+"""Mechanics of a scene's fingers, as matrices: masses and dampings of devices, springs and dampers of hands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.assembly.resolve import Parts
+from graspfx.assembly.still_hands import StillHand
+from graspfx.assembly.wiring import Wire
+from graspfx.errors import InputError
+from graspfx.loop.device import Features, SimulatedDevice, is_hardware
+from graspfx.loop.device_frame import Frame
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+MECHANICAL = {"mass", "friction"}  # measures that stand for what an arm says of where its finger is
+
+
+@runtime_checkable
+class Postured(Protocol):
+    """A device whose mass and damping depend on where its finger is, as those of an arm do."""
+
+    def effective_mass(self, position: Sequence[float]) -> FloatArray: ...
+
+    def effective_friction(self, position: Sequence[float]) -> FloatArray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """Matrices of n fingers in d dimensions, where they are.
+
+    Attributes:
+        mass, friction: (n, d, d) [kg], [N s/m].
+        stiffness, damping: of the hands, (n d, n d) [N/m], [N s/m].
+        delay: of each device's output, (n,) [samples].
+        lateness: besides, from the reading to the force, (n,) [s].
+        age: of the positions when they are read, (n,) [s].
+        jitter: least and largest lateness, (2, n) [s].
+        round_trip: part of the lateness that reading and writing take, (n,) [s].
+        hardware: whether its device is no simulation, (n,).
+        assumed: what devices do not tell and is taken as zero.
+    """
+
+    mass: FloatArray
+    friction: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    delay: NDArray[np.int64]
+    lateness: FloatArray
+    age: FloatArray
+    jitter: FloatArray
+    round_trip: FloatArray
+    hardware: NDArray[np.bool_]
+    assumed: tuple[str, ...]
+
+
+def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
+    """Give the mechanics of devices with their fingers at positions (n, d) [m], and of hands.
+
+    Raises:
+        InputError: a device that does not tell its mass or damping, by its finger.
+    """
+    n, d = position.shape
+    mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
+    delay = np.zeros(n, dtype=np.int64)
+    lateness, age, round_trip, jitter = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    hardware = np.zeros(n, dtype=bool)
+    assumed: set[str] = set()
+    for wire in parts.wires:
+        used = wire.used
+        mechanics_of = _device_mechanics(parts.scene, used, wire.features)
+        assumed.update(_assumed(wire, [parts.scene.finger_names[i] for i in used]))
+        lateness[used], age[used] = wire.features.lateness or 0.0, wire.features.latency or 0.0
+        jitter[:, used] = np.array(wire.fitting.jitter or (wire.features.lateness or 0.0,) * 2)[:, None]
+        round_trip[used], hardware[used] = wire.fitting.round_trip, is_hardware(wire.device)
+        for i in used:
+            delay[i] = mechanics_of.delay or 0
+            if isinstance(wire.device, Postured) and not MECHANICAL & wire.fitting.measures.keys():
+                mass[i], friction[i] = _in_posture(wire.device, wire.fitting.frame, position[i])
+            else:
+                mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
+    K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
+    for still in hands:
+        for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
+            for a in range(d):
+                total[np.ix_(still.fingers, [a], still.fingers, [a])] = part[a][:, None, :, None]
+    return Mechanics(
+        mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, lateness, age, jitter, round_trip,
+        hardware, tuple(sorted(assumed)),
+    )  # fmt: skip
+
+
+def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
+    """Say what of a device is not known, or not as its simulation has it."""
+    features, who = wire.features, ", ".join(names)
+    if features.delay is None and features.lateness is None:
+        yield "no output delay, where devices tell none"
+    if features.resolution:
+        yield "encoders too fine to be felt"
+    late = (features.lateness or 0.0) + (features.latency or 0.0)
+    if late and isinstance(wire.device, SimulatedDevice):
+        yield f"forces of {who} {1e3 * late:.3g} ms late, as measured: their simulation is not, and does not run so"
+
+
+def _in_posture(device: Postured, frame: Frame | None, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if frame is None:
+        return device.effective_mass(position.tolist()), device.effective_friction(position.tolist())
+    own = frame.back(position).tolist()
+    return frame.impedance(device.effective_mass(own)), frame.impedance(device.effective_friction(own))
+
+
+@dataclass(frozen=True)
+class _DeviceMechanics:
+    mass: float
+    friction: float
+    delay: int | None
+
+
+def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _DeviceMechanics:
+    lacking = [name for name in ("mass", "friction") if getattr(features, name) is None]
+    if features.mass is None or features.friction is None:
+        names = ", ".join(scene.finger_names[i] for i in fingers)
+        raise InputError(
+            f"the device of {names}",
+            None,
+            f"one that tells its {' and '.join(lacking)}",
+            "a limit of stability needs both; give the driver the settings that its features are made of",
+        )
+    return _DeviceMechanics(features.mass, features.friction, features.delay)

@@ -1,0 +1,137 @@
+"""A scene's mesh: read once, weighed, and seen from its centre of mass along its principal axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.assembly.mesh_cache import through_cache
+from graspfx.compile.records import numbers
+from graspfx.environment import require_file, to_path
+from graspfx.errors import InputError
+from graspfx.spatial import Quaternion, Vector, quaternion, rotate
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.part_tables import Object, Obstacle
+    from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
+
+Numbers = tuple[float, ...]
+
+CACHED = 8  # meshes that are remembered, so that a check and a run read each file once
+
+
+@dataclass(frozen=True)
+class SceneMesh:
+    """A mesh as its body has it, and where the body is in the frame of the file.
+
+    Attributes:
+        mesh: in the body's frame.
+        unit: mass properties in the file's frame: of a density of 1 kg/m^3, of a shell of a mass of 1 kg.
+    """
+
+    mesh: Mesh
+    unit: MassProperties
+
+    def volume(self) -> float:
+        """Compute the volume [m^3].
+
+        Raises:
+            InputError: a shell has none.
+        """
+        if self.mesh.shell:
+            raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
+        return self.unit.mass
+
+    def moments(self, mass: float) -> Numbers:
+        """Compute the principal moments at that mass, (3,) [kg m^2]."""
+        return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
+
+    @property
+    def turn(self) -> Quaternion:
+        """The body's axes in the file's frame."""
+        return quaternion(self.unit.axes.ravel().tolist())
+
+    def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
+        """Place the centre of mass and the principal axes for a pose of the file's frame in the world."""
+        x, y, z = position or (0.0, 0.0, 0.0)
+        q = Quaternion(*(orientation or (0.0, 0.0, 0.0, 1.0)))
+        centre = rotate(q, Vector(*self.unit.centre.tolist()))
+        return (x + centre.x, y + centre.y, z + centre.z), tuple(numbers(q @ self.turn))
+
+    @property
+    def frame(self) -> Mapping[str, list[float]]:
+        """The pose of the file's frame in the body's: what a viewer needs to draw the file."""
+        turn = self.turn.conjugate
+        centre = rotate(turn, Vector(*self.unit.centre.tolist()))
+        return {"position": [-each for each in numbers(centre)], "orientation": list(numbers(turn))}
+
+
+def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
+    """Load the mesh of an object or obstacle; None if its shape is none.
+
+    Raises:
+        InputError: naming the key of the shape's table that cannot be.
+        MissingPackageError: what reads the file is not installed.
+    """
+    shape = table.shape
+    if shape is None or shape.kind != "mesh":
+        return None
+    if shape.mesh is not None:
+        path = to_path("mesh", shape.mesh, folder=folder)
+        require_file("mesh", str(path), path, do="paths are relative to the scene's file")
+        status = path.stat()
+        limits = shape.most_bytes, shape.most_triangles
+        return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell, limits)
+    return _scene_mesh(shape.vertices, shape.faces, shape.scale, shape.shell)
+
+
+def mesh_name(table: Object) -> str:
+    """Name a mesh after its file."""
+    path = getattr(table.shape, "mesh", None)
+    return Path(path).name if path else f"mesh of {table.name}"
+
+
+@lru_cache(CACHED)
+def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
+    most_bytes, most_triangles = limits
+
+    def make() -> tuple[Mesh, MassProperties]:
+        from graspfx.surfaces.triangles.mesh import load_mesh
+
+        return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
+
+    file = Path(path)
+    if version[1] > most_bytes:
+        return SceneMesh(*make())
+    try:
+        content = file.read_bytes()
+    except OSError:  # `load_mesh` says what is wrong
+        return SceneMesh(*make())
+    return SceneMesh(*through_cache(content, (file.suffix.lower(), scale, shell, limits), make))
+
+
+@lru_cache(CACHED)
+def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+    arrays = np.array(vertices), np.array(faces)
+
+    def make() -> tuple[Mesh, MassProperties]:
+        from graspfx.surfaces.triangles.mesh import make_mesh
+
+        return _weighed(make_mesh(*arrays, scale=scale, shell=shell, name="vertices"))
+
+    if any(each.dtype == object for each in arrays):  # ragged: refused
+        return SceneMesh(*make())
+    content = b"".join(each.tobytes() for each in arrays)
+    kinds = [(each.dtype.str, each.shape) for each in arrays]
+    return SceneMesh(*through_cache(content, (kinds, scale, shell), make))
+
+
+def _weighed(mesh: Mesh) -> tuple[Mesh, MassProperties]:
+    """Move a mesh into its body's frame, and give its mass properties in the frame of the file."""
+    unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
+    return mesh.seen_from(unit.centre, unit.axes), unit

@@ -1,0 +1,109 @@
+"""Quenching of hardware whose program has died: each driver takes the force away by its own `quench`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from inspect import signature
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+from graspfx import plugins
+from graspfx.assembly.force_limits import is_forceless
+from graspfx.assembly.wiring import AUTOMATIC, table_at
+from graspfx.errors import InputError, message
+from graspfx.loop.device import QuenchableDriver, is_hardware
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
+
+if TYPE_CHECKING:
+    from graspfx.assembly.resolve import Parts
+
+PATIENCE = 2.0  # for all devices [s]
+
+
+@dataclass(frozen=True)
+class Quencher:
+    """A device that a person may hold, and how its force is taken away when its program has died.
+
+    Attributes:
+        name: of the device, in messages.
+        quench: without arguments; None where the hardware's own watchdog has to do.
+        watchdog: of the hardware [s]; None without.
+    """
+
+    name: str
+    quench: Callable[[], object] | None
+    watchdog: float | None
+
+    def act(self) -> str:
+        """Take the force away; say how that went."""
+        if self.quench is None:
+            return f"the watchdog of {self.name} drops its force within {self.watchdog:g} s"
+        began = time.monotonic()
+        try:
+            self.quench()
+        except BaseException as error:  # noqa: BLE001 - also SystemExit: the others are quenched, and the end is told
+            text = f"{type(error).__name__}: {message(error)}"
+            if self.watchdog is not None:
+                return f"the force of {self.name} could not be taken away ({text}); its watchdog drops it"
+            return f"the force of {self.name} could not be taken away, and may still be there: switch it off: {text}"
+        return f"the force of {self.name} was taken away in {1e3 * (time.monotonic() - began):.1f} ms"
+
+    @property
+    def silence(self) -> str:
+        """Say that `act` has not returned."""
+        if self.watchdog is not None:
+            return f"the force of {self.name} could not be taken away within {PATIENCE:g} s; its watchdog drops it"
+        return f"the force of {self.name} is still being taken away, and may be there: switch it off"
+
+
+def quenchers(parts: Parts) -> list[Quencher]:
+    """Give the hardware of a scene that displays forces, its drivers imported.
+
+    Raises:
+        InputError: hardware that nobody could take the force from: it has no watchdog, and its driver no `quench`.
+    """
+    scene, quenchers_ = parts.scene, list[Quencher]()
+    for wire in parts.wires:
+        if not is_hardware(wire.device) or is_forceless(wire):
+            continue
+        _, table = table_at(scene, int(wire.used[0]))
+        module = plugins.load("devices", table.name, parts.folder)
+        name = device_name(DeviceWiring(wire.device, wire.fingers), scene.finger_names)
+        quench = None
+        if isinstance(module, QuenchableDriver):
+            settings: dict[str, Any] = dict(table.settings)
+            if AUTOMATIC in signature(module.connect).parameters:
+                settings.setdefault(AUTOMATIC, scene.dimensions)
+            quench = _call(module, settings)
+        watchdog = wire.features.watchdog
+        if quench is None and watchdog is None:
+            raise InputError(
+                "features.watchdog", None, "seconds after which the hardware drops its force by itself, or a function "
+                f"quench(**settings) in the driver of {name}",
+                "without either the force stays for good where a program is killed: docs/how-to/home-made.md",
+            )  # fmt: skip
+        quenchers_.append(Quencher(name, quench, watchdog))
+    return quenchers_
+
+
+def quench_all(each: Sequence[Quencher]) -> list[str]:
+    """Quench devices side by side, for `PATIENCE` at most, whatever one of them does; say how each went."""
+    texts = [one.silence for one in each]
+
+    def act(i: int) -> None:
+        texts[i] = each[i].act()
+
+    threads = [Thread(target=act, args=(i,), daemon=True) for i in range(len(each))]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + PATIENCE
+    for thread in threads:
+        thread.join(max(0.0, end - time.monotonic()))
+    return list(texts)
+
+
+def _call(module: QuenchableDriver, settings: dict[str, Any]) -> Callable[[], object]:
+    return lambda: module.quench(**settings)

@@ -1,0 +1,274 @@
+"""A servo's process as its recorder sees it: begun, made ready, run, rested and closed, step by step."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from queue import Empty
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import log
+from graspfx.assembly.process.errand import Errand
+from graspfx.assembly.process.guard import DEATH, OPENING, Guard
+from graspfx.assembly.process.quenching import quenchers
+from graspfx.assembly.process.relay import Relay
+from graspfx.assembly.scene_guards import guards_of
+from graspfx.errors import DeviceError
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.realtime.process import REMEDY, Exits, Interruption, RealTimeWarning, signals_end
+from graspfx.loop.realtime.ring import Phase, Ring, Word, create, unpack_error
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.assembly.resolve import Parts
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.recording.recorder import Recorder
+
+FloatArray = NDArray[np.float64]
+
+LOOK = 0.01  # between two looks whether to stop [s]
+FAREWELL = 3.0  # for a process to end that has closed its hardware [s]
+
+
+class ServoProcess:
+    """A servo in a process of its own, with its hardware open and at rest; `servo_process` makes it.
+
+    Args:
+        guard: of the process.
+        ring: shared with it.
+        layout: of its rows.
+        exits: signals that ask the run to end.
+
+    Attributes:
+        engine: that runs the ticks.
+        cause: of the end, if the process died; else empty.
+        error: that the run ended in, in the process; None without.
+    """
+
+    def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
+        self.guard, self.ring, self.layout, self.exits = guard, ring, layout, exits
+        self._header: Header | None = None
+        self.engine, self.cause = "", ""
+        self._has_rested = self._has_ended = False
+        self._ticks: int | None = None
+        self._result: dict[str, Any] = {}
+        self.error: BaseException | None = None
+        self._waits, self._doing = ExitStack(), ""  # waits that are shown, and the last one's text
+        self.relay: Relay | None = None
+
+    @property
+    def header(self) -> Header:
+        """Header of the recording, as the process has written it."""
+        assert self._header is not None
+        return self._header
+
+    @property
+    def ticks(self) -> int:
+        """Ticks so far."""
+        return int(self.ring.words[Word.HEAD]) if self._ticks is None else self._ticks
+
+    @property
+    def has_rested(self) -> bool:
+        """Whether every force is zero for good, or the process is no more."""
+        return self._has_rested
+
+    def begin(
+        self,
+        recorder: Recorder,
+        watch: Callable[[int, int], object] | None = None,
+        goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
+    ) -> Relay:
+        """Arm and run, with rows fetched for a recorder; `watch` and `goals` as of `Relay`."""
+        relay = self.relay = Relay(self.ring, recorder, watch, goals)
+        with self.guard.lock:
+            self.guard.relay = relay
+        self.guard.send("run")
+        return relay
+
+    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+        """Run to the end, or until `stop` says so; whatever happens, zero force is the first that comes after it."""
+        self.begin(recorder)
+        try:
+            while not self.await_rest(LOOK):
+                if stop is not None and stop():
+                    self.guard.rest()
+        finally:
+            self.rest()
+        if self.error is not None:
+            raise self.error
+        if self.guard.failure is not None:
+            raise self.guard.failure
+
+    def rest(self) -> None:
+        """Let every force be zero; return when it is, and all rows were fetched."""
+        self.guard.rest()
+        while not self.await_rest(1.0):
+            pass
+        with self.guard.lock:
+            relay = self.guard.relay
+            if relay is not None and self.guard.failure is None:
+                try:
+                    while relay.ticks < int(self.ring.words[Word.HEAD]):
+                        relay.fetch()
+                        time.sleep(0.001)
+                    relay.fetch()
+                except BaseException as error:  # noqa: BLE001 - it is raised by `run`
+                    self.guard.failure = error
+            self.guard.relay = None
+        texts = [self.guard.hang] if self.guard.hang else []
+        if self.guard.report:
+            texts += [f"the servo's process {self.cause}", *self.guard.report]
+        if relay is not None and texts:
+            relay.note_fault(self.ticks, "; ".join(texts))
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`."""
+        cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else self.guard.hang)
+        lost = {} if self.relay is None else {"lost": self.relay.lost}
+        result = {"skipped": int(self.ring.words[Word.SKIPPED]), **self._result, **lost}
+        return {"engine": self.engine, **result, "cause": cause or self._result.get("cause", "")}
+
+    # Messages of the process --------------------------------------------------------------------------------------
+
+    def await_rest(self, seconds: float) -> bool:
+        """Wait for the servo's rest; return whether it has come."""
+        end = left = time.monotonic() + seconds
+        while not self._has_rested and left > 0.0:
+            self._take(max(end - time.monotonic(), 0.0))
+            left = end - time.monotonic()
+        return self._has_rested
+
+    def _take(self, seconds: float) -> Any:
+        """Take a message over, if one comes in that time; give it if it is not dealt with here."""
+        try:
+            kind, *rest = self.guard.messages.get(timeout=seconds)
+        except Empty:
+            return None
+        match kind:
+            case "warning":
+                log.warn(str(rest[0]), rest[1])
+            case "message":
+                if log.is_heard(rest[0]):
+                    logging.getLogger(log.NAME).log(rest[0], "%s", rest[1])
+            case "begin":
+                self._doing = rest[0]
+                self._waits.enter_context(waiting(self._doing))
+            case "end":
+                self._waits.pop_all().close()
+            case "rested":
+                self._has_rested = True
+                self._ticks, self._result = rest[0], rest[1]
+                self.error = unpack_error(rest[2]) if rest[2] else None
+            case _ if kind == DEATH:
+                self.cause = "" if self._has_rested else rest[0]
+                self._has_rested = self._has_ended = True
+            case "failed":
+                error = rest[0] if isinstance(rest[0], BaseException) else unpack_error(rest[0])
+                return kind, error
+            case _:
+                return (kind, *rest)
+        return None
+
+    def expect(self, word: str) -> tuple[Any, ...]:
+        """Wait for a message of a kind; what the process raises meanwhile is raised here.
+
+        Raises:
+            DeviceError: the process died.
+            Interruption: a signal came, and it was ended.
+        """
+        while True:
+            message = self._take(0.05)
+            if self._has_ended and self.guard.is_overdue:
+                report = "".join(f"; {text}" for text in self.guard.report)
+                do = "see that it is switched on, plugged in, and that no other program has it"
+                raise DeviceError(f"{self._doing} took more than {OPENING:g} s and was ended{report}; {do}")
+            if message is not None and message[0] == "failed" and not self.guard.is_overdue:
+                if self.exits.numbers:
+                    raise Interruption(self.exits.cause)
+                raise message[1] from None
+            if message is not None and message[0] == word:
+                return tuple(message[1:])
+            if self._has_ended:
+                report = "".join(f"; {text}" for text in self.guard.report)
+                raise DeviceError(f"the servo's process {self.cause} before the run began{report}")
+
+    def settle(self) -> None:
+        """Wait until the hardware is at rest."""
+        (self._header,) = self.expect("settled")
+        log.info("the servo runs in process %d: %s", self.guard.pid, dict(self.header.scheduling))
+        if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
+            log.warn(REMEDY, RealTimeWarning)
+
+    def close(self) -> None:
+        """Let the process close its hardware, and end."""
+        self.guard.send("close")
+        end = time.monotonic() + FAREWELL
+        while not self._has_ended and time.monotonic() < end:
+            self._take(0.05)
+        if not self._has_ended:
+            self.guard.kill()
+        while not self._has_ended:
+            self._take(0.05)
+        self.guard.join()
+        self._waits.close()
+        if self.guard.report and not self.cause:  # of devices that did not let themselves be stopped
+            log.info("%s", "; ".join(self.guard.report))
+
+
+@contextmanager
+def servo_process(
+    parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
+) -> Iterator[ServoProcess]:
+    """Begin a process with a scene's servo, its hardware open and at rest; closed, and ended, in the end.
+
+    Args:
+        parts: of the scene.
+        layout: of its rows.
+        every: ticks from one row to the next.
+        ticks: to run.
+        selected: whether rows are what the scene's `record` asks for.
+        live: keys that may change in mid-run.
+        goals: numbers of the goals of guided hands.
+
+    Raises:
+        InputError: the scene cannot be carried over; hardware without a watchdog or `quench`; a finger that is inside
+            its object; and whatever else the process raises before its run.
+        DeviceError: a device that does not open or is not at rest; a process that died.
+        KeyboardInterrupt: a signal came before the run.
+    """
+    errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)
+    errand.text()
+    ring = Ring(create(layout.width, goals), layout.width, every, goals)
+    ring.words[Word.BEAT] = time.monotonic_ns()
+    names = [device_name(DeviceWiring(w.device, w.fingers), parts.scene.finger_names) for w in parts.wires]
+    period = parts.scene.period
+    guard = Guard(ring, quenchers(parts), period, names=names, watchdog=period * guards_of(parts).late)
+    remote = ServoProcess(guard, ring, layout, Exits())
+    guard.start()
+    try:
+        remote.expect("begun")
+        guard.send(errand)
+        (remote.engine,) = remote.expect("ready")
+        with signals_end() as exits:
+            remote.exits = exits
+            exits.heed = guard.interrupt
+            try:
+                guard.send("open")
+                remote.settle()
+                yield remote
+            finally:
+                if int(ring.words[Word.PHASE]) == Phase.RUNNING:
+                    remote.rest()
+                remote.close()
+    finally:
+        if guard.is_alive():
+            guard.kill()
+            guard.join()

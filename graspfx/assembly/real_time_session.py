@@ -1,0 +1,188 @@
+"""A run that goes on by the wall's clock while its user looks at it and steers it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from graspfx.assembly.live import DEVICE, GUIDE, is_of_a_hand
+from graspfx.assembly.numbers import general
+from graspfx.assembly.process.goals import GoalSender, goal_places, guide_keys
+from graspfx.assembly.process.mail import Mail, letter_of
+from graspfx.assembly.process.servo_process import servo_process
+from graspfx.assembly.resolve import Parts
+from graspfx.assembly.run_header import split_rules
+from graspfx.assembly.session import Session
+from graspfx.card import Card
+from graspfx.errors import InputError
+from graspfx.loop.realtime.process import Interruption
+from graspfx.loop.realtime.ring import Letter
+from graspfx.loop.recording.header import MARK, SPLIT, Header, RunFault
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.update import Update
+
+ENDLESS = 1 << 53  # ticks
+LOOK = 0.05  # between two looks at signals and faults of the recording [s]
+
+
+class RealTimeSession(Session):
+    """A run on the wall's clock, in a process of its own; `gx.open(scene, real_time=True)` makes it.
+
+    Ticks come by themselves from then on, with hardware or without, until the end of the `with` block: then every force
+    decays to zero, the recording is closed, and the hardware after it. Positions, velocities and forces are those of
+    the last tick that has come here, some 20 ms old at most. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block at
+    once, and the run with it.
+
+    Args:
+        scene: what is run.
+        live, out, overwrite: as of `open`.
+    """
+
+    is_paced = True
+
+    def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
+        for key in keys:
+            if self.servo.hardware and (is_of_a_hand(general(key)) or general(key) in DEVICE):
+                raise InputError(
+                    "live", key, "gains, friction and numbers of objects",
+                    f"a scene with hardware, {', '.join(self.servo.hardware)}, begins with the hands and the devices "
+                    "that it has",
+                )  # fmt: skip
+        self._guided = [] if self.servo.hardware else guide_keys(self.scene, self.servo)
+        goals = sum(len(place.entries) for place in goal_places(self.servo)) if self._guided else 0
+        process = servo_process(parts, self.servo.layout, 1, ticks=ENDLESS, selected=False, live=keys, goals=goals)
+        self._remote = stack.enter_context(process)
+        self._goals = GoalSender(self._remote.ring, self.servo, self._guided)
+        return self._remote.header
+
+    def _begin(self) -> None:
+        """Let the servo run."""
+        self._began = time.perf_counter()
+        self._relay = self._remote.begin(self._recorder, self._look, self._goals.by_key if self._guided else None)
+        self._mail = Mail(self._remote.ring, self._relay)
+
+    def _go(self) -> None:
+        self._begin()
+        while not self.tick and not self._remote.await_rest(0.005):
+            if self._remote.exits.numbers:
+                raise Interruption(self._remote.exits.cause)
+        if self._remote.error is not None:  # as of a finger that has gone elsewhere meanwhile
+            raise self._remote.error
+        self._remote.exits.inside = True  # a signal breaks off what the user does
+
+    def _look(self, first: int, count: int) -> None:
+        """Look at rows that have come."""
+        self.servo.row = self._recorder.row.copy()
+        self.servo.ticks = first + count
+
+    def _card(self) -> Card:
+        rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
+        face = ".wait(seconds), .set(key, value), .mark(text), .rest(), .position, .force, .recording, .close()"
+        return Card(repr(self), rows, face)
+
+    def step(self, ticks: int = 1) -> None:
+        """Refuse: ticks come by the wall's clock.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError("ticks", ticks, "a session that is not in real time", "ticks come by themselves: use wait")
+
+    def wait(self, seconds: float) -> bool:
+        """Wait while the run goes on; return whether it still does.
+
+        Raises:
+            RecordingError: the recording cannot be written; every force is zero then.
+        Exception: whatever ended the run in its process, such as a driver's own.
+        """
+        end = time.monotonic() + seconds
+        with self._undisturbed():
+            while not self._remote.exits.numbers:
+                left = end - time.monotonic()
+                if self._remote.await_rest(max(0.0, min(left, LOOK))) or left <= LOOK:
+                    break
+            for error in (self._remote.guard.failure, self._remote.error):
+                if error is not None:
+                    raise error
+        return not self._remote.has_rested
+
+    def mark(self, text: str) -> int:
+        """Write a text of yours into the recording, such as the beginning of a trial; give its tick.
+
+        Raises:
+            InputError: no text, or a session that has ended.
+        """
+        if not isinstance(text, str):
+            raise InputError("text", text, "a text")
+        with self._undisturbed():
+            return self._mail.post(Letter([], []), {MARK: text}, self._require_going)
+
+    def rest(self) -> None:
+        """Let every force decay to zero and stay there; what was recorded can still be looked at."""
+        with self._undisturbed():
+            self._remote.rest()
+
+    @property
+    def fault(self) -> RunFault | None:
+        """The first fault; from it on every force is zero. None so far."""
+        return RunFault(*self._relay.faults[0]) if self._relay.faults else None
+
+    def _write(self, update: Update) -> None:
+        letter = letter_of(self.servo, update)
+        with self._undisturbed():
+            self._require_going()
+            self.servo.write(update)
+            if any(general(key) in GUIDE for key in update.values):  # they come the way of all goals, and are told so
+                self._goals.send_all(self.servo)
+            values = {key: value for key, value in update.values.items() if general(key) not in GUIDE}
+            if not values:
+                return
+            split = split_rules(self.servo.objects)
+            if split != self._splits[-1][1]:
+                values[SPLIT] = split
+            tick = self._mail.post(letter, values, self._require_going)
+            if SPLIT in values:
+                self._splits.append((tick, split))
+
+    def _require_going(self) -> None:
+        """Require that the run goes on, with its first tick here."""
+        self._require_open()
+        while not self._remote.await_rest(0.0):
+            if self.tick:
+                return
+            time.sleep(0.001)
+        raise InputError("session", self, "a session that goes on", f"it has ended: {self._remote.outcome['cause']}")
+
+    @contextmanager
+    def _undisturbed(self) -> Iterator[None]:
+        """Let no signal break off the block; one that came ends it afterwards."""
+        exits = self._remote.exits
+        exits.inside = False
+        try:
+            yield
+        finally:
+            exits.inside = self._finished is None
+        if exits.numbers:
+            raise Interruption(exits.cause)
+
+    def _recording_so_far(self) -> Recording:
+        with self._undisturbed(), self._remote.guard.lock:
+            return super()._recording_so_far()
+
+    def _outcome(self, complete: bool) -> dict[str, Any]:
+        if not self._remote.has_rested:
+            return {"wall_time": None, "complete": False, "engine": self._remote.engine}
+        return self._remote.outcome | {"wall_time": self._spent if complete else None, "complete": complete}
+
+    def _close(self, *, complete: bool) -> None:
+        if self._finished is not None:
+            return
+        remote = self._remote
+        remote.exits.inside = False
+        remote.rest()
+        self._spent = time.perf_counter() - self._began
+        super()._close(complete=complete and not (remote.outcome["cause"] or remote.error))
+        if remote.error is not None and complete:  # else the block ends in an error anyway
+            raise remote.error

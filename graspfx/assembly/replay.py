@@ -1,0 +1,279 @@
+"""Replay of a recording: its fingers move as they did, and forces and objects are computed anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from itertools import groupby
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.assembly.build import build
+from graspfx.assembly.hardware import meet_hardware
+from graspfx.assembly.live import numbered
+from graspfx.assembly.resolve import resolve
+from graspfx.assembly.run_header import header_of, split_rules
+from graspfx.assembly.steering import Steering
+from graspfx.environment import granted
+from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
+from graspfx.loop.played import PHASES, Playback
+from graspfx.loop.recording.header import OF_THE_RUN, REST, SPLIT, KeyChange
+from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.loop.recording.record import Difference, Recording, compared, differences
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.progress import waiting
+from graspfx.scene.overrides import by_key
+from graspfx.scene.source import Source
+
+if TYPE_CHECKING:
+    from graspfx.assembly.resolve import Parts
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+OWN = "engine"  # the key of a scene that changes no bit
+NEEDS = ("finger_position", "finger_velocity")
+
+
+def replay(
+    recording: Recording | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    trust: bool = False,
+) -> Recording:
+    """Replay a recording: each finger moves as it was recorded, and forces and objects are computed anew.
+
+    Without overrides forces and objects are those of the recording to the bit, on the same libm: also where samples
+    were held, periods left out, keys changed in mid-run, or a device had a fault. With overrides they are what would
+    have been felt on the same way, which is an open loop: no finger gives way to another force.
+
+    Args:
+        recording: of every tick, or its path.
+        overrides: values by dotted key, over those that the scene was run with.
+        out: a folder in which recording.h5 is written.
+        overwrite: whether a recording that is there already is replaced.
+        trust: whether Python files that the recording names (drivers, hands, bodies) may run, and files outside of its
+            scene's folder may be used, as with `graspfx replay --trust`. Read them first.
+
+    Returns:
+        The replay, with the columns of the recording that follow from the fingers' motion.
+
+    Raises:
+        InputError, UnknownNameError, SceneError: of overrides that the scene does not have or allow; a `trust` that is
+            neither True nor False.
+        RecordingError: a recording that lacks what a replay needs, whose scene cannot be made again, or whose mesh has
+            changed; one that names Python files, without `trust` or GRASPFX_TRUST=1; `out` has a recording already.
+    """
+    if not isinstance(trust, bool):
+        raise InputError("trust", trust, "True or False")
+    changes = by_key(overrides)
+    if out is not None and not overwrite:
+        require_vacancy_of(recording_path(out, "out") / NAME)
+    original = recording if isinstance(recording, Recording) else Recording.load(recording)
+    with granted(trust):
+        replayed = replayed_with(original, changes).recording
+    if out is not None:
+        replayed.save(make_folder(out) / NAME, overwrite=overwrite)
+    return replayed
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A replay beside what it replays.
+
+    Attributes:
+        original: the recording.
+        recording: the replay.
+        is_open_loop: whether it has values that the original has not.
+        differences: of the two, by column.
+    """
+
+    original: Recording
+    recording: Recording
+    is_open_loop: bool
+    differences: Sequence[Difference]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns that are compared."""
+        return compared(self.original, self.recording)
+
+
+def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
+    """Replay a recording with values replaced, and compare the two; the errors are those of `replay`."""
+    _require(original)
+    is_open = any(key != OWN for key in overrides)
+    scene = _scene_of(original, overrides)
+    parts = resolve(scene)
+    _require_meshes(original, parts)
+    largest = _largest_forces(original, scene, overrides) if _lacks_largest(original, parts) else None
+    best: Replay | None = None
+    for phase in PHASES if original.faults else PHASES[:1]:
+        recording = _play(original, scene, parts, Playback(original, largest, phase))
+        each = Replay(original, recording, is_open, differences(original, recording))
+        if best is None or len(each.differences) < len(best.differences):
+            best = each
+        if is_open or not each.differences:
+            break
+    assert best is not None
+    return best
+
+
+def _require(recording: Recording) -> None:
+    """Require a recording that says all that a replay needs."""
+    header, layout = recording.header, recording.layout
+    if header.every > 1:
+        raise RecordingError(
+            f"a replay needs every tick, and this recording has one in {header.every}: run with record.every = 1"
+        )
+    needs = [*NEEDS, *(("fresh",) if layout.timed else ()), *(("largest_force",) if layout.timed else ())]
+    missing = [name for name in needs if name in layout.omitted]
+    if missing:
+        raise RecordingError(
+            f"a replay needs {', '.join(missing)}, which the scene's record.columns leave out: add the names, or "
+            "leave record.columns empty, and run again"
+        )
+    if not header.scene_table:
+        raise RecordingError("a replay needs the scene, which this recording of an earlier format does not have")
+    if recording.outcome.lost:
+        raise RecordingError(
+            f"a replay needs every tick, and {recording.outcome.lost} rows of this recording were lost"
+        )
+    if not len(recording):
+        raise RecordingError("a replay needs a tick, and this recording has none")
+
+
+def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
+    """Make the scene of a recording again, with values replaced; relative paths start where they did."""
+    from graspfx.scene.model import make_scene
+
+    header = original.header
+    table = {key: value for key, value in header.scene_table.items() if key != "record"}
+    if table.get("engine") == "compiled":
+        table["engine"] = "auto"  # a program for one replay is not worth its making
+    folder = Path(header.scene_folder) if header.scene_folder else Path.cwd()
+    path = folder / f"{header.scene or 'scene'}.toml"
+    source = Source(header.scene or "scene", header.scene_text, path, dict(overrides), is_recorded=True)
+    try:
+        scene = make_scene(table, overrides, source)
+    except GraspFXError as error:
+        if overrides and isinstance(error, SceneError) and _is_sound(table, source):
+            raise
+        version = header.versions.get("graspfx", "an earlier version")
+        raise RecordingError(
+            f"the scene of this recording, made with GraspFX {version}, cannot be made again; its paths start in "
+            f"{folder}; {message(error)}"
+        ) from error
+    layout = original.layout
+    if (scene.finger_names, scene.dimensions, scene.period) != (layout.fingers, layout.dimensions, header.period):
+        raise InputError(
+            "overrides", dict(overrides), "values that leave fingers, dimensions and period as they were recorded"
+        )
+    return scene
+
+
+def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
+    """Tell whether a scene can be made without overrides."""
+    from graspfx.scene.model import make_scene
+
+    try:
+        make_scene(table, {}, replace(source, overrides={}))
+    except GraspFXError:
+        return False
+    return True
+
+
+def _require_meshes(original: Recording, parts: Parts) -> None:
+    """Require meshes with the centres and axes that they had."""
+    for name, frame in original.header.frames.items():
+        now = parts.mesh_frames.get(name)
+        if now is not None and any(list(frame[key]) != list(now[key]) for key in frame):
+            raise RecordingError(
+                f"the mesh of {name} has changed since it was recorded: its centre of mass or its axes are others; put "
+                "the former file back"
+            )
+
+
+def _lacks_largest(original: Recording, parts: Parts) -> bool:
+    """Tell whether largest forces changed with the fingers' places, and are not recorded."""
+    from graspfx.assembly.force_limits import changes
+
+    return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
+
+
+def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, Any]) -> Recording:
+    """Run a simulation once more as it was, for the largest forces that its devices told."""
+    if overrides:
+        scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
+    parts, keys = resolve(scene), _keys(original, scene)
+    if not parts.simulated:
+        raise RecordingError("a replay needs largest_force, which this recording does not have: run the scene again")
+    with ExitStack() as stack:
+        servo = stack.enter_context(build(scene, live=keys, varying=True))
+        recorder = stack.enter_context(Recorder(servo.layout, header_of(parts), ticks=len(original)))
+        _run(servo, recorder, original, scene, Steering(servo, scene, keys))
+        return recorder.finish()
+
+
+def _play(original: Recording, scene: Scene, parts: Parts, playback: Playback) -> Recording:
+    """Run a scene over a recording's readings."""
+    header, keys = original.header, _keys(original, scene)
+    with ExitStack() as stack:
+        servo = stack.enter_context(build(scene, live=keys, playback=playback))
+        if header.settled:
+            names = {name: f for f, name in enumerate(servo.layout.fingers)}
+            positions = {names[name]: np.array(each["position"], dtype=float) for name, each in header.settled.items()}
+            meet_hardware(servo, parts, positions)
+        playback.attach(servo.arena.ports, servo.stations)
+        servo._io = playback
+        new = replace(
+            header_of(parts, servo.objects), settled=header.settled, round_trip=header.round_trip,
+            replays=f"{header.scene}, recorded {header.created}",
+        )  # fmt: skip
+        recorder = stack.enter_context(Recorder(servo.layout, new, ticks=len(original)))
+        with waiting(f"replaying {header.scene or 'a recording'}", len(original), "ticks", lambda: servo.ticks):
+            _run(servo, recorder, original, scene, Steering(servo, scene, keys, playback))
+        first = original.faults[:1]
+        recorder.faults[:1] = (
+            first if recorder.faults and first and recorder.faults[0][1] == first[0][1] else recorder.faults[:1]
+        )
+        return recorder.finish(complete=original.outcome.complete, engine=servo.engine.name, **servo.coupling)
+
+
+def _keys(original: Recording, scene: Scene) -> list[str]:
+    return list(dict.fromkeys(numbered(scene, change.key) for change in original.changes))
+
+
+def _run(servo: Servo, recorder: Recorder, original: Recording, scene: Scene, steering: Steering) -> None:
+    """Run as many ticks as were recorded, with the changes of keys at theirs."""
+    events = sorted(original.outcome.changes, key=lambda change: change.tick)
+    for tick, each in groupby(events, lambda change: change.tick):
+        if tick >= len(original):
+            break
+        if tick > servo.ticks:
+            servo.run(tick - servo.ticks, recorder)
+        scene = _change(servo, recorder, scene, steering, list(each))
+    if servo.ticks < len(original):
+        servo.run(len(original) - servo.ticks, recorder)
+
+
+def _change(
+    servo: Servo, recorder: Recorder, scene: Scene, steering: Steering, changes: Sequence[KeyChange]
+) -> Scene:  # fmt: skip
+    """Change keys before the coming tick as they were changed; give the scene as it is then."""
+    values = {numbered(scene, change.key): change.value for change in changes if change.key not in OF_THE_RUN}
+    if values:
+        scene = scene.replace(values)
+        servo.write(steering.update(scene, values), recorder)
+        if any(change.key == SPLIT for change in changes):
+            recorder.change(servo.ticks, {SPLIT: split_rules(servo.objects)})
+    for change in changes:
+        if change.key == REST and servo.safety is not None:
+            servo.safety.rest()
+            recorder.change(servo.ticks, {REST: change.value})
+    return scene

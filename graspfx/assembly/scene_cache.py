@@ -1,0 +1,181 @@
+"""Scenes kept from a run before, so that the next run of the same one need not load what checks it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from graspfx import installed, plugins
+from graspfx.compile import cache
+from graspfx.compile.own_sources import source_stamps, stamps_in
+from graspfx.environment import to_path
+from graspfx.errors import Fault, InputError, SceneError
+from graspfx.plugins import BUILT_IN
+from graspfx.scene.keys import Key
+from graspfx.scene.source import Source
+from graspfx.scene.tables.reading import Readable, listed
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FORMAT = 3
+PLAIN: tuple[type, ...] = (bool, int, float, str, type(None))
+
+
+class Place(NamedTuple):
+    """Where a scene with these overrides is kept: everything on which the answer of its checks depends."""
+
+    key: str
+    source: Source
+
+
+class KeptTable:
+    """The fields of a table that was valid, by their names."""
+
+    def __init__(self, fields: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        self.__dict__.update(fields)
+        self._settings = settings
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The table's other keys."""
+        return dict(self._settings)
+
+
+class KeptScene(Readable, KeptTable):
+    """A scene from the disk cache, as a run reads it."""
+
+    _stock = None
+
+    def __init__(self, fields: Mapping[str, Any], source: Source, written: dict[str, Any]) -> None:
+        super().__init__(fields, {})
+        self.source, self._written = source, written
+
+    def to_dict(self) -> dict[str, Any]:
+        """Write the scene as nested tables, like `Scene.to_dict`."""
+        return self._written
+
+    def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
+        """Make the error of faults that its checks did not find."""
+        return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
+
+
+def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
+    """Find where the scene of a TOML file is cached; None for a scene that cannot be.
+
+    The key holds the file's text and path, the overrides and preset, whether the scene is trusted, what is installed,
+    and the time and size of every source file of GraspFX and of the shelf of devices, as Python judges its own
+    bytecode. The meshes and paths that a scene names are compared with those that were checked, by their content.
+
+    Raises:
+        UnknownNameError, InputError: as `load` has it.
+    """
+    path = plugins.find("scenes", name)
+    installed_ = installed.distributions()
+    if path.suffix != ".toml" or installed_ is None:
+        return None
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):  # `load` says what is wrong
+        return None
+    shelf = list(stamps_in(str(plugins.shelf("devices"))))
+    changes = preset, list(overrides.items())
+    source = Source(plugins.shown_path(path), text, path, overrides, preset or "")
+    parts = FORMAT, sys.version, str(path), text, changes, source.is_trusted, installed_, source_stamps(), shelf
+    return Place(sha256(repr(parts).encode()).hexdigest(), source)
+
+
+def cached(where: Place) -> tuple[Scene, list[str]] | None:
+    """Load a cached scene and the notes on it; None if there are none."""
+    content = cache.load(where.key)
+    if content is None:
+        return None
+    entry = json.loads(content)
+    if entry["files"] != digests(where.source, entry["names"]):
+        return None
+    source = replace(where.source, preset_values=entry["preset_values"])
+    return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
+
+
+def keep(where: Place, scene: Scene, notes: list[str]) -> None:
+    """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
+    if scene.source.text != where.source.text or not is_self_contained(scene):
+        return
+    names = list(data_files(scene))
+    files = digests(where.source, names)
+    if files is None:
+        return
+    try:
+        values = dict(scene.source.preset_values)
+        entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
+        entry |= {"names": names, "files": files}
+    except TypeError:  # a setting of a kind that JSON has not
+        return
+    cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
+
+
+def is_self_contained(scene: Scene) -> bool:
+    """Tell whether the scene names no code but the shelf's, no other distribution, and nothing real."""
+    from graspfx.assembly.resolve import resolve
+
+    folder = scene.source.folder
+    devices = [*scene.device, *(finger.device for finger in scene.finger if not isinstance(finger.device, str))]
+    return (
+        all(thing.dynamics in BUILT_IN["dynamics"] for thing in scene.object)
+        and not any(hand.form == "made" for hand in _hands(scene))
+        and all(plugins.find("devices", each.name, folder).is_relative_to(plugins.shelf("devices")) for each in devices)
+        and resolve(scene).simulated
+    )
+
+
+def _hands(scene: Scene) -> list[Any]:
+    return [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
+
+
+def data_files(scene: Scene) -> Iterator[str]:
+    """List the files that the scene names and that are read, not run: meshes and recorded paths."""
+    for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
+        if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
+            yield shape.mesh
+    for hand in _hands(scene):
+        motions = () if hand.form == "made" else listed(hand.motion)
+        yield from (motion.file for motion in motions if motion.kind == "path")
+
+
+def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
+    """Digest files that a scene names, each with where its links lead; None where one cannot be read."""
+    try:
+        paths = [to_path("file", name, folder=source.folder).resolve() for name in names]
+        return [[str(path), sha256(path.read_bytes()).hexdigest()] for path in paths]
+    except (OSError, RuntimeError, InputError):  # `load` says what is wrong
+        return None
+
+
+def _written(value: Any) -> Any:
+    """Write a table, tuple or list as a name and a list; TypeError for anything else that is not plain."""
+    if isinstance(value, PLAIN):
+        return value
+    if isinstance(value, tuple | list):
+        return [type(value).__name__, [_written(each) for each in value]]
+    if isinstance(value, dict):
+        return ["dict", [[key, _written(each)] for key, each in value.items()]]
+    fields = {name: getattr(value, name) for name in type(value).model_fields}
+    if hasattr(value, "form"):
+        fields["form"] = value.form
+    return ["table", [_written(fields), _written(getattr(value, "settings", {}))]]
+
+
+def _read(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    name, parts = value
+    if name == "dict":
+        return {key: _read(each) for key, each in parts}
+    items = [_read(each) for each in parts]
+    if name == "table":
+        return KeptTable(*items)
+    return tuple(items) if name == "tuple" else items

@@ -1,0 +1,367 @@
+"""A run tick by tick: stepped, looked at and steered by whoever has opened it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.assembly.build import build
+from graspfx.assembly.late_simulations import require_prompt_simulations
+from graspfx.assembly.live import keys_of, numbered, require_value, value_of
+from graspfx.assembly.resolve import Parts, resolve
+from graspfx.assembly.run import require_memory, warn_of_axes
+from graspfx.assembly.run_header import header_of, split_rules
+from graspfx.assembly.steering import Steering
+from graspfx.card import Card, Carded
+from graspfx.compile.kernel import keep_lowerings
+from graspfx.environment import to_path
+from graspfx.errors import InputError
+from graspfx.loop.realtime.lifecycle import require_simulations
+from graspfx.loop.recording.header import SPLIT, Header, RunFault
+from graspfx.loop.recording.history import by_name
+from graspfx.loop.recording.layout import Selection, chosen_layout
+from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.loop.recording.two_parts import RowSplit, Split
+from graspfx.loop.update import Update
+from graspfx.numeric import number
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+WHOLE = "a whole number of ticks, one or more"
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ObjectView:
+    """An object in one tick.
+
+    Attributes:
+        position: of its centre (d,) [m].
+        velocity: (d,) [m/s].
+        orientation: an angle [rad], a quaternion x y z w, or None on a line.
+        angular_velocity: [rad/s], or (3,) in world axes, or None on a line.
+        wrench: of the fingers on it, about its centre (w,) [N, N m].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    orientation: float | FloatArray | None
+    angular_velocity: float | FloatArray | None
+    wrench: FloatArray
+
+
+class Session(Carded):
+    """A run that is stepped by its caller; `open` makes it, and the end of its `with` block closes it.
+
+    Positions, velocities and forces are those of the last tick, as the recording has them; before the first tick they
+    are those at the start, and forces are zero.
+
+    Args:
+        scene: what is run.
+        live, out, overwrite: as of `open`.
+    """
+
+    is_paced = False  # whether it runs on the wall's clock
+    keeps_rows = True  # where no folder has them
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        live: Iterable[str] = (),
+        out: str | PathLike[str] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        if out is not None:
+            to_path("out", out, "the path of a folder")
+        keys = [numbered(scene, key) for key in keys_of(live)]
+        parts = resolve(scene)
+        if not self.is_paced:
+            require_simulations(parts.hardware)
+        require_prompt_simulations(parts)
+        warn_of_axes(parts)
+        if out is not None and not overwrite:
+            require_vacancy_of(recording_path(out, "out") / NAME)
+        self.scene, self._spent = scene, 0.0
+        self._finished: Recording | None = None
+        self._so_far: tuple[int, int, Recording] | None = None  # ticks and changes of the last one that was asked for
+        with ExitStack() as stack:
+            self.servo = stack.enter_context(build(scene, live=keys, real_time=self.is_paced))
+            self._steering = Steering(self.servo, scene, keys)
+            for key in keys:
+                require_value(scene, key)
+            header, sinks = self._start(stack, parts, keys), list[Sink]()
+            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
+            whole = self.servo.layout
+            selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
+            if out is not None:
+                from graspfx.loop.recording.sink import FileSink
+
+                sinks.append(
+                    FileSink(
+                        make_folder(out) / NAME, selection.layout, header, overwrite=overwrite,
+                        compression=scene.record.compression,
+                    )
+                )  # fmt: skip
+            recorder = Recorder(
+                whole, header, sinks, keep=out is None and self.keeps_rows, selection=selection, real_time=self.is_paced
+            )  # fmt: skip
+            self._place = None if out is None else Path(out) / NAME
+            self._recorder = stack.enter_context(recorder)
+            self._go()
+            self._stack = stack.pop_all()
+
+    def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
+        """Make ready whatever runs the ticks, until the stack ends; give the header of the recording."""
+        return header_of(parts, self.servo.objects)
+
+    def _go(self) -> None:
+        """Begin, with all that is recorded in place."""
+
+    def _card(self) -> Card:
+        rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
+        return Card(repr(self), rows, ".step(ticks), .set(key, value), .position, .force, .recording, .close()")
+
+    def __repr__(self) -> str:
+        name, state = self._recorder.header.scene or "a scene", "closed" if self._finished else "open"
+        live = f", live: {', '.join(self.live)}" if self.live else ""
+        fault = f", fault at {self.fault}" if self.fault else ""
+        return f"<Session of {name}, {state}: {self.tick} ticks, {self.time:g} s{live}{fault}>"
+
+    def __enter__(self) -> Self:
+        self._require_open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close(complete=kind is None)
+
+    def close(self) -> None:
+        """End the run: the recording is written, devices and bodies are closed; a second time nothing happens."""
+        self._close(complete=True)
+
+    def _require_open(self) -> None:
+        if self._finished is not None:
+            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+
+    def _close(self, *, complete: bool) -> None:
+        if self._finished is not None:
+            return
+        with self._stack:
+            recording = self._recorder.finish(**self._outcome(complete))
+            self._finished = self._with_notes(recording if self._place is None else Recording.load(self._place))
+            keep_lowerings()  # of kernels that were called
+
+    def _outcome(self, complete: bool) -> dict[str, Any]:
+        engine = self.servo.engine.name if self.tick else ""
+        return {
+            "wall_time": self._spent if complete else None,
+            "complete": complete,
+            "engine": engine,
+        } | self.servo.coupling
+
+    def _with_notes(self, recording: Recording) -> Recording:
+        recording._beside = plugins.upward("Recording.beside")(self.scene)
+        return recording
+
+    # Stepping -----------------------------------------------------------------------------------------------------
+
+    def step(self, ticks: int = 1) -> None:
+        """Run that many ticks.
+
+        Raises:
+            InputError: no whole number above zero, a session that is closed, no room in memory, or a number that was
+                written into a block past `set`.
+            DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
+        """
+        count = number("ticks", ticks, WHOLE)
+        if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
+            raise InputError("ticks", ticks, WHOLE)
+        self._require_open()
+        if self._place is None:
+            require_memory(self.tick + count, 8 * self._recorder.recorded.width / self._recorder.header.every)
+        began = perf_counter()
+        try:
+            self.servo.run(int(count), self._recorder)
+        finally:
+            self._spent += perf_counter() - began
+
+    @property
+    def tick(self) -> int:
+        """Count of ticks so far, the number of the coming one."""
+        return self.servo.ticks
+
+    @property
+    def time(self) -> float:
+        """Time of the coming tick, tick x period [s]."""
+        return self.tick * self.servo.period
+
+    @property
+    def fault(self) -> RunFault | None:
+        """The fault from which on every force is zero; None so far."""
+        return self.servo.fault
+
+    # Looking at it ------------------------------------------------------------------------------------------------
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of the ticks so far; of all of them once the session is closed."""
+        if self._finished is not None:
+            return self._finished
+        state = self.tick, len(self._recorder.changes)
+        if self._so_far is None or self._so_far[:2] != state:
+            self._so_far = (*state, self._with_notes(self._recording_so_far()))
+        return self._so_far[2]
+
+    def _recording_so_far(self) -> Recording:
+        if self._place is None:
+            return self._recorder.recording(**self._outcome(complete=False))
+        self._recorder.flush()
+        return Recording.load(part_of(self._place))
+
+    @property
+    def position(self) -> FloatArray:
+        """Positions of the fingers as their devices report them, (n, d) [m]."""
+        return self._of_fingers("finger_position")
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocities of the fingers as their devices report or estimate them, (n, d) [m/s]."""
+        return self._of_fingers("finger_velocity")
+
+    @property
+    def force(self) -> FloatArray:
+        """Forces of the fingers on their objects, (n, d) [N]."""
+        return self._of_fingers("finger_force")
+
+    @property
+    def internal_force(self) -> FloatArray:
+        """Parts of the fingers' forces that squeeze their objects, (n, d) [N]."""
+        return self.force - self.external_force
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Parts of the fingers' forces that move their objects, (n, d) [N]; computed in some hundred microseconds."""
+        layout = self.servo.layout
+        if not self.tick:
+            return np.zeros(layout.columns["finger_force"].shape)
+        split = next(split for tick, split in reversed(self._splits) if tick < self.tick)  # of the row's own tick
+        external, _ = RowSplit(self.servo.row[None], layout, [(0, split)]).external_forces()  # (n, d, 1)
+        return np.asarray(external[:, :, 0])
+
+    @property
+    def touching(self) -> BoolArray:
+        """Whether each finger exerts a force, (n,)."""
+        return np.not_equal(self._of_fingers("touching"), 0.0)
+
+    @property
+    def objects(self) -> Mapping[str, ObjectView]:
+        """Each object by its name."""
+        return by_name("object", {part.name: self._object(i) for i, part in enumerate(self.servo.objects)})
+
+    def _object(self, i: int) -> ObjectView:
+        orientation, angular_velocity = self._column(i, "orientation"), self._column(i, "angular_velocity")
+        plane = self.servo.layout.dimensions == 2
+        return ObjectView(
+            position=self._column(i, "position"),
+            velocity=self._column(i, "velocity"),
+            orientation=float(orientation[0]) if plane else orientation if len(orientation) else None,
+            angular_velocity=float(angular_velocity[0]) if plane else angular_velocity if len(orientation) else None,
+            wrench=self._column(i, "wrench"),
+        )
+
+    def _of_fingers(self, name: str) -> FloatArray:
+        column = self.servo.layout.columns[name]
+        if self.tick:
+            return self.servo.row[column.where].reshape(column.shape).copy()
+        values = np.zeros(column.shape)
+        for part in self.servo.objects:
+            values[part.fingers] = part.grasped.block[part.grasped.where[name]]
+        return values
+
+    def _column(self, i: int, name: str) -> FloatArray:
+        """Give a quantity of object i as a flat array, empty where it has none."""
+        part = self.servo.objects[i]
+        column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
+        if column is None:
+            return np.empty(0)
+        if self.tick:
+            return self.servo.row[column.where].copy()
+        return part.grasped.block[part.grasped.where[name]]
+
+    # Steering -----------------------------------------------------------------------------------------------------
+
+    @property
+    def live(self) -> tuple[str, ...]:
+        """Keys that `set` may change."""
+        return self._steering.keys
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Values of the live keys now."""
+        return by_name("live key", {key: value_of(self.scene, key) for key in self.live})
+
+    def get(self, key: str) -> Any:
+        """Give the value of a key of the scene now; of `*` the one value of all, or a tuple of them.
+
+        Raises:
+            UnknownNameError: there is no such key, with one that comes close.
+            InputError: a setting that is left to its driver, or a table that stands elsewhere.
+        """
+        return value_of(self.scene, numbered(self.scene, key))
+
+    def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
+        """Change live keys from the coming tick on: `session.set("coupling.internal.stiffness", 55.0)`.
+
+        What follows from them is changed too, as the automatic `coupling.fade`. States go on as they are: positions,
+        contacts, anchors. The change is recorded with its tick.
+
+        Args:
+            key: a key and its value, or values by key, which are changed together.
+            value: of the key.
+
+        Raises:
+            InputError: a key that is not live, a value that would change more than numbers, or a number that was
+                written into a block past `set`.
+            UnknownNameError: there is no such key, with one that comes close.
+            SceneError: a value that the scene does not allow; nothing has changed then.
+        """
+        changes = dict(key) if isinstance(key, Mapping) else {key: value}
+        if not changes:
+            return
+        values: dict[str, Any] = {}  # by keys with numbers for names: names mean nothing to what follows
+        for each, new in changes.items():
+            plain = numbered(self.scene, each)
+            self._steering.require_live(plain, new)
+            if plain in values:
+                raise InputError(each, new, f"one value for {plain}", "write its number or its name, not both")
+            values[plain] = new
+        self._require_open()
+        self.servo.watch.require()
+        scene = self.scene.replace(values)
+        self._write(self._steering.update(scene, values))
+        self.scene = scene
+
+    def _write(self, update: Update) -> None:
+        """Write new numbers, and note how forces divide from the coming tick on where that follows from them."""
+        self.servo.write(update, self._recorder)
+        split = split_rules(self.servo.objects)
+        if split != self._splits[-1][1]:
+            self._recorder.change(self.tick, {SPLIT: split})
+            self._splits.append((self.tick, split))

@@ -1,0 +1,271 @@
+"""Values of live keys on their way into a running servo: checked by the scene, filled as if it were built with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.assembly.build import build
+from graspfx.assembly.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_of_a_hand, require, value_of
+from graspfx.assembly.numbers import general
+from graspfx.assembly.operators import PARTS
+from graspfx.assembly.process.goals import goal_places
+from graspfx.assembly.reach import reach
+from graspfx.compile.entry_names import name_of
+from graspfx.compile.records import entries_of, start_of
+from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entries
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.errors import InputError
+from graspfx.loop.plant import FusedHand
+from graspfx.loop.played import Playback
+from graspfx.loop.safety.chain import changing_entry, goal_entries, steered_entries
+from graspfx.loop.update import Steerable, Update
+from graspfx.objects.body import NativeBody
+from graspfx.objects.body_state import BodyState
+
+if TYPE_CHECKING:
+    from graspfx.coupling.grasped import GraspedObject
+    from graspfx.loop.parts import PlantWiring
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+Numbers = tuple[FloatArray, Index, FloatArray]  # a memory, entries of it and what is written there
+
+# Fields of a grasp's block that hold a scene's numbers, and what follows from them; all others are the run's.
+NUMBERS = (
+    "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
+    "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule", "release", "stiffest",
+    "damping_depth", "fade_start", "fade_end", "arm_low", "arm_high",
+)  # fmt: skip
+OF_BODY = ("mass", "inertia", "viscosity", "rotational_viscosity", "gravity")
+OF_FINGERS = ("coefficient",)
+CACHES = {"gains_known": GAINS, "pads_known": GAINS, "split_known": ("coupling.blend",)}  # known no more
+
+
+class Steering:
+    """The live keys of a servo.
+
+    Args:
+        servo: built with these keys live.
+        scene: that it was built from.
+        keys: with numbers for names of tables.
+        playback: that the servo plays, whose devices, hands and plants have no numbers.
+
+    Raises:
+        InputError: a key that this scene's parts cannot change in mid-run, with the reason.
+    """
+
+    def __init__(
+        self, servo: Servo, scene: Scene, keys: Iterable[str], playback: Playback | None = None
+    ) -> None:  # fmt: skip
+        self.servo, self.scene, self.keys, self._playback = servo, scene, tuple(keys), playback
+        for key in self.keys:
+            reason = self._obstacle(general(require(key)))
+            if reason:
+                raise InputError("live", key, "a key that may change in mid-run", reason)
+
+    def _obstacle(self, plain: str) -> str:
+        """Say why the parts of this scene cannot change by a key; nothing where they can."""
+        servo, coupling = self.servo, self.scene.coupling
+        if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
+            return ""
+        if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
+            return "the ledger of coupling.passivity books each sample with the numbers that it began with"
+        if plain in GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
+            return "the tank of [safety], which pays for stiffer gains, has no account of matrices"
+        if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
+            return "other software moves an object, and has its own copy of the number"
+        if plain in DEVICE and coupling.metric == "mass":
+            return "coupling.metric = 'mass' counts fingers by it"
+        if plain in DEVICE and not (
+            servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
+        ):
+            return "a device's mechanics are its own, unless it is a simulated point"
+        if is_of_a_hand(plain) and not all(_is_steerable(m.hand) for m in servo.plants):
+            return "a hand or a motion of a plug-in has its own numbers"
+        return ""
+
+    def update(self, scene: Scene, values: Mapping[str, Any]) -> Update:
+        """Make the update to a variant of the scene.
+
+        Args:
+            scene: the servo's own with these values.
+            values: by live key, with numbers for names of tables.
+
+        Raises:
+            InputError: values that would change more than numbers: the form of a gain, a switch, a layout; a key that
+                reaches no number of a run.
+            SceneError, DeviceError: as of `build`.
+        """
+        for key, value in values.items():
+            if not reach(key):  # it would be recorded, and change nothing
+                raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
+        keys = [general(key) for key in values]
+        with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
+            entries: list[Numbers] = []
+            parts: list[tuple[Steerable, Any]] = []
+            for i, (own, new) in enumerate(zip(self.servo.objects, other.objects, strict=True)):
+                _require_structure(own.grasped, new.grasped, values)
+                entries += self._entries(own.grasped, new.grasped, keys)
+                entries += self._of_chain(i, other)
+                parts.append((own.grasped, new.grasped))
+            if any(key in INERTIA for key in keys):
+                bodies = [
+                    (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
+                ]
+                parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
+            if self.servo.ticks and all(key in GUIDE for key in keys):  # nothing but goals of guided hands
+                return Update(dict(values), [*entries, *self._goals(other)], parts)
+            plants = list(self._plants(other, values))
+            for _, (wiring, anew) in plants:
+                _require_hand(wiring.hand, anew.hand, values)
+                parts.append((wiring.hand, anew.hand))  # type: ignore[arg-type]
+                if any(key in DEVICE for key in keys):
+                    parts.append((wiring.plant, anew.plant))  # type: ignore[arg-type]
+        return Update(dict(values), entries, parts, [j for j, _ in plants])
+
+    def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
+        """List the plants whose hands take new numbers, by their number, with those of a variant.
+
+        All of them where no tick has run: a hand closes along the normals where its fingers start, and under the
+        implicit integrator these are met where mass, viscosity and gravity take the object within the first sample.
+        """
+        if self._playback is not None:
+            return
+        moves = any(key in DEVICE or is_of_a_hand(key) for key in map(general, values))
+        for j, (wiring, anew) in enumerate(zip(self.servo.plants, other.plants, strict=True)):
+            if moves or (self.servo.ticks == 0 and _is_steerable(wiring.hand)):
+                yield j, (wiring, anew)
+            elif self.servo.ticks == 0 and not np.array_equal(_normals(self.servo), _normals(other)):
+                raise InputError(
+                    ", ".join(values), list(values.values()), "values that leave the normals where fingers start",
+                    "a hand or a motion of a plug-in has them already; begin with such values",
+                )  # fmt: skip
+
+    def _goals(self, other: Servo) -> Iterator[Numbers]:
+        """Give the goals of guided hands, which no hand needs to be held anew for."""
+        if self._playback is None:
+            for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
+                yield own.memory, own.entries, new.memory[new.entries]
+
+    def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
+        """Give the numbers to be written into a grasp's block; all of them where no tick has run."""
+        if self.servo.ticks == 0:
+            yield own.block, np.arange(own.block.size), new.block.copy()
+            return
+        places = _places(own, keys)
+        if self.servo.safety is not None and any(key in GAINS for key in keys):  # whose tank pays for them
+            places = np.setdiff1d(places, steered_entries(own))
+        yield own.block, places, new.block[places]
+        yield from _caches(own, new, keys)
+
+    def _of_chain(self, i: int, other: Servo) -> Iterator[Numbers]:
+        """Give the numbers for the safety chain beside the block of object i; all of them where no tick has run."""
+        own, new = self.servo.safety, other.safety
+        if own is None or new is None:
+            return
+        entries = np.arange(own.buffers[i].size)
+        if self.servo.ticks > 0:
+            entries = np.array([*goal_entries(), *changing_entry()], dtype=np.intp)
+        numbers = new.buffers[i][entries]
+        if self.servo.ticks > 0:
+            numbers[-1] = 1.0
+        yield own.buffers[i], entries, numbers
+
+    def require_live(self, key: str, value: Any) -> None:
+        """Require that a key, with numbers for names, is live.
+
+        Raises:
+            InputError: it is not.
+            UnknownNameError: no scene has such a key.
+        """
+        if not any(covers(each, key) for each in self.keys):
+            with suppress(InputError):  # a setting or a table that is left out
+                value_of(self.scene, key)
+            live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
+            raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
+
+
+def _is_steerable(hand: Any) -> bool:
+    """Tell whether the numbers of a hand may change."""
+    return isinstance(hand, Steerable) and isinstance(hand, FusedHand)
+
+
+def _normals(servo: Servo) -> FloatArray:
+    """List the unit normals into the objects at the fingers' contacts, object by object."""
+    return np.concatenate([part.grasped.inward() for part in servo.objects])
+
+
+def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
+    """Require a block of the same layout and the same switches, but for those that are not folded in."""
+    key, value = next(iter(values.items()))
+    keys = key if len(values) == 1 else ", ".join(values)
+    slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
+    if not np.array_equal(slips, stays):
+        raise InputError(
+            keys, value, "a coefficient of friction above zero where there was one, and none where there was none",
+            "a contact with friction has a memory that one without has not; begin with such a value",
+        )  # fmt: skip
+    if new.block.size != own.block.size:
+        raise InputError(
+            keys, value, "a value of the form that it had at the start",
+            "another form is laid out in another way, which cannot change in mid-run; begin with it",
+        )  # fmt: skip
+    places = own.structure
+    same = own.block[places].view(np.int64) == new.block[places].view(np.int64)
+    if not same.all():
+        field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
+        raise InputError(
+            keys, value, "a value that changes numbers only",
+            f"{field} would change with it, which decides what is computed; begin with such a value",
+        )  # fmt: skip
+
+
+def _places(grasped: GraspedObject, keys: Iterable[str]) -> Index:
+    """List the entries of a block that keys in their general form reach and that hold the scene's numbers."""
+    reached = frozenset().union(*(reach(key).get("grasp", frozenset()) for key in keys))
+    grasp = grasped.state
+    places = entries_of(GraspState, *(name for name in NUMBERS if name in reached))
+    body = [name for name in OF_BODY if f"body.{name}" in reached]
+    places += entries_of(BodyState, *body, at=start_of(GraspState, "body"))
+    names = [name for name in OF_FINGERS if f"fingers.{name}" in reached]
+    places += [entry for finger in grasp.fingers for entry in entries_of(FingerState, *names, at=finger.offset)]
+    if "matrices" in reached:
+        places += matrix_entries(grasp)
+    if "gradual" in reached and has_problems(grasp):
+        places.append(compliant_entry(grasp.damping_problem))
+    return np.array(places, dtype=np.intp)
+
+
+def _caches(
+    own: GraspedObject, new: GraspedObject, keys: Iterable[str]
+) -> Iterator[tuple[FloatArray, Index, FloatArray]]:
+    """Let what a block has worked out from numbers that are to change be worked out anew."""
+    for name, inputs in CACHES.items():
+        used = [key for key in keys if key in inputs]
+        places = _places(own, used)
+        if not np.array_equal(own.block[places], new.block[places]):
+            entry = np.array(entries_of(GraspState, name), dtype=np.intp)
+            yield own.block, entry, np.zeros(len(entry))
+
+
+def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
+    """Require a hand of the same structure, with an operator where there was one: their plants are not the same."""
+    if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
+        raise InputError(
+            ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} before as after",
+            "the simulation of a hand that has one is another from the start; begin with one that does nothing, "
+            "such as stiffening = { stiffness = 0, lag = 0.1 }",
+        )  # fmt: skip
+    same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
+    if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
+        raise InputError(
+            ", ".join(values), list(values.values()), "as many motions and turns of the same kinds",
+            "what a hand does is laid out at the start; begin with such a motion",
+        )  # fmt: skip

@@ -1,0 +1,69 @@
+"""Machine code compiled before it is needed: the program of all scenes, and kernels of others that scenes bring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from graspfx.assembly.build import build
+from graspfx.errors import GraspFXError
+from graspfx.grasp import point_sets
+from graspfx.loop.engine import machine_codes, program
+from graspfx.loop.realtime import beat
+from graspfx.loop.realtime.lifecycle import HAS_NATIVE
+from graspfx.scene.load import load
+
+if TYPE_CHECKING:
+    from graspfx.compile.native import Native
+
+KERNELS = "kernels of all scenes"
+COMPILED, CACHED, NOTHING, CANNOT = "compiled", "was there", "nothing", "cannot"
+
+
+@dataclass(frozen=True)
+class Warmed:
+    """The outcome of warming up.
+
+    Attributes:
+        scene: its name or path, or `KERNELS`.
+        state: "compiled" (it is in the cache now), "was there", "nothing" (to compile for it alone) or "cannot".
+        seconds: that it took.
+        size: of the machine code [bytes].
+        why: it cannot.
+    """
+
+    scene: str
+    state: str
+    seconds: float = 0.0
+    size: int = 0
+    why: str = ""
+
+
+def warm_kernels() -> Warmed:
+    """Compile the programs of all scenes and loops, and what `gx.Split` runs, unless they are in the cache."""
+    began = perf_counter()
+    natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
+    point_sets.warm()
+    return _warmed(KERNELS, natives, began)
+
+
+def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Warmed:
+    """Compile the kernels of others that a scene brings; devices that are no simulations are not opened."""
+    began = perf_counter()
+    try:
+        with build(load(name, overrides, preset=preset), engine="interpreted") as servo:
+            natives = [native for _, native in machine_codes(servo.arena)]
+    except GraspFXError as error:
+        return Warmed(name, CANNOT, perf_counter() - began, why=" ".join(str(error).split()))
+    return _warmed(name, natives, began)
+
+
+def _warmed(name: str, natives: list[Native], began: float) -> Warmed:
+    seconds, size = perf_counter() - began, sum(native.size for native in natives)
+    for native in natives:
+        if native.note:
+            return Warmed(name, CANNOT, seconds, size, native.note)
+    state = CACHED if all(native.cached for native in natives) else COMPILED
+    return Warmed(name, state if natives else NOTHING, seconds, size)
