@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.family import family_key, is_compiled, note_compiled
-from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
 from graspfx.batch.program_text import ROWS, SUMS, folded, lane_text, taking_text
-from graspfx.batch.statistics import empty
+from graspfx.batch.statistics import LATE_LOW, LOW, MEASURES, empty
 from graspfx.batch.task import More, Task
 from graspfx.compile.emission import side_by_side
 from graspfx.compile.native import Bound, Native, compiled

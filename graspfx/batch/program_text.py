@@ -6,7 +6,7 @@ import ast
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
+from graspfx.batch.statistics import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.compile.records import start_of
 from graspfx.loop.arena import Arena

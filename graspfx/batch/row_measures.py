@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.group_runs import Measures
-from graspfx.batch.lanes import FIRST, LATE_LOW, LOW
 from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.single_runs import taking
-from graspfx.batch.statistics import empty, statistic, take
+from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, statistic, take
 from graspfx.errors import MissingPackageError
 from graspfx.loop.recording.record import Recording
 

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lanes import FIRST, LATE_LOW, LOW
-from graspfx.batch.statistics import empty, take
+from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, take
 from graspfx.batch.task import Task
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source

@@ -7,11 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_HIGH, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
 from graspfx.errors import UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # of a column; LATE_: of the second half
+MEASURES = 8
+NEEDS = {  # what a statistic is made from
+    "first": (FIRST,),
+    "last": (LAST,),
+    "mean": (SUM,),
+    "rms": (SQUARES,),
+    "min": (LOW, LATE_LOW),
+    "max": (HIGH, LATE_HIGH),
+    "peak": (LOW, HIGH, LATE_LOW, LATE_HIGH),
+    "growth": (LOW, HIGH, LATE_LOW, LATE_HIGH),
+}
 STATISTICS = tuple(NEEDS)
 
 

@@ -71,7 +71,6 @@ class Task:
     looking: Lock = field(default_factory=Lock)
     share: float = 1.0
     memory: PartMemory = field(default_factory=PartMemory)
-    side_by_side: int = 0  # variants that ran as straight lines
     spent: float = 0.0  # on runs [s]
     done: int = 0  # variants that have run
 

@@ -20,7 +20,7 @@ STATISTICS = ["first", "last", "min", "max", "peak"]
 
 @pytest.fixture
 def lanes(monkeypatch: pytest.MonkeyPatch) -> list[LaneRuns]:
-    """The programs for lanes that a batch makes, which it does however short it is; and no straight lines."""
+    """The programs for lanes that a batch makes, which it does however short it is."""
     made: list[LaneRuns] = []
     write = LaneRuns.__post_init__
 
@@ -31,7 +31,6 @@ def lanes(monkeypatch: pytest.MonkeyPatch) -> list[LaneRuns]:
     monkeypatch.setattr(LaneRuns, "__post_init__", noted)
     monkeypatch.setattr(many, "LANES_LOOK", 0)
     monkeypatch.setattr(many, "LANES_WORTH", 0)
-    monkeypatch.setattr(many, "LOOK", np.inf)
     return made
 
 

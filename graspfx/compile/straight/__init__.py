@@ -1,1 +1,0 @@
-"""Programs without branches, for many of a kind side by side."""
