@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,33 @@ def build(
         )  # fmt: skip
         with without():
             yield servo
+
+
+@contextmanager
+def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
+    """Build as `build` does, or give the servo of the run before with its memory put back to the start.
+
+    So where its memory is all that a run changes, as of kernels alone; the devices are opened and closed by each run.
+    """
+    stock = resolve(scene).stock
+    kept = stock.take_built()
+    if kept is None or kept[0] != how:
+        with build(scene, **how) as servo:
+            start = servo.start()
+            yield servo
+        if start is None:
+            return
+        kept = how, servo, start
+    else:
+        _, servo, start = kept
+        with ExitStack() as stack:
+            for station in servo.stations:
+                stack.enter_context(station.device)
+                station.device.open(scene.period)
+            servo.begin_again(start)
+            yield servo
+    servo.forget_rows()
+    stock.built = kept
 
 
 def meet(

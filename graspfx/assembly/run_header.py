@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from graspfx.assembly.engine_versions import engines_of
@@ -28,16 +29,18 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         preset=source.preset,
         title=scene.title,
         created=now(),
-        versions=versions(
-            "scipy",
-            *engines_of(scene),
-            *(("trimesh",) if meshes else ()),
-        ),
+        versions=dict(_versions("scipy", *engines_of(scene), *(("trimesh",) if meshes else ()))),
         machine=machine(),
         frames=meshes,
         every=scene.record.every,
         split=split_rules(objects),
     )
+
+
+@cache
+def _versions(*packages: str) -> Mapping[str, str]:
+    """Look up versions once: a process goes on with what it has imported, whatever is installed meanwhile."""
+    return versions(*packages)
 
 
 def source_name(source: Source) -> str:

@@ -33,6 +33,7 @@ class Stock:
         self.starts: dict[int, tuple[float, ...] | None] = {}  # of fingers that come in along a direction
         self.memory = Memory()  # in which blocks of its devices stand
         self.parts: Any = None  # of `graspfx.assembly.resolve`, once they are asked for
+        self.built: Any = None  # of `graspfx.assembly.build`: a servo that has run, and how it begins
         self._solids: dict[Location, Solid] = {}
         self._paths: dict[str, motion.Path] = {}
         self._lock = Lock()
@@ -64,6 +65,12 @@ class Stock:
         with self._lock:
             first, self._unused = self._unused, False
         return first
+
+    def take_built(self) -> Any:
+        """Take what is `built`; nobody else has it then."""
+        with self._lock:
+            built, self.built = self.built, None
+        return built
 
     def __deepcopy__(self, memo: Any) -> None:
         return None

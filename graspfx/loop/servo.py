@@ -115,6 +115,11 @@ class Servo:
         return self._ready()
 
     @property
+    def engine_name(self) -> str:
+        """Name of the engine of its ticks; empty before the first one."""
+        return "" if self._engine is None else self._engine.name
+
+    @property
     def parts(self) -> Parts:
         """All that runs."""
         return Parts(
@@ -141,6 +146,25 @@ class Servo:
 
             self.native = NativeLoop(self._arena, engine, self._devices, self.parts, self.guards)
         return self._devices
+
+    def start(self) -> FloatArray | None:
+        """Copy its memory before the first tick, for `begin_again`; None where a run changes more than that."""
+        self._ready()
+        arena, memory = self._arena, self._arena.memory
+        plain = arena.world.pauses or arena.tables or arena.foreign or self.hardware or self.native is not None
+        if plain or not arena.is_whole or any(part.grasped.matrices for part in self.objects):  # which count warnings
+            return None
+        return memory.floats[: memory.used].copy()
+
+    def begin_again(self, start: FloatArray) -> None:
+        """Put its memory back to what `start` gave: the next tick is the first."""
+        self._arena.memory.floats[: start.size] = start
+        self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
+
+    def forget_rows(self) -> None:
+        """Let go of the rows that its last ticks wrote."""
+        self.engine.write_to(self._nowhere)
+        self.row = self._nowhere[0]
 
     def _rehearse(self, engine: Engine) -> None:
         """Run a tick, and one after a fault, and put all memories back: what is done only once is done by then."""
