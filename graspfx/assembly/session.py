@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
@@ -202,7 +203,7 @@ class Session(Carded):
                 written into a block past `set`.
             DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
         """
-        count = number("ticks", ticks, WHOLE)
+        count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
             raise InputError("ticks", ticks, WHOLE)
         self._require_open()
@@ -430,6 +431,7 @@ def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
         )
 
 
+@cache
 def _memory() -> float:
     """Count the bytes in this machine; where it does not say, those that it could address."""
     try:

@@ -268,12 +268,13 @@ class Servo:
             self._exchanges: list[object] = []
             if arena.guests and isinstance(engine, Compiled) and not engine.is_checking:
                 self._exchanges = exchange_by_machine(arena, [self.movers[i].body for i in arena.guests])
+            self._apart = arena.world.pauses  # whether a tick has parts in plain Python
             log.info("engine %s; ports that are called in a tick: %d", engine.name, len(arena.ports))
         return self._engine
 
     def _run(self, ticks: int, recorder: RowTaker | None, stop: Stop | None) -> None:
-        engine, arena = self._ready(), self._arena
-        apart, last = arena.world.pauses, self.ticks + ticks
+        engine = self._ready()
+        apart, last = self._apart, self.ticks + ticks
         while self.ticks < last and not (stop is not None and stop()):
             rows, row, left = (self._nowhere, 0, CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
@@ -431,6 +432,8 @@ class Servo:
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
+        if not self._arena.tables:
+            return
         self._own.table_start = self.ticks
         for table in self._arena.tables:
             table.fill(self.ticks, count, self.period)
