@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.bodies import mass, solid_inertia
-from graspfx.assembly.fading import squeezes
+from graspfx.assembly.grasps import squeezes
 from graspfx.assembly.live import numbered
-from graspfx.assembly.numbers import general
 from graspfx.assembly.part_columns import PartBlocks, PartColumns, fades, is_of_a_hand, is_of_a_part
 from graspfx.assembly.resolve import resolve
 from graspfx.compile.records import start_of
@@ -30,10 +29,10 @@ from graspfx.errors import GraspFXError
 from graspfx.numeric import LARGEST, SMALLEST
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.body_state import BodyState
+from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
-    from graspfx.assembly.object_parts import ObjectPart
-    from graspfx.assembly.resolve import Parts
+    from graspfx.assembly.resolve import ObjectPart, Parts
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from graspfx import plugins
-from graspfx.assembly.fading import squeezes
-from graspfx.assembly.force_limits import force_limits
-from graspfx.assembly.hand_parts import make_hand
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.bodies import Stock
+from graspfx.assembly.build import make_plants
+from graspfx.assembly.device_limits import force_limits
+from graspfx.assembly.grasps import squeezes
+from graspfx.assembly.hands import holdings, make_hand
 from graspfx.assembly.live import value_of
-from graspfx.assembly.plants import make_plants
 from graspfx.assembly.resolve import Parts
-from graspfx.assembly.stock import Stock
 from graspfx.assembly.wiring import Wire, connect, fitted, outside_faults
 from graspfx.errors import GraspFXError
 from graspfx.loop.plant import is_still
@@ -32,7 +31,7 @@ from graspfx.scene.tables.fields import Table
 from graspfx.scene.tables.part_tables import Device
 
 if TYPE_CHECKING:
-    from graspfx.assembly.hand_parts import HandPart
+    from graspfx.assembly.hands import HandPart
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.scene_table import SceneTable

@@ -14,8 +14,8 @@ import numpy as np
 
 from graspfx.assembly.hardware import meet_hardware
 from graspfx.assembly.live import numbered
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run_header import header_of
 from graspfx.assembly.session import Session
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
@@ -200,7 +200,7 @@ def _require_meshes(original: Recording, parts: Parts) -> None:
 
 def _lacks_largest(original: Recording, parts: Parts) -> bool:
     """Tell whether largest forces changed with the fingers' places, and are not recorded."""
-    from graspfx.assembly.force_limits import changes
+    from graspfx.assembly.device_limits import changes
 
     return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
 

@@ -1,20 +1,20 @@
-"""Run a scene: a session that steps to the end."""
+"""Run a scene, at once or opened as a session: both are sessions, and one steps to the end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from graspfx import log, plugins
 from graspfx.assembly.hardware import Hardware, at_hardware
 from graspfx.assembly.process.servo_process import ServoProcess, servo_process
+from graspfx.assembly.provenance import header_of, source_name
 from graspfx.assembly.resolve import Parts
-from graspfx.assembly.run_header import header_of, source_name
 from graspfx.assembly.session import Session
 from graspfx.errors import InputError
 from graspfx.loop.realtime import pacing
@@ -28,7 +28,75 @@ from graspfx.scene.tables.reading import Readable
 from graspfx.system.child_process import is_possible
 
 if TYPE_CHECKING:
+    from graspfx.assembly.real_time_session import RealTimeSession
     from graspfx.scene.model import Scene
+
+
+@overload
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: Literal[False] = False,
+) -> Session: ...
+
+
+@overload
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: Literal[True],
+) -> RealTimeSession: ...
+
+
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: bool = False,
+) -> Session:
+    """Open a scene as a run that goes on tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
+
+    For any division into steps the recording is that of `gx.run`, bit by bit.
+
+    With `real_time` it goes on by itself, on the wall's clock and in a process of its own, from here on until it is
+    closed: a `RealTimeSession`, whose scene may have hardware. Forces come as soon as it is open.
+
+    Args:
+        scene: a scene, its name or its path.
+        overrides: values by dotted key.
+        live: keys that `Session.set` may change in mid-run, such as "coupling.internal.stiffness"; `*` stands for
+            all of a list.
+        out: a folder in which recording.h5 is written; it may exist. While the session is open its rows are there in
+            recording.h5.part too.
+        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
+        real_time: whether ticks come by the wall's clock.
+
+    Raises:
+        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path;
+            hardware without `real_time`, or with a finger inside its object.
+        SceneError: with every fault of the scene at once.
+        DeviceError: a device that does not open, or is not at rest.
+        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
+    """
+    if not isinstance(real_time, bool):
+        raise InputError("real_time", real_time, "True for the wall's clock, or False for steps")
+    scene_ = _loaded(scene, overrides)
+    if not real_time:
+        return Session(scene_, live=live, out=out, overwrite=overwrite)
+    from graspfx.assembly.real_time_session import RealTimeSession
+
+    return RealTimeSession(scene_, live=live, out=out, overwrite=overwrite)
 
 
 def run(

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from graspfx import log, plugins
 from graspfx.assembly.build import build, build_again
-from graspfx.assembly.late_simulations import require_prompt_simulations
 from graspfx.assembly.live import keys_of, numbered, require_value, value_of
-from graspfx.assembly.resolve import Parts, resolve
-from graspfx.assembly.run_header import header_of, split_rules
+from graspfx.assembly.provenance import header_of, split_rules
+from graspfx.assembly.resolve import Parts, require_prompt_simulations, resolve
 from graspfx.assembly.steering import Steering
 from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
@@ -392,7 +391,7 @@ def warn_of_axes(parts: Parts) -> None:
     scene = parts.scene
     if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
         return
-    from graspfx.assembly.axes import axes_notes
+    from graspfx.assembly.grasps import axes_notes
     from graspfx.grasp.impedance import ActiveCouplingWarning
 
     for text in axes_notes(parts):
