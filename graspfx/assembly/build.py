@@ -27,8 +27,7 @@ from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.loop.played import Playback
 from graspfx.loop.recording.layout import Layout, chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
-from graspfx.loop.servo import Servo
-from graspfx.loop.update import SteerablePlant
+from graspfx.loop.servo import Servo, SteerablePlant
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.keys import general
 

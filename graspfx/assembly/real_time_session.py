@@ -23,7 +23,7 @@ from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import SLOTS, Letter, Phase, Ring, Word
 from graspfx.loop.recording.header import MARK, SPLIT, Header, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.update import Update
+from graspfx.loop.servo import Update
 from graspfx.scene.keys import general
 
 if TYPE_CHECKING:

@@ -144,10 +144,6 @@ class ObjectPart:
         n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
         return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
 
-    def fill(self, grasped: GraspedObject, limits: FloatArray | None = None) -> None:
-        """Fill the block of an object that was made for another scene of the same structure, as `grasped` would."""
-        grasped.fill(law=self.law, fill_body=self._fill_body(True), **self._numbers(limits))
-
     def _numbers(self, limits: FloatArray | None) -> dict[str, Any]:
         return {
             "rules": self.rules,

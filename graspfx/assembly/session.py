@@ -36,7 +36,7 @@ from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
 from graspfx.loop.recording.two_parts import RowSplit, Split
-from graspfx.loop.update import Update
+from graspfx.loop.servo import Update
 from graspfx.numeric import number
 
 if TYPE_CHECKING:

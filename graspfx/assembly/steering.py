@@ -21,7 +21,7 @@ from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
 from graspfx.loop.played import Playback
 from graspfx.loop.safety.chain import changing_entry, goal_entries, steered_entries
-from graspfx.loop.update import Steerable, Update
+from graspfx.loop.servo import Steerable, Update
 from graspfx.objects.body import NativeBody
 from graspfx.objects.body_state import BodyState
 from graspfx.scene.keys import general

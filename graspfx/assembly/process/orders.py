@@ -22,8 +22,7 @@ from graspfx.loop.motion.motion import floats
 from graspfx.loop.plant import FusedHand
 from graspfx.loop.realtime.pacing import Clock, Pacer
 from graspfx.loop.realtime.ring import SLOTS, FloatArray, Ring, RingRecorder, Word, fence, read_letter
-from graspfx.loop.servo import Servo
-from graspfx.loop.update import CarriedPlant, Steerable, Update
+from graspfx.loop.servo import CarriedPlant, Servo, Steerable, Update
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

@@ -22,8 +22,7 @@ from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.process import REMEDY, Exits, Interruption, RealTimeWarning, signals_end
 from graspfx.loop.realtime.ring import Letter, Phase, Ring, Word, create, fence, unpack_error, write_letter
-from graspfx.loop.servo import Servo
-from graspfx.loop.update import CarriedPlant, Update
+from graspfx.loop.servo import CarriedPlant, Servo, Update
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
