@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
-    from graspfx.assembly.open_session import open as open
     from graspfx.assembly.real_time_session import RealTimeSession as RealTimeSession
     from graspfx.assembly.replay import replay as replay
+    from graspfx.assembly.run import open as open
     from graspfx.assembly.run import run as run
     from graspfx.assembly.session import Session as Session
     from graspfx.batch.batch import Batch as Batch
@@ -67,7 +67,7 @@ _HOMES = {
     "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
-    "open": "graspfx.assembly.open_session",
+    "open": "graspfx.assembly.run",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
     "replay": "graspfx.assembly.replay",

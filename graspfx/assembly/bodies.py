@@ -1,20 +1,26 @@
-"""An object's table as a shape and as the parameters and first state of its body."""
+"""Bodies of a scene: their shapes, masses and first states, and which of them meet one another."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING
+from threading import Lock
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.meshes import SceneMesh, scene_mesh
-from graspfx.assembly.numbers import Number, Numbers, arguments
+from graspfx.compile.memory import Memory
 from graspfx.errors import InputError
+from graspfx.loop.device import Device
+from graspfx.loop.motion import motion
 from graspfx.objects.body import fill_body
+from graspfx.objects.dynamics_table import MEETING, dynamics_of
+from graspfx.objects.surroundings import Obstacle as PlacedObstacle
+from graspfx.objects.surroundings import place_obstacle
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Object, Obstacle
@@ -22,10 +28,9 @@ if TYPE_CHECKING:
     from graspfx.surfaces.closed_form.shape import Shape
     from graspfx.surfaces.triangles.mesh import Mesh
 
+
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
-
-
 SHAPES = {  # by kind, the classes of graspfx.surfaces.closed_form.shape, which is loaded where a scene has a shape
     "box": "Box",
     "sphere": "Sphere",
@@ -116,46 +121,13 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
     return position, orientation
 
 
-def _integrator(scene: SceneTable, table: Object, solid: Solid) -> str:
+def _integrator(table: Object) -> str:
     """Name the body's integrator: others than native ones have their own, and are not asked for their free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
-SOLID = ("object.*.mass", "object.*.density", "object.*.shape")
-POSE = ("object.*.position", "object.*.orientation", "object.*.shape")  # the body of a mesh stands at its centre
-
-BODY: Numbers = {  # the arguments of `fill_body`
-    "dimensions": Number(("dimensions",), ("dimensions",), lambda scene, table, solid: scene.dimensions),
-    "mass": Number(SOLID, ("mass",), lambda scene, table, solid: mass(table, solid)),
-    "inertia": Number((*SOLID, "object.*.inertia"), ("inertia",), inertia),
-    "viscosity": Number(("object.*.viscosity",), ("viscosity",), lambda scene, table, solid: table.viscosity),
-    "rotational_viscosity": Number(
-        ("object.*.rotational_viscosity",),
-        ("rotational_viscosity",),
-        lambda scene, table, solid: table.rotational_viscosity or 0.0,
-    ),
-    "integrator": Number(("object.*.integrator", "object.*.dynamics"), ("integrator",), _integrator),
-    "free": Number(
-        ("object.*.free",), ("free_translation", "free_rotation"), lambda scene, table, solid: scene.free(table)
-    ),
-    "gravity": Number(("gravity",), ("gravity",), lambda scene, table, solid: scene.gravity),
-    "position": Number(POSE, ("motion.position",), lambda scene, table, solid: place(table, solid)[0]),
-    "orientation": Number(
-        POSE,
-        ("motion.angle", "motion.quaternion", "motion.rotation"),
-        lambda scene, table, solid: place(table, solid)[1],
-    ),
-    "velocity": Number(("object.*.velocity",), ("motion.velocity",), lambda scene, table, solid: table.velocity),
-    "angular_velocity": Number(
-        ("object.*.angular_velocity",),
-        ("motion.angular_velocity",),
-        lambda scene, table, solid: table.angular_velocity,
-    ),
-}
-
-
 def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
-    """Write parameters and first state into a body's block: the arguments that `BODY` declares.
+    """Write parameters and first state into a body's block.
 
     A table's pose is that of the frame in which its shape is described; the body of a mesh is at its centre of mass,
     with its principal axes.
@@ -167,7 +139,165 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     Raises:
         InputError: naming the key that cannot be.
     """
-    numbers = arguments(BODY, scene, table, solid)
-    if numbers["integrator"] == "implicit" and not predicts:
-        numbers["integrator"] = "semi-implicit"
-    fill_body(state, **numbers)
+    integrator = _integrator(table)
+    position, orientation = place(table, solid)
+    fill_body(
+        state,
+        dimensions=scene.dimensions,
+        mass=mass(table, solid),
+        inertia=inertia(scene, table, solid),
+        viscosity=table.viscosity,
+        rotational_viscosity=table.rotational_viscosity or 0.0,
+        integrator="semi-implicit" if integrator == "implicit" and not predicts else integrator,
+        free=scene.free(table),
+        gravity=scene.gravity,
+        position=position,
+        orientation=orientation,
+        velocity=table.velocity,
+        angular_velocity=table.angular_velocity,
+    )
+
+
+Location = tuple[str | int, ...]
+
+
+class Stock:
+    """Connected devices, shapes and recorded paths, by the places of their tables in the scene.
+
+    The checks of a scene fill it, and the scene carries it on. A copy of a scene begins with an empty one: neither
+    pickling nor `copy.deepcopy` takes a device along.
+
+    Args:
+        folder: where relative paths of the scene start; None for the current folder.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.devices: dict[Location, Device] = {}
+        self.starts: dict[int, tuple[float, ...] | None] = {}  # of fingers that come in along a direction
+        self.memory = Memory()  # in which blocks of its devices stand
+        self.parts: Any = None  # of `graspfx.assembly.resolve`, once they are asked for
+        self.built: Any = None  # of `graspfx.assembly.build`: a servo that has run, and how it begins
+        self._solids: dict[Location, Solid] = {}
+        self._paths: dict[str, motion.Path] = {}
+        self._lock = Lock()
+        self._unused = True
+
+    def solid(self, at: Location, table: Object | Obstacle) -> Solid:
+        """Give the shape of the object or obstacle whose table stands there.
+
+        Raises:
+            InputError: naming the key of the shape's table that cannot be.
+            MissingPackageError: the package that reads a mesh's file is not installed.
+        """
+        if at not in self._solids:
+            self._solids[at] = make_solid(table, self.folder)
+        return self._solids[at]
+
+    def path(self, file: str) -> motion.Path:
+        """Give the motion that a file records.
+
+        Raises:
+            InputError: no such file, or not such a table, with the line.
+        """
+        if file not in self._paths:
+            self._paths[file] = motion.Path.read(file, self.folder)
+        return self._paths[file]
+
+    def claim(self) -> bool:
+        """Tell the first caller that the devices are its own to open; every later one has to connect others."""
+        with self._lock:
+            first, self._unused = self._unused, False
+        return first
+
+    def take_built(self) -> Any:
+        """Take what is `built`; nobody else has it then."""
+        with self._lock:
+            built, self.built = self.built, None
+        return built
+
+    def __deepcopy__(self, memo: Any) -> None:
+        return None
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        return type(None), ()
+
+
+Finding = tuple[Location, str]
+
+
+def moves(scene: SceneTable, thing: Object) -> bool:
+    """Tell whether any freedom of an object is free."""
+    return any(scene.free(thing))
+
+
+def collide(scene: SceneTable) -> bool:
+    """Tell whether objects that share a world meet one another."""
+    return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
+
+
+def groups(scene: SceneTable) -> list[list[int]]:
+    """List the objects that are moved together, by number: natively each alone, otherwise those of a world."""
+    groups_: list[list[int]] = []
+    for i, thing in enumerate(scene.object):
+        mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
+        if mates and (scene.obstacle or collide(scene)):
+            mates[0].append(i)
+        else:
+            groups_.append([i])
+    return groups_
+
+
+def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
+    """Tell whether the objects of a group meet anything: an obstacle, or one another."""
+    things = [scene.object[i] for i in group]
+    if scene.obstacle:
+        return any(thing.shape is not None and moves(scene, thing) for thing in things)
+    return len(group) > 1
+
+
+def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
+    """Put the scene's obstacles in their places."""
+    solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
+    return [
+        place_obstacle(table.name, solid.shape, scene.dimensions, *place(table, solid))
+        for table, solid in zip(scene.obstacle, solids, strict=True)
+    ]
+
+
+def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
+    """Tell whether an object meets anything, and what and how."""
+    if thing.shape is None:
+        return False, "it has no shape: it meets nothing"
+    if not moves(scene, thing) and thing.dynamics == "native":
+        return False, "every freedom is locked: nothing moves it, and native objects pass through it"
+    names = ", ".join(table.name for table in scene.obstacle)
+    law = f"friction {scene.world.friction:g}"
+    if thing.dynamics == "native":
+        passes = len(scene.object) > 1
+        others = f"; it passes through other objects (dynamics = {MEETING} meets them)" if passes else ""
+        if not scene.obstacle:
+            return False, f"there are no obstacles{others}"
+        law += f", {scene.world.stiffness:g} N/m a point"
+        return True, f"{names}, {law}; {_points(thing)}{others}"
+    group = next(group for group in groups(scene) if thing in [scene.object[i] for i in group])
+    if not in_world(scene, group):
+        alone = "" if len(scene.object) == 1 else "; it passes through other objects"
+        return False, f"there are no obstacles{alone}"
+    mates = [scene.object[i].name for i in group if scene.object[i] is not thing] if collide(scene) else []
+    met = ", ".join([*([names] if names else []), *mates])
+    engine = dynamics_of(thing.dynamics)
+    shape = "; as its convex hull" if thing.shape.kind in engine.hulls else ""
+    return True, f"{met}, {law}, restitution {scene.world.restitution:g}, in one {engine.label} world{shape}"
+
+
+def _points(thing: Any) -> str:
+    texts = {
+        "box": "with its corners",
+        "sphere": "with its lowest point",
+        "ellipsoid": "with its lowest point",
+        "capsule": "with the lowest points of its ends",
+        "cylinder": "with its rims, eight fixed points each and the lowest",
+        "mesh": "with the corners of its convex hull, nine at most on each plane",
+    }
+    return texts.get(thing.shape.kind, "with its lowest points")

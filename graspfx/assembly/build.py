@@ -1,36 +1,154 @@
-"""A described scene made to run: devices opened, hands and plants joined, objects filled."""
+"""A scene made to run: devices connected, bodies, plants and hands joined, objects filled."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.fading import set_fade
-from graspfx.assembly.live import live_fields
-from graspfx.assembly.loop_layout import loop_fields
-from graspfx.assembly.movers import make_movers
-from graspfx.assembly.plants import make_plants
+from graspfx import plugins
+from graspfx.assembly.bodies import collide, groups, in_world
+from graspfx.assembly.device_limits import changes, guards_of
+from graspfx.assembly.grasps import set_fade
+from graspfx.assembly.live import GUIDE, live_fields
 from graspfx.assembly.resolve import Parts, resolve
-from graspfx.assembly.scene_guards import guards_of
-from graspfx.assembly.wiring import outside_faults, placing_faults
+from graspfx.assembly.wiring import Wire, outside_faults, placing_faults
 from graspfx.compile.memory import ROOM, Memory, within, without
-from graspfx.loop.device import SimulatedDevice
+from graspfx.errors import DeviceError
+from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
+from graspfx.loop.hand import join
+from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.loop.played import Playback
 from graspfx.loop.recording.layout import Layout, chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
-from graspfx.loop.servo import Servo
+from graspfx.loop.servo import Servo, SteerablePlant
+from graspfx.objects.surroundings import Meeting, Member
+from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
+    from graspfx.assembly.hands import HandPart
     from graspfx.scene.model import Scene
 
+
+def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]:
+    """Give the fields of a `Layout` that such a run has."""
+    devices = device_names(wired, fingers)
+    own = [(name, wire.device) for name, wire in zip(devices, wired, strict=True)]
+    raw = [(name, device.raw) for name, device in own if isinstance(device, RawDevice)]
+    return {
+        "timed": True,
+        "varying": any(changes(wire) for wire in wired),
+        "switched": any(wire.features.switches for wire in wired),
+        "devices": devices,
+        "raw": tuple((name, len(numbers), str(numbers.dtype)) for name, numbers in raw),
+    }
+
+
+def device_names(wired: Sequence[Wire], fingers: Sequence[str]) -> tuple[str, ...]:
+    """Name each device by the first finger that it moves."""
+    return tuple(fingers[int(wire.used[0])] for wire in wired)
+
+
 FloatArray = NDArray[np.float64]
+
+
+def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
+    """Make what moves the objects whose blocks these are; closed with the stack.
+
+    Raises:
+        PluginError: what code of another raises when it makes a body.
+    """
+    scene, world = parts.scene, parts.scene.world
+    meeting = Meeting(world.friction, world.restitution, world.stiffness, collide(scene))
+    for group in groups(scene):
+        module = plugins.load_blaming("dynamics", scene.object[group[0]].dynamics, parts.folder)
+        file = Path(module.__file__ or module.__name__)
+        make_world = getattr(module, "create_world", None)
+        if make_world is None or not in_world(scene, group):
+            for i in group:
+                with plugins.blaming(file):
+                    body = module.create(states[i])
+                stack.callback(getattr(body, "close", _nothing))
+                yield BodyGroup(body, [i])
+            continue
+        members = [Member(states[i], parts.objects[i].solid.shape) for i in group]
+        with plugins.blaming(file):
+            body = make_world(members, parts.obstacles, meeting)
+        stack.callback(getattr(body, "close", _nothing))
+        yield BodyGroup(body, group)
+
+
+def _nothing() -> None:
+    return None
+
+
+def make_plants(
+    parts: Parts, wired: Sequence[Wire], inward: FloatArray, live: Collection[str] = ()
+) -> Iterator[PlantWiring]:
+    """Make the plants of the simulated devices: one for all devices that hands join to one another.
+
+    Args:
+        parts: of the scene.
+        wired: its devices.
+        inward: unit normals of the fingers' contacts (n, d).
+        live: keys that may change in mid-run: a squeeze among them has a course in time also where it is zero.
+
+    Raises:
+        SceneError: a finger that starts out of its device's reach.
+        DeviceError: a plant that does not take its fingers together.
+    """
+    scene, start = parts.scene, parts.start
+    others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands change no plant
+    squeezes = any(key.endswith(".squeeze") for key in others)
+    changes = any(key.startswith(("hand.", "device.")) or ".hand." in key or ".device." in key for key in others)
+    for members in _components(wired, parts.hands):
+        simulated = [wired[i] for i in members]
+        fingers = np.concatenate([wire.fingers for wire in simulated])
+        devices = [wire.device for wire in simulated]
+        hands, order = [], []
+        for hand in parts.hands:
+            if hand.fingers[0] in fingers:
+                hands.append((hand.with_course() if squeezes else hand).hold(start, inward))
+                order += hand.fingers
+        first = devices[0]
+        assert isinstance(first, SimulatedDevice)
+        joined = join(hands, [order.index(f) for f in fingers])
+        operator = getattr(joined, "operator", None)
+        if operator is None:
+            plant = type(first).plant(devices)
+        else:
+            assert isinstance(first, OperatedDevice)
+            plant = type(first).operated_plant(devices, operator, scene.period)
+        if changes and isinstance(plant, SteerablePlant):
+            plant.live = True
+        try:
+            plant.place(start[fingers])
+        except DeviceError as error:
+            if faults := placing_faults(start, wired):
+                raise scene.error(faults) from error
+            raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
+        yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
+
+
+def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
+    """Find the sets of simulated devices that share a hand, directly or through others."""
+    of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
+    left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
+    while left:
+        members = [min(left)]
+        for member in members:  # grows while it is walked
+            left.discard(member)
+            for hand in hands:
+                near = {of_finger[f] for f in hand.fingers}
+                if member in near:
+                    members += sorted((near & left) - set(members))
+        yield members
 
 
 @contextmanager
@@ -96,10 +214,37 @@ def build(
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         servo = Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every, guards=guards_of(parts), safety=safety, memory=memory,
+            record=record, every=every, guards=guards_of(parts.scene, parts.wires), safety=safety, memory=memory,
         )  # fmt: skip
         with without():
             yield servo
+
+
+@contextmanager
+def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
+    """Build as `build` does, or give the servo of the run before with its memory put back to the start.
+
+    So where its memory is all that a run changes, as of kernels alone; the devices are opened and closed by each run.
+    """
+    stock = resolve(scene).stock
+    kept = stock.take_built()
+    if kept is None or kept[0] != how:
+        with build(scene, **how) as servo:
+            start = servo.start()
+            yield servo
+        if start is None:
+            return
+        kept = how, servo, start
+    else:
+        _, servo, start = kept
+        with ExitStack() as stack:
+            for station in servo.stations:
+                stack.enter_context(station.device)
+                station.device.open(scene.period)
+            servo.begin_again(start)
+            yield servo
+    servo.forget_rows()
+    stock.built = kept
 
 
 def meet(

@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from graspfx.assembly.numbers import general, reaches
-from graspfx.assembly.reach import reach
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest
-from graspfx.scene.keys import LISTS, NAMES, number_of
+from graspfx.scene.keys import LISTS, NAMES, general, number_of, reaches
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-# Fields that gains and rules choose by: a program folds them in unless a live key reaches them.
-CHOICES = frozenset({
-    "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
-    "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule",
-})  # fmt: skip
 GAINS = tuple(
     f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")
 )
@@ -53,13 +46,23 @@ REASONS = {
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Name the fields of grasps' blocks that are not to be folded in where these keys are live.
+    """Name the fields of grasps' blocks that choose what is computed, and that may change where these keys are live.
 
     Raises:
         InputError: keys that are no names.
         UnknownNameError: a key that cannot change in mid-run, with the reason.
     """
-    return frozenset().union(*(reach(require(key)).get("grasp", frozenset()) & CHOICES for key in keys))
+    return frozenset().union(*(_choices(general(require(key))) for key in keys))
+
+
+def _choices(plain: str) -> frozenset[str]:
+    if plain in GAINS:
+        _, share, quantity = plain.split(".")
+        kinds = ("damped", "singular", "gradual") if quantity == "damping" else ()
+        return frozenset({f"{share}_{quantity}", "equal", "rays", "stiffness_rule", "damping_rule", *kinds})
+    if plain == "coupling.damping_depth":
+        return frozenset({"gradual"})
+    return frozenset({"rays"}) if plain.endswith("friction") else frozenset()
 
 
 def require(key: str) -> str:
@@ -72,7 +75,7 @@ def require(key: str) -> str:
     if not isinstance(key, str):
         raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
     plain = general(key)
-    if plain in (*GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain):
+    if is_live(plain):
         return key
     if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
@@ -84,6 +87,11 @@ def require(key: str) -> str:
     if not reason:
         raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
     raise InputError("live", key, "a key that may change in mid-run", reason)
+
+
+def is_live(plain: str) -> bool:
+    """Tell whether a key in its general form can change in mid-run."""
+    return plain in (*GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
 
 
 def is_of_a_hand(plain: str) -> bool:

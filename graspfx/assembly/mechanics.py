@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.grasps import StillHand
 from graspfx.assembly.resolve import Parts
-from graspfx.assembly.still_hands import StillHand
 from graspfx.assembly.wiring import Wire
 from graspfx.errors import InputError
 from graspfx.loop.device import Features, SimulatedDevice, is_hardware

@@ -12,26 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspfx.assembly.build import build
 from graspfx.assembly.hardware import meet_hardware
 from graspfx.assembly.live import numbered
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run_header import header_of, split_rules
-from graspfx.assembly.steering import Steering
+from graspfx.assembly.session import Session
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
 from graspfx.loop.played import PHASES, Playback
-from graspfx.loop.recording.header import OF_THE_RUN, REST, SPLIT, KeyChange
+from graspfx.loop.recording.header import OF_THE_RUN, REST, Header, KeyChange
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Difference, Recording, compared, differences
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.progress import waiting
 from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
-    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 OWN = "engine"  # the key of a scene that changes no bit
@@ -114,7 +111,9 @@ def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
     largest = _largest_forces(original, scene, overrides) if _lacks_largest(original, parts) else None
     best: Replay | None = None
     for phase in PHASES if original.faults else PHASES[:1]:
-        recording = _play(original, scene, parts, Playback(original, largest, phase))
+        with Replaying(original, scene, Playback(original, largest, phase)) as session:
+            session.follow()
+        recording = session.recording
         each = Replay(original, recording, is_open, differences(original, recording))
         if best is None or len(each.differences) < len(best.differences):
             best = each
@@ -201,7 +200,7 @@ def _require_meshes(original: Recording, parts: Parts) -> None:
 
 def _lacks_largest(original: Recording, parts: Parts) -> bool:
     """Tell whether largest forces changed with the fingers' places, and are not recorded."""
-    from graspfx.assembly.force_limits import changes
+    from graspfx.assembly.device_limits import changes
 
     return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
 
@@ -210,70 +209,66 @@ def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, A
     """Run a simulation once more as it was, for the largest forces that its devices told."""
     if overrides:
         scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
-    parts, keys = resolve(scene), _keys(original, scene)
-    if not parts.simulated:
+    if not resolve(scene).simulated:
         raise RecordingError("a replay needs largest_force, which this recording does not have: run the scene again")
-    with ExitStack() as stack:
-        servo = stack.enter_context(build(scene, live=keys, varying=True))
-        recorder = stack.enter_context(Recorder(servo.layout, header_of(parts), ticks=len(original)))
-        _run(servo, recorder, original, scene, Steering(servo, scene, keys))
-        return recorder.finish()
+    with Replaying(original, scene, None) as session:
+        session.follow()
+    return session.recording
 
 
-def _play(original: Recording, scene: Scene, parts: Parts, playback: Playback) -> Recording:
-    """Run a scene over a recording's readings."""
-    header, keys = original.header, _keys(original, scene)
-    with ExitStack() as stack:
-        servo = stack.enter_context(build(scene, live=keys, playback=playback))
+class Replaying(Session):
+    """A run over a recording's readings, or once more as it was, with its changes of keys at their ticks.
+
+    Args:
+        original: the recording.
+        scene: that is run.
+        playback: of the recording; None for the scene's own simulations.
+    """
+
+    def __init__(self, original: Recording, scene: Scene, playback: Playback | None) -> None:
+        self._original, self._playback = original, playback
+        keys = dict.fromkeys(numbered(scene, change.key) for change in original.changes)
+        super().__init__(scene, live=keys, ticks=len(original), playback=playback, varying=playback is None)
+
+    def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
+        header, servo, playback = self._original.header, self.servo, self._playback
+        if playback is None:
+            return super()._start(stack, parts, keys)
         if header.settled:
             names = {name: f for f, name in enumerate(servo.layout.fingers)}
             positions = {names[name]: np.array(each["position"], dtype=float) for name, each in header.settled.items()}
             meet_hardware(servo, parts, positions)
         playback.attach(servo.arena.ports, servo.stations)
         servo._io = playback
-        new = replace(
+        return replace(
             header_of(parts, servo.objects), settled=header.settled, round_trip=header.round_trip,
             replays=f"{header.scene}, recorded {header.created}",
         )  # fmt: skip
-        recorder = stack.enter_context(Recorder(servo.layout, new, ticks=len(original)))
-        with waiting(f"replaying {header.scene or 'a recording'}", len(original), "ticks", lambda: servo.ticks):
-            _run(servo, recorder, original, scene, Steering(servo, scene, keys, playback))
-        first = original.faults[:1]
-        recorder.faults[:1] = (
-            first if recorder.faults and first and recorder.faults[0][1] == first[0][1] else recorder.faults[:1]
-        )
-        return recorder.finish(complete=original.outcome.complete, engine=servo.engine.name, **servo.coupling)
 
+    def follow(self) -> None:
+        """Run as many ticks as were recorded."""
+        original, count = self._original, len(self._original)
+        events = sorted(original.outcome.changes, key=lambda change: change.tick)
+        with waiting(f"replaying {original.header.scene or 'a recording'}", count, "ticks", lambda: self.tick):
+            for tick, each in groupby(events, lambda change: change.tick):
+                if tick >= count:
+                    break
+                if tick > self.tick:
+                    self.step(tick - self.tick)
+                self._change(list(each))
+            if self.tick < count:
+                self.step(count - self.tick)
 
-def _keys(original: Recording, scene: Scene) -> list[str]:
-    return list(dict.fromkeys(numbered(scene, change.key) for change in original.changes))
+    def _change(self, changes: Sequence[KeyChange]) -> None:
+        """Change keys before the coming tick as they were changed."""
+        self.set({change.key: change.value for change in changes if change.key not in OF_THE_RUN})
+        for change in changes:
+            if change.key == REST and self.servo.safety is not None:
+                self.servo.safety.rest()
+                self._recorder.change(self.tick, {REST: change.value})
 
-
-def _run(servo: Servo, recorder: Recorder, original: Recording, scene: Scene, steering: Steering) -> None:
-    """Run as many ticks as were recorded, with the changes of keys at theirs."""
-    events = sorted(original.outcome.changes, key=lambda change: change.tick)
-    for tick, each in groupby(events, lambda change: change.tick):
-        if tick >= len(original):
-            break
-        if tick > servo.ticks:
-            servo.run(tick - servo.ticks, recorder)
-        scene = _change(servo, recorder, scene, steering, list(each))
-    if servo.ticks < len(original):
-        servo.run(len(original) - servo.ticks, recorder)
-
-
-def _change(
-    servo: Servo, recorder: Recorder, scene: Scene, steering: Steering, changes: Sequence[KeyChange]
-) -> Scene:  # fmt: skip
-    """Change keys before the coming tick as they were changed; give the scene as it is then."""
-    values = {numbered(scene, change.key): change.value for change in changes if change.key not in OF_THE_RUN}
-    if values:
-        scene = scene.replace(values)
-        servo.write(steering.update(scene, values), recorder)
-        if any(change.key == SPLIT for change in changes):
-            recorder.change(servo.ticks, {SPLIT: split_rules(servo.objects)})
-    for change in changes:
-        if change.key == REST and servo.safety is not None:
-            servo.safety.rest()
-            recorder.change(servo.ticks, {REST: change.value})
-    return scene
+    def _outcome(self, complete: bool) -> dict[str, Any]:
+        first, faults = self._original.faults[:1], self._recorder.faults
+        if self._playback is not None and first and faults and faults[0][1] == first[0][1]:
+            faults[:1] = first
+        return super()._outcome(complete) | {"wall_time": None, "complete": self._original.outcome.complete}

@@ -2,36 +2,242 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly import encounters
-from graspfx.assembly.force_limits import force_limits
-from graspfx.assembly.hand_parts import HandPart, make_hand
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.bodies import Solid, Stock, fill, obstacles, place
+from graspfx.assembly.device_limits import force_limits, safety_limits
+from graspfx.assembly.hands import HandPart, holdings, make_hand
 from graspfx.assembly.meshes import mesh_name
-from graspfx.assembly.object_parts import ObjectPart, make_objects
-from graspfx.assembly.placement import start_of
-from graspfx.assembly.safety_limits import safety_limits
-from graspfx.assembly.stock import Stock
 from graspfx.assembly.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.compile.memory import ROOM, Memory, within
-from graspfx.loop.device import is_hardware
+from graspfx.coupling.fade import FADE
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
+from graspfx.errors import GraspFXError, InputError, abbreviate
+from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.loop.device import SimulatedDevice, is_hardware
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.safety.chain import SafetyLimits
-from graspfx.objects.surroundings import Obstacle
+from graspfx.objects.surroundings import Obstacle, place_obstacle
+from graspfx.surfaces.standoff import standoff
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
+    from graspfx.scene.tables.fields import Gains
+    from graspfx.scene.tables.part_tables import Object
+    from graspfx.scene.tables.scene_table import SceneTable
+
+
+Point = tuple[float, ...]
+Location = tuple[str | int, ...]
+
+
+def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
+    """Give where finger i starts, (d,) [m]; None where its table leads to no place, which is a fault.
+
+    A table names a direction from the object's centre of mass, in world axes, with the object where it is at first.
+    From far out the fingertip comes in along it, and starts where its gap to the object is what the table asks for.
+    """
+    start = scene.finger[i].start
+    if isinstance(start, tuple):
+        return start
+    if i not in stock.starts:
+        stock.starts[i] = _placed(scene, i, stock)
+    return stock.starts[i]
+
+
+def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
+    """Find why a finger has no place on the way in to its object."""
+    start, at = scene.finger[i].start, ("finger", i, "start")
+    if isinstance(start, tuple):
+        return
+    if not any(start.toward):
+        yield (*at, "toward"), "expected a direction; given zeros"
+        return
+    thing = scene.object[scene.finger_objects[i]]
+    if thing.shape is None:
+        yield at, f"expected coordinates: {thing.name!r} has no shape to start from"
+        return
+    with suppress(GraspFXError):  # a shape with a fault of its own
+        if start_of(scene, i, stock) is None:
+            along = abbreviate(list(start.toward))
+            yield (
+                (*at, "toward"),
+                f"{thing.name!r} has no surface along {along} from its centre; choose another direction",
+            )
+
+
+def _placed(scene: SceneTable, i: int, stock: Stock) -> Point | None:
+    finger, number = scene.finger[i], scene.finger_objects[i]
+    start, table = finger.start, scene.object[number]
+    assert not isinstance(start, tuple)
+    solid = stock.solid(("object", number), table)
+    if solid.shape is None:
+        return None
+    d = scene.dimensions
+    pose = place_obstacle(table.name, solid.shape, d, *place(table, solid))
+    u = np.array(start.toward, dtype=float)
+    u /= np.linalg.norm(u / np.abs(u).max()) * np.abs(u).max()  # of any length: its square may be too large
+    t = standoff(solid.shape, pose.rotation[:d, :d].T @ u, start.gap + finger.radius)
+    if t is None:
+        return None
+    point: Point = tuple((pose.position[:d] + t * u).tolist())
+    return point
+
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPart:
+    """An object of a scene, as its coupling takes it.
+
+    Attributes:
+        scene: the scene.
+        table: of the object.
+        index: its number in the scene.
+        fingers: the numbers of its fingers.
+        solid: its shape.
+        gains: of eq. (4) for its fingers; those in the object's axes stand in its body's.
+        rules: how its fingers touch.
+    """
+
+    scene: Scene
+    table: Object
+    index: int
+    fingers: Index
+    solid: Solid
+    gains: Coupling
+    rules: Rules
+
+    @property
+    def name(self) -> str:
+        """The object's name."""
+        return self.table.name
+
+    @property
+    def law(self) -> Coupling:
+        """The gains as a law of its own: it remembers of what it has warned, which is one run's business."""
+        return replace(self.gains)
+
+    def grasped(
+        self, limits: FloatArray | None = None, *, predicts: bool = True, live: Collection[str] = ()
+    ) -> GraspedObject:
+        """Make the object as the coupling sees it, with a block of its own.
+
+        Args:
+            limits: largest forces of all fingers of the scene [N], infinite where there is none; None where forces
+                have no limit.
+            predicts: whether the implicit integrator is one (`bodies.fill`).
+            live: names of the block's fields that may change in mid-run.
+        """
+        n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
+        return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
+
+    def _numbers(self, limits: FloatArray | None) -> dict[str, Any]:
+        return {
+            "rules": self.rules,
+            "period": self.scene.period,
+            "shape": self.solid.shape,
+            "radius": [self.scene.finger[f].radius for f in self.fingers],
+            "limit": None if limits is None else limits[self.fingers],
+        }
+
+    def _fill_body(self, predicts: bool) -> Callable[[FloatArray], None]:
+        return lambda state: fill(self.scene, self.table, self.solid, state, predicts=predicts)
+
+
+def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
+    """Make the law and the rules of each object of a scene; `wired` tells the masses that a metric counts with."""
+    masses = device_masses(scene, wired) if scene.coupling.metric == "mass" else None
+    return tuple(_make_object(scene, stock, index, masses) for index in range(len(scene.object)))
+
+
+def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
+    """Give the mass of the device at each fingertip, as its features tell it, (n,) [kg]."""
+    masses = np.zeros(len(scene.finger))
+    for wire in wired:
+        masses[wire.used] = wire.features.mass
+    return masses
+
+
+def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | None) -> ObjectPart:
+    table = scene.object[index]
+    fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
+    solid = stock.solid(("object", index), table)
+    return ObjectPart(
+        scene,
+        table,
+        index,
+        fingers,
+        solid,
+        make_law(scene, fingers, solid),
+        _rules(scene, fingers, masses),
+    )
+
+
+def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
+    """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
+    external, internal = (
+        Impedance(_own(gains.stiffness, fingers), _own(gains.damping, fingers))
+        for gains in (scene.coupling.external, scene.coupling.internal)
+    )
+    law = Coupling(external=external, internal=internal, form=scene.coupling.form)
+    # the body of a mesh has its principal axes, the file others
+    mesh = solid.mesh if scene.coupling.axes == "object" else None
+    return law if mesh is None else law.turned(mesh.unit.axes.T)
+
+
+def _own(gain: Gains, fingers: Index) -> float | FloatArray:
+    """Pick from gains that are given per finger those of these fingers; give any other as it is.
+
+    An object without fingers exerts no force by them: it has one number in their place.
+    """
+    values = np.asarray(gain, dtype=float)
+    if values.ndim == 0 or not len(fingers):
+        return float(values.max())
+    return values[fingers] if values.ndim in (1, 3) else values
+
+
+def _share(masses: FloatArray | None, fingers: Index) -> list[float] | None:
+    if masses is None or not len(fingers):
+        return None
+    shares: list[float] = (masses[fingers] / masses[fingers].mean()).tolist()
+    return shares
+
+
+def _fade(scene: Scene) -> tuple[float, float] | None:
+    rules = scene.coupling
+    return None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade
+
+
+def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
+    """Make the rules by which the fingers of one object touch it."""
+    rules, own = scene.coupling, [scene.finger[i] for i in fingers]
+    return Rules(
+        attached=rules.contact == "attached",
+        stick=rules.friction == "stick",
+        friction=[scene.coefficients[i] for i in fingers],
+        patch=[finger.patch or 0.0 for finger in own],
+        share=_share(masses, fingers),
+        fade=_fade(scene),
+        at_contact=rules.reaction == "contact",
+        blend=None if rules.blend == "off" else rules.blend,
+        axes=rules.axes,
+        damping_depth=rules.damping_depth,
+        force_bound=rules.force_bound,
+        pad=[finger.pad.stiffness if finger.pad else 0.0 for finger in own],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +299,7 @@ class Parts:
     @cached_property
     def obstacles(self) -> list[Obstacle]:
         """The obstacles in their places."""
-        return encounters.obstacles(self.scene, self.stock)
+        return obstacles(self.scene, self.stock)
 
     @cached_property
     def limits(self) -> FloatArray | None:
@@ -155,3 +361,28 @@ def resolve(scene: Scene) -> Parts:
         stock.parts = Parts(scene, stock)
     parts: Parts = stock.parts
     return parts
+
+
+def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
+    """List devices whose forces come late by a time in seconds, the age of the sample included, each with it [s]."""
+    for wire in parts.wires:
+        late = (wire.features.lateness or 0.0) + (wire.features.latency or 0.0)
+        if late > 0.0:
+            yield wire, late
+
+
+def require_prompt_simulations(parts: Parts) -> None:
+    """Refuse to simulate devices whose forces are to come late by part of a sample: they begin with a sample.
+
+    Raises:
+        InputError: there is one; a certificate takes any delay.
+    """
+    for wire, late in late_wires(parts):
+        if isinstance(wire.device, SimulatedDevice):
+            names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
+            raise InputError(
+                "measures.lateness", late, f"none in a simulation: forces of the simulated device of {names} begin "
+                "with a sample",
+                "`check` and `stability` take any delay; leave the measures out to run it, or give the driver whole "
+                f"samples, delay = {round(late / parts.scene.period)}",
+            )  # fmt: skip

@@ -1,37 +1,102 @@
-"""Run a scene: build it, tick it, keep what happened."""
+"""Run a scene, at once or opened as a session: both are sessions, and one steps to the end."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from graspfx import log, plugins
-from graspfx.assembly.build import make_layout
-from graspfx.assembly.late_simulations import require_prompt_simulations
-from graspfx.assembly.pace import pace_of
-from graspfx.assembly.resolve import Parts, resolve
-from graspfx.assembly.run_header import source_name
-from graspfx.compile.kernel import keep_lowerings
-from graspfx.environment import to_path
+from graspfx.assembly.hardware import Hardware, at_hardware
+from graspfx.assembly.process.servo_process import ServoProcess, servo_process
+from graspfx.assembly.provenance import header_of, source_name
+from graspfx.assembly.resolve import Parts
+from graspfx.assembly.session import Session
 from graspfx.errors import InputError
-from graspfx.loop.realtime.lifecycle import require_simulations
-from graspfx.loop.recording.layout import chosen_layout
-from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.loop.realtime import pacing
+from graspfx.loop.realtime.pacing import Clock, Pacer, WallClock
+from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.loop.recording.recorder import Recorder
 from graspfx.numeric import number
 from graspfx.progress import waiting
 from graspfx.scene.tables.reading import Readable
+from graspfx.system.child_process import is_possible
 
 if TYPE_CHECKING:
+    from graspfx.assembly.real_time_session import RealTimeSession
     from graspfx.scene.model import Scene
+
+
+@overload
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: Literal[False] = False,
+) -> Session: ...
+
+
+@overload
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: Literal[True],
+) -> RealTimeSession: ...
+
+
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    real_time: bool = False,
+) -> Session:
+    """Open a scene as a run that goes on tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
+
+    For any division into steps the recording is that of `gx.run`, bit by bit.
+
+    With `real_time` it goes on by itself, on the wall's clock and in a process of its own, from here on until it is
+    closed: a `RealTimeSession`, whose scene may have hardware. Forces come as soon as it is open.
+
+    Args:
+        scene: a scene, its name or its path.
+        overrides: values by dotted key.
+        live: keys that `Session.set` may change in mid-run, such as "coupling.internal.stiffness"; `*` stands for
+            all of a list.
+        out: a folder in which recording.h5 is written; it may exist. While the session is open its rows are there in
+            recording.h5.part too.
+        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
+        real_time: whether ticks come by the wall's clock.
+
+    Raises:
+        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path;
+            hardware without `real_time`, or with a finger inside its object.
+        SceneError: with every fault of the scene at once.
+        DeviceError: a device that does not open, or is not at rest.
+        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
+    """
+    if not isinstance(real_time, bool):
+        raise InputError("real_time", real_time, "True for the wall's clock, or False for steps")
+    scene_ = _loaded(scene, overrides)
+    if not real_time:
+        return Session(scene_, live=live, out=out, overwrite=overwrite)
+    from graspfx.assembly.real_time_session import RealTimeSession
+
+    return RealTimeSession(scene_, live=live, out=out, overwrite=overwrite)
 
 
 def run(
@@ -82,69 +147,89 @@ def run(
         raise InputError("real_time", real_time, "True for the wall's clock, or False for the scene's own")
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
-    if out is not None:
-        to_path("out", out, "the path of a folder")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
-    parts = resolve(scene_)
-    if not real_time:
-        require_simulations(parts.hardware)
-    require_prompt_simulations(parts)
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
-    warn_of_axes(parts)
-    layout = chosen_layout(make_layout(parts, real_time=real_time), scene_.record.columns)
-    every = scene_.record.every
-    size = 8 * layout.width / every  # bytes of a tick
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
-    if out is None:
-        require_memory(ticks, size)
-    else:
-        _require_disk(recording_path(out, "out"), ticks, layout.bytes_on_disk / every)
-    if out is not None and not overwrite:
-        require_vacancy_of(recording_path(out, "out") / NAME)
-    file = None
-    with ExitStack() as stack, plugins.unchanged():
-        if out is not None:
-            from graspfx.loop.recording.sink import FileSink
-        pace = pace_of(stack, parts, layout, ticks, real_time=real_time)
-        header = pace.header
-        sinks: list[Sink] = []
-        if out is not None:
-            file, packed = make_folder(out) / NAME, scene_.record.compression
-            sinks.append(FileSink(file, pace.layout, header, overwrite=overwrite, compression=packed))
-        with Recorder(
-            pace.layout, header, sinks, keep=out is None, ticks=ticks, real_time=real_time
-        ) as recorder:  # fmt: skip
-            began = perf_counter()
-            with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: pace.ticks):
-                pace.run(ticks, recorder, stop)
-            took, complete = perf_counter() - began, pace.ticks == ticks
-            keep_lowerings()  # of kernels that were called
-            recording = recorder.finish(took if complete else None, complete=complete, **pace.outcome)
-    finished = recording if file is None else Recording.load(file)
-    if file is not None:
-        log.info("wrote %s", file)
+    kind = RealTimeRun if real_time else WholeRun
+    with plugins.unchanged(), kind(scene_, out=out, overwrite=overwrite, ticks=ticks, selected=True) as session:
+        session.finish(ticks, stop)
+    finished = session.recording
+    if out is not None:
+        log.info("wrote %s", session.place)
     how = finished.outcome
-    log.info("%d ticks in %.3g s, %s; faults: %d", finished.ticks, took, how.engine, len(how.faults))
-    finished._beside = plugins.upward("Recording.beside")(scene_)
+    log.info("%d ticks in %.3g s, %s; faults: %d", finished.ticks, session.spent, how.engine, len(how.faults))
     return finished
+
+
+class WholeRun(Session):
+    """A run of all its ticks, whose rows have only what the scene records."""
+
+    is_repeated = True
+
+    def finish(self, ticks: int, stop: Callable[[], bool] | None) -> None:
+        """Run to the end, or until `stop` says so."""
+        text = f"running {source_name(self.scene.source)}"
+        with waiting(text, ticks, "ticks", lambda: self._recorder.ticks):
+            self._advance(ticks, stop)
+        self._close(complete=self._recorder.ticks == ticks)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            self._stack.__exit__(kind, error, trace)  # the recording has it as its cause
+
+    @property
+    def place(self) -> Path | None:
+        """File of the recording."""
+        return self._place
+
+    @property
+    def spent(self) -> float:
+        """Time that its ticks have taken [s]."""
+        return self._spent
+
+
+class RealTimeRun(WholeRun):
+    """A run on the wall's clock: its hardware is open from here on, and closed at its end.
+
+    With hardware the servo runs in a process of its own, unless the clock is not the machine's.
+    """
+
+    is_paced = True
+    is_repeated = False
+
+    def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
+        servo = self.servo
+        clock: Clock = WallClock()
+        self._runner: ServoProcess | Hardware | None = None
+        if parts.hardware and isinstance(clock, pacing.WallClock) and is_possible():
+            assert self._ticks is not None
+            process = servo_process(parts, servo.layout, servo.every, ticks=self._ticks, selected=True)
+            self._runner = remote = stack.enter_context(process)
+            return remote.header
+        header = header_of(parts, servo.objects)
+        if not parts.hardware:
+            self._pacer = Pacer(servo.period, clock)
+            return header
+        self._runner = hardware = stack.enter_context(at_hardware(servo, parts, clock))
+        return replace(hardware.header(header), scheduling={"loop": "inline"})
+
+    def _tick(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+        if self._runner is None:
+            self.servo.run(ticks, recorder, stop, self._pacer)
+        else:
+            self._runner.run(ticks, recorder, stop)
+
+    def _outcome(self, complete: bool) -> dict[str, Any]:
+        how = self._pacer if self._runner is None else self._runner
+        return super()._outcome(complete) | how.outcome
 
 
 def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None) -> Scene:
     from graspfx.scene.load import to_scene  # loads what checks a scene, which one from the cache does without
 
     return to_scene(scene, overrides)
-
-
-def warn_of_axes(parts: Parts) -> None:
-    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
-    scene = parts.scene
-    if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
-        return
-    from graspfx.assembly.axes import axes_notes
-    from graspfx.grasp.impedance import ActiveCouplingWarning
-
-    for text in axes_notes(parts):
-        log.warn(text, ActiveCouplingWarning)
 
 
 def ticks_of(duration: float, period: float) -> int:
@@ -158,35 +243,3 @@ def ticks_of(duration: float, period: float) -> int:
     if ratio <= 0.5:
         raise InputError("duration", duration, expected)
     return round(ratio)
-
-
-def require_memory(ticks: float, size: float) -> None:
-    """Raise InputError where so many ticks of so many bytes have no room in memory."""
-    _require_room(ticks, size, "this machine's memory", _memory())
-
-
-def _require_disk(folder: Path, ticks: float, size: float) -> None:
-    """Raise InputError where so many ticks of so many bytes have no room on the disk of a folder that may not exist."""
-    home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
-    usage = None if home is None else shutil.disk_usage(home)
-    if usage is not None and usage.total > 0:  # what is no disk, as /proc, has none
-        _require_room(ticks, size, f"the disk of {folder}", usage.free)
-
-
-def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
-    if ticks * size > limit:
-        raise InputError(
-            "duration",
-            ticks,
-            f"at most {limit / size:.3g} periods: each takes {size:g} bytes to record, and {where} has room for "
-            f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
-            "make the duration shorter or the period longer",
-        )
-
-
-def _memory() -> float:
-    """Count the bytes in this machine; where it does not say, those that it could address."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return float(sys.maxsize)

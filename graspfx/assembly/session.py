@@ -1,10 +1,14 @@
-"""A run tick by tick: stepped, looked at and steered by whoever has opened it."""
+"""A session: the one way in which a scene is run, to the end or tick by tick, looked at and steered meanwhile."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
@@ -14,13 +18,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
-from graspfx.assembly.build import build
-from graspfx.assembly.late_simulations import require_prompt_simulations
+from graspfx import log, plugins
+from graspfx.assembly.build import build, build_again
 from graspfx.assembly.live import keys_of, numbered, require_value, value_of
-from graspfx.assembly.resolve import Parts, resolve
-from graspfx.assembly.run import require_memory, warn_of_axes
-from graspfx.assembly.run_header import header_of, split_rules
+from graspfx.assembly.provenance import header_of, split_rules
+from graspfx.assembly.resolve import Parts, require_prompt_simulations, resolve
 from graspfx.assembly.steering import Steering
 from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
@@ -29,12 +31,12 @@ from graspfx.errors import InputError
 from graspfx.loop.realtime.lifecycle import require_simulations
 from graspfx.loop.recording.header import SPLIT, Header, RunFault
 from graspfx.loop.recording.history import by_name
-from graspfx.loop.recording.layout import Selection, chosen_layout
+from graspfx.loop.recording.layout import Layout, Selection, chosen_layout
 from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
 from graspfx.loop.recording.two_parts import RowSplit, Split
-from graspfx.loop.update import Update
+from graspfx.loop.servo import Update
 from graspfx.numeric import number
 
 if TYPE_CHECKING:
@@ -74,10 +76,13 @@ class Session(Carded):
     Args:
         scene: what is run.
         live, out, overwrite: as of `open`.
+        ticks: of the whole run, if that is known.
+        how: it is built, besides, as `build` takes it.
     """
 
     is_paced = False  # whether it runs on the wall's clock
     keeps_rows = True  # where no folder has them
+    is_repeated = False  # whether the servo of the run before is taken once more
 
     def __init__(
         self,
@@ -86,43 +91,48 @@ class Session(Carded):
         live: Iterable[str] = (),
         out: str | PathLike[str] | None = None,
         overwrite: bool = False,
+        ticks: int | None = None,
+        **how: Any,
     ) -> None:
         if out is not None:
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
-        if not self.is_paced:
-            require_simulations(parts.hardware)
-        require_prompt_simulations(parts)
-        warn_of_axes(parts)
+        if "playback" not in how:  # else nothing moves by itself, and it has been warned of
+            if not self.is_paced:
+                require_simulations(parts.hardware)
+            require_prompt_simulations(parts)
+            warn_of_axes(parts)
         if out is not None and not overwrite:
             require_vacancy_of(recording_path(out, "out") / NAME)
-        self.scene, self._spent = scene, 0.0
+        self.scene, self._ticks, self._spent = scene, ticks, 0.0
         self._finished: Recording | None = None
         self._so_far: tuple[int, int, Recording] | None = None  # ticks and changes of the last one that was asked for
+        self._place = None if out is None else Path(out) / NAME
+        made = build_again if self.is_repeated else build
         with ExitStack() as stack:
-            self.servo = stack.enter_context(build(scene, live=keys, real_time=self.is_paced))
-            self._steering = Steering(self.servo, scene, keys)
+            self.servo = stack.enter_context(made(scene, live=keys, real_time=self.is_paced, **how))
+            self._steering = Steering(self.servo, scene, keys, how.get("playback"))
             for key in keys:
                 require_value(scene, key)
+            whole = self.servo.layout  # or what is recorded of it, where ticks write nothing else
+            layout = whole if how.get("selected") else chosen_layout(whole, scene.record.columns)
+            every = scene.record.every
+            if ticks is not None:
+                require_room(ticks, layout, every, out)
             header, sinks = self._start(stack, parts, keys), list[Sink]()
             self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
-            whole = self.servo.layout
-            selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
             if out is not None:
                 from graspfx.loop.recording.sink import FileSink
 
-                sinks.append(
-                    FileSink(
-                        make_folder(out) / NAME, selection.layout, header, overwrite=overwrite,
-                        compression=scene.record.compression,
-                    )
-                )  # fmt: skip
-            recorder = Recorder(
-                whole, header, sinks, keep=out is None and self.keeps_rows, selection=selection, real_time=self.is_paced
+                file, packed = make_folder(out) / NAME, scene.record.compression
+                sinks.append(FileSink(file, layout, header, overwrite=overwrite, compression=packed))
+            self._recorder = stack.enter_context(
+                Recorder(
+                    whole, header, sinks, keep=out is None and self.keeps_rows, ticks=ticks, real_time=self.is_paced,
+                    selection=None if how.get("selected") else Selection(whole, layout, every),
+                )
             )  # fmt: skip
-            self._place = None if out is None else Path(out) / NAME
-            self._recorder = stack.enter_context(recorder)
             self._go()
             self._stack = stack.pop_all()
 
@@ -163,17 +173,19 @@ class Session(Carded):
     def _close(self, *, complete: bool) -> None:
         if self._finished is not None:
             return
-        with self._stack:
-            recording = self._recorder.finish(**self._outcome(complete))
-            self._finished = self._with_notes(recording if self._place is None else Recording.load(self._place))
-            keep_lowerings()  # of kernels that were called
+        try:
+            with self._stack:
+                self._finished = self._with_notes(self._recorder.finish(**self._outcome(complete)))
+                keep_lowerings()  # of kernels that were called
+        finally:
+            if self._finished is not None and self._place is not None:
+                self._finished = self._with_notes(Recording.load(self._place))
 
     def _outcome(self, complete: bool) -> dict[str, Any]:
-        engine = self.servo.engine.name if self.tick else ""
         return {
             "wall_time": self._spent if complete else None,
             "complete": complete,
-            "engine": engine,
+            "engine": self.servo.engine_name,
         } | self.servo.coupling
 
     def _with_notes(self, recording: Recording) -> Recording:
@@ -190,17 +202,24 @@ class Session(Carded):
                 written into a block past `set`.
             DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
         """
-        count = number("ticks", ticks, WHOLE)
+        count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
             raise InputError("ticks", ticks, WHOLE)
         self._require_open()
         if self._place is None:
             require_memory(self.tick + count, 8 * self._recorder.recorded.width / self._recorder.header.every)
+        self._advance(int(count))
+
+    def _advance(self, ticks: int, stop: Callable[[], bool] | None = None) -> None:
+        """Run that many ticks, fewer if `stop` says so."""
         began = perf_counter()
         try:
-            self.servo.run(int(count), self._recorder)
+            self._tick(ticks, self._recorder, stop)
         finally:
             self._spent += perf_counter() - began
+
+    def _tick(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+        self.servo.run(ticks, recorder, stop)
 
     @property
     def tick(self) -> int:
@@ -365,3 +384,56 @@ class Session(Carded):
         if split != self._splits[-1][1]:
             self._recorder.change(self.tick, {SPLIT: split})
             self._splits.append((self.tick, split))
+
+
+def warn_of_axes(parts: Parts) -> None:
+    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    scene = parts.scene
+    if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
+        return
+    from graspfx.assembly.grasps import axes_notes
+    from graspfx.grasp.impedance import ActiveCouplingWarning
+
+    for text in axes_notes(parts):
+        log.warn(text, ActiveCouplingWarning)
+
+
+def require_room(ticks: int, layout: Layout, every: int, out: str | PathLike[str] | None) -> None:
+    """Raise InputError where so many ticks have no room on the disk of `out`, or in memory where that is None."""
+    if out is None:
+        require_memory(ticks, 8 * layout.width / every)
+    else:
+        _require_disk(recording_path(out, "out"), ticks, layout.bytes_on_disk / every)
+
+
+def require_memory(ticks: float, size: float) -> None:
+    """Raise InputError where so many ticks of so many bytes have no room in memory."""
+    _require_room(ticks, size, "this machine's memory", _memory())
+
+
+def _require_disk(folder: Path, ticks: float, size: float) -> None:
+    """Raise InputError where so many ticks of so many bytes have no room on the disk of a folder that may not exist."""
+    home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
+    usage = None if home is None else shutil.disk_usage(home)
+    if usage is not None and usage.total > 0:  # what is no disk, as /proc, has none
+        _require_room(ticks, size, f"the disk of {folder}", usage.free)
+
+
+def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
+    if ticks * size > limit:
+        raise InputError(
+            "duration",
+            ticks,
+            f"at most {limit / size:.3g} periods: each takes {size:g} bytes to record, and {where} has room for "
+            f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
+            "make the duration shorter or the period longer",
+        )
+
+
+@cache
+def _memory() -> float:
+    """Count the bytes in this machine; where it does not say, those that it could address."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return float(sys.maxsize)

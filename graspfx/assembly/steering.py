@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_of_a_hand, require, value_of
-from graspfx.assembly.numbers import general
-from graspfx.assembly.operators import PARTS
-from graspfx.assembly.process.goals import goal_places
-from graspfx.assembly.reach import reach
+from graspfx.assembly.hands import PARTS
+from graspfx.assembly.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_live, is_of_a_hand, require, value_of
+from graspfx.assembly.process.orders import goal_places
 from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import entries_of, start_of
 from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entries
@@ -23,9 +21,10 @@ from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
 from graspfx.loop.played import Playback
 from graspfx.loop.safety.chain import changing_entry, goal_entries, steered_entries
-from graspfx.loop.update import Steerable, Update
+from graspfx.loop.servo import Steerable, Update
 from graspfx.objects.body import NativeBody
 from graspfx.objects.body_state import BodyState
+from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
     from graspfx.coupling.grasped import GraspedObject
@@ -104,7 +103,7 @@ class Steering:
             SceneError, DeviceError: as of `build`.
         """
         for key, value in values.items():
-            if not reach(key):  # it would be recorded, and change nothing
+            if not is_live(general(key)):  # it would be recorded, and change nothing
                 raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
         with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
@@ -159,8 +158,8 @@ class Steering:
         if self.servo.ticks == 0:
             yield own.block, np.arange(own.block.size), new.block.copy()
             return
-        places = _places(own, keys)
-        if self.servo.safety is not None and any(key in GAINS for key in keys):  # whose tank pays for them
+        places = _places(own)
+        if self.servo.safety is not None:  # whose tank pays for gains
             places = np.setdiff1d(places, steered_entries(own))
         yield own.block, places, new.block[places]
         yield from _caches(own, new, keys)
@@ -227,18 +226,14 @@ def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[s
         )  # fmt: skip
 
 
-def _places(grasped: GraspedObject, keys: Iterable[str]) -> Index:
-    """List the entries of a block that keys in their general form reach and that hold the scene's numbers."""
-    reached = frozenset().union(*(reach(key).get("grasp", frozenset()) for key in keys))
+def _places(grasped: GraspedObject) -> Index:
+    """List the entries of a block that hold the scene's numbers."""
     grasp = grasped.state
-    places = entries_of(GraspState, *(name for name in NUMBERS if name in reached))
-    body = [name for name in OF_BODY if f"body.{name}" in reached]
-    places += entries_of(BodyState, *body, at=start_of(GraspState, "body"))
-    names = [name for name in OF_FINGERS if f"fingers.{name}" in reached]
-    places += [entry for finger in grasp.fingers for entry in entries_of(FingerState, *names, at=finger.offset)]
-    if "matrices" in reached:
-        places += matrix_entries(grasp)
-    if "gradual" in reached and has_problems(grasp):
+    places = entries_of(GraspState, *NUMBERS) + entries_of(BodyState, *OF_BODY, at=start_of(GraspState, "body"))
+    for finger in grasp.fingers:
+        places += entries_of(FingerState, *OF_FINGERS, at=finger.offset)
+    places += matrix_entries(grasp)
+    if has_problems(grasp):
         places.append(compliant_entry(grasp.damping_problem))
     return np.array(places, dtype=np.intp)
 
@@ -248,9 +243,7 @@ def _caches(
 ) -> Iterator[tuple[FloatArray, Index, FloatArray]]:
     """Let what a block has worked out from numbers that are to change be worked out anew."""
     for name, inputs in CACHES.items():
-        used = [key for key in keys if key in inputs]
-        places = _places(own, used)
-        if not np.array_equal(own.block[places], new.block[places]):
+        if any(key in inputs for key in keys):
             entry = np.array(entries_of(GraspState, name), dtype=np.intp)
             yield own.block, entry, np.zeros(len(entry))
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.arguments import count
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run import warn_of_axes
-from graspfx.assembly.run_header import header_of
+from graspfx.assembly.session import warn_of_axes
 from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.group_runs import Runs
 from graspfx.batch.measured_columns import columns_of, is_quantity

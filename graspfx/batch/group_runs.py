@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run import require_memory, ticks_of
-from graspfx.assembly.run_header import header_of
+from graspfx.assembly.run import ticks_of
+from graspfx.assembly.session import require_memory
 from graspfx.batch.groups import Group
 from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, split_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.columns import Column
+from graspfx.batch.columns import Column
 from graspfx.coupling import block as at
 from graspfx.loop.arena import Arena
 

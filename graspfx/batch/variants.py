@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.columns import Columns, plain_keys
-from graspfx.assembly.late_simulations import require_prompt_simulations
-from graspfx.assembly.part_columns import NotAlikeError
-from graspfx.assembly.resolve import resolve
+from graspfx.assembly.resolve import require_prompt_simulations, resolve
+from graspfx.batch.columns import Columns, NotAlikeError, plain_keys
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.batch.part_memory import PartMemory
 from graspfx.errors import Fault, InputError, SceneError

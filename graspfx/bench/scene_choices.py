@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.open_session import open as open_session
-from graspfx.assembly.run_header import source_name
+from graspfx.assembly.provenance import source_name
+from graspfx.assembly.run import open as open_session
 from graspfx.bench.rows import error_text, front, time_text
 from graspfx.bench.timing import TIMED, Row
 from graspfx.errors import GraspFXError, InputError

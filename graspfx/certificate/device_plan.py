@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.late_simulations import late_wires
+from graspfx.assembly.device_limits import chain_table
 from graspfx.assembly.process.quenching import quenchers
-from graspfx.assembly.resolve import Parts
-from graspfx.assembly.safety_limits import chain_table
+from graspfx.assembly.resolve import Parts, late_wires
 from graspfx.errors import InputError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.parts import DeviceWiring

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspfx.analysis.grasp_stiffness import ROWS, cross, released
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
-from graspfx.assembly import encounters
+from graspfx.assembly import bodies
 from graspfx.assembly.resolve import Parts
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
@@ -301,6 +301,6 @@ def bearers(scene: Scene, index: int) -> Iterator[str]:
     if table.shape is None:
         return
     yield from (obstacle.name for obstacle in scene.obstacle)
-    for group in encounters.groups(scene):
-        if index in group and encounters.in_world(scene, group) and encounters.collide(scene):
+    for group in bodies.groups(scene):
+        if index in group and bodies.in_world(scene, group) and bodies.collide(scene):
             yield from (scene.object[i].name for i in group if i != index)

@@ -15,13 +15,13 @@ from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.assembly.live import GAINS, numbered, value_of
-from graspfx.assembly.numbers import general
 from graspfx.assembly.resolve import resolve
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, spectral_radius, standing_limits
 from graspfx.certificate.rest import NotGraspingError
 from graspfx.errors import InputError, NoRestError
+from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

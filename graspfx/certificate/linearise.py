@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.assembly.fading import set_fade
+from graspfx.assembly.grasps import set_fade, still_hands
 from graspfx.assembly.mechanics import mechanics
-from graspfx.assembly.object_parts import ObjectPart
-from graspfx.assembly.resolve import Parts, resolve
-from graspfx.assembly.still_hands import still_hands
+from graspfx.assembly.resolve import ObjectPart, Parts, resolve
 from graspfx.certificate.grip import EDGE, LOW, Grip, Ground, edge_directions, ground_under
 from graspfx.certificate.matrices import (
     ScaledGains,

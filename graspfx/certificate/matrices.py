@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.grasp_stiffness import condensed, in_series, springs_in_series
 from graspfx.analysis.linearisation import OperatorMatrices
+from graspfx.assembly.grasps import StillHand
 from graspfx.assembly.resolve import Parts
-from graspfx.assembly.still_hands import StillHand
 from graspfx.certificate.grip import Grip
 from graspfx.coupling.block import FRAME
 from graspfx.coupling.grasped import GraspedObject

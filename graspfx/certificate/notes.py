@@ -13,7 +13,7 @@ from graspfx.analysis.plant import Plant
 from graspfx.assembly.bodies import mass
 from graspfx.assembly.checks.units import unit_notes
 from graspfx.assembly.grasps import grasps
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.hands import holdings
 from graspfx.assembly.resolve import Parts
 from graspfx.assembly.wiring import table_at
 from graspfx.coupling import block as at

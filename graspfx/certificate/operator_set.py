@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.live import value_of
-from graspfx.assembly.numbers import general
 from graspfx.certificate.judgement import Judgement
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.progress import waiting
+from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

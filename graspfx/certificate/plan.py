@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from graspfx.assembly.encounters import meeting
-from graspfx.assembly.force_limits import forceless_text, hidden_text, limit_text
+from graspfx.assembly.bodies import meeting
+from graspfx.assembly.device_limits import forceless_text, hidden_text, limit_text
 from graspfx.assembly.grasps import grasps
-from graspfx.assembly.holdings import descriptions, holdings
+from graspfx.assembly.hands import descriptions, holdings
 from graspfx.assembly.meshes import mesh_name
 from graspfx.assembly.resolve import Parts, resolve
 from graspfx.certificate.device_plan import Row, lateness_rows, loop_rows, moment_rows, safety_rows

@@ -148,8 +148,8 @@ def report(scene: Scene) -> Report:
         SceneError: a scene that cannot be built, as with a finger out of its device's reach, or every fault under one
             of its presets.
     """
-    from graspfx.assembly.axes import axes_notes
     from graspfx.assembly.checks.units import unit_notes
+    from graspfx.assembly.grasps import axes_notes
     from graspfx.assembly.resolve import resolve
     from graspfx.certificate.certify import certificates
     from graspfx.certificate.notes import blend_notes, other_doubts

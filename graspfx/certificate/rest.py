@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from graspfx import log
 from graspfx.analysis.grasp_stiffness import released
+from graspfx.assembly.grasps import still_hands
 from graspfx.assembly.resolve import Parts
-from graspfx.assembly.still_hands import still_hands
 from graspfx.certificate.grip import SHIFT, Grip, bearers, edge_directions, grip_margins
 from graspfx.cones.problem import SLIDE
 from graspfx.coupling import block as at

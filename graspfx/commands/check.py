@@ -49,7 +49,7 @@ def execute(options: Namespace) -> int:
         name = "--out" if options.out is not None else "--samples"
         raise InputError(name, options.out or options.samples, f"{name} with --operators alone")
     with waiting(f"reading {options.scene}"):
-        from graspfx.assembly.scene_memory import SceneMemory
+        from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.certificate.report import report
         from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering

@@ -130,7 +130,7 @@ def _log_plan(scene: Readable) -> None:
 def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
     """Let a Python file make its scene, which is checked unless the very same one was before; with its notes."""
     with waiting(f"checking {options.scene}"):
-        from graspfx.assembly.scene_memory import SceneMemory
+        from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
 

@@ -103,28 +103,6 @@ class GraspedObject:
         self.where = recorded_entries(self.state)
         self._walk_anew()
 
-    def fill(
-        self,
-        period: float,
-        law: Coupling,
-        rules: Rules,
-        fill_body: Callable[[FloatArray], None],
-        *,
-        shape: Shape | None = None,
-        radius: ArrayLike = 0.0,
-        limit: ArrayLike | None = None,
-    ) -> None:
-        """Fill the block with other numbers, as it would be made of them; arguments as of the class.
-
-        Raises:
-            InputError: numbers that make a block of another length, and as of the class.
-        """
-        grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
-        fill_block(self.block, grip, period)
-        self._fades = _Fades(self.state.fade_start)
-        self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
-        self._walk_anew()
-
     def _walk_anew(self) -> None:
         """Let the walks on a mesh begin as far away as the fade reaches."""
         if self._walks is None:

@@ -8,9 +8,7 @@ from hashlib import sha256
 from typing import Any
 
 from graspfx import __version__, log
-from graspfx.assembly.engine_versions import engine_versions
-from graspfx.assembly.named_files import by_name, file_changes, files_of
-from graspfx.assembly.scene_changes import scene_changes
+from graspfx.assembly.provenance import by_name, engine_versions, file_changes, files_of, scene_changes
 from graspfx.errors import RecordingError
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.study import Study

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from graspfx.assembly.live import GAINS
-from graspfx.assembly.numbers import general
 from graspfx.live.stability_verdict import MarginRow, Verdict
+from graspfx.scene.keys import general
 
 SHARE = 0.9  # of a limit: the most that hardware gets
 INSIDE = 1e-3  # relative: how far below that a clamped gain is, as the rest that it leads to has another limit

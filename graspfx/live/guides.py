@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.hands import holdings
 from graspfx.assembly.live import value_of
 
 if TYPE_CHECKING:
-    from graspfx.assembly.live_session import LiveSession
+    from graspfx.assembly.real_time_session import LiveSession
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

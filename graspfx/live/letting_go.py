@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.process.goals import FARTHEST
+from graspfx.assembly.process.orders import FARTHEST
 from graspfx.live.guides import Guide
 
 if TYPE_CHECKING:
-    from graspfx.assembly.live_session import LiveSession
+    from graspfx.assembly.real_time_session import LiveSession
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.live_session import LiveSession
+from graspfx.assembly.real_time_session import LiveSession
 from graspfx.errors import InputError, message
 from graspfx.live.conductor import Conductor
 from graspfx.live.guides import Guide, guided_scene, guides_of

@@ -12,7 +12,7 @@ from subprocess import Popen
 from typing import Any
 
 from graspfx.assembly.process import boot
-from graspfx.assembly.process.errand import Errand
+from graspfx.assembly.process.orders import Errand
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
 from graspfx.resource import Resource

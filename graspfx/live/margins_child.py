@@ -10,7 +10,7 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
-from graspfx.assembly.process.errand import Errand
+from graspfx.assembly.process.orders import Errand
 from graspfx.environment import granted
 from graspfx.live.certifier import Certifier
 from graspfx.live.stability_verdict import Verdict

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 from graspfx.assembly.build import build
 from graspfx.assembly.live import GAINS, INERTIA, value_of
-from graspfx.assembly.numbers import general
 from graspfx.assembly.steering import Steering
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
-from graspfx.loop.servo import Servo
-from graspfx.loop.update import Steerable
+from graspfx.loop.servo import Servo, Steerable
+from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
 
 GAIN_TEXTS = dict(zip(GAINS, (

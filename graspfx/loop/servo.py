@@ -1,9 +1,10 @@
-"""The servo: runs the tick of a scene, as many at a time as what is no kernel allows."""
+"""The servo: runs the ticks of a scene, as many in a call as parts that are no kernels allow, and takes new numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.arena import Arena
-from graspfx.loop.coupling_report import coupling_report
 from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name
 from graspfx.loop.energy.observer import Observer
@@ -31,14 +31,62 @@ from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
-from graspfx.loop.update import Update
 from graspfx.loop.world import CHUNK, FOREIGN, NATIVE, ServoState, latch
 
 if TYPE_CHECKING:
     from graspfx.loop.realtime.native_loop import NativeLoop
 
+
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 Stop = Callable[[], bool]
+
+
+@runtime_checkable
+class Steerable(Protocol):
+    """A plant or a hand whose parameters may change in mid-run."""
+
+    def adopt(self, other: Any) -> None:
+        """Take over the parameters of another one of the same structure; what it is doing goes on."""
+
+
+@runtime_checkable
+class SteerablePlant(Steerable, Protocol):
+    """A plant whose mechanics and hand may change in mid-run.
+
+    Attributes:
+        live: whether they may: then its `structure` is only what never changes.
+    """
+
+    live: bool
+
+
+@runtime_checkable
+class CarriedPlant(Steerable, Protocol):
+    """A plant whose mechanics are numbers that may come from another process.
+
+    Attributes:
+        mechanics: (2, n), masses [kg] and dampings [N s/m]; the plant takes hold anew after they were set.
+    """
+
+    mechanics: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """New values of keys of a scene, as numbers.
+
+    Attributes:
+        values: of the keys.
+        entries: memories, entries of them and their new numbers.
+        parts: plants and hands, and others that have the new parameters.
+        plants: numbers of the plants that take hold of their hands anew.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    entries: Sequence[tuple[FloatArray, Index, FloatArray]] = ()
+    parts: Sequence[tuple[Steerable, Any]] = ()
+    plants: Sequence[int] = ()
 
 
 class Servo:
@@ -98,7 +146,12 @@ class Servo:
     @property
     def coupling(self) -> dict[str, Any]:
         """Report of the objects' couplings on the run so far, as entries of an `Outcome`."""
-        return coupling_report(self.objects)
+        grasps = [part.grasped for part in self.objects]
+        return {
+            "fade_shortfall": max(each.shortfall for each in grasps),
+            "fade_needed": max(each.fade_needed for each in grasps),
+            "blended": max(each.blended for each in grasps),
+        }
 
     @property
     def faulted(self) -> bool:
@@ -113,6 +166,11 @@ class Servo:
     def engine(self) -> Engine:
         """Engine of the ticks."""
         return self._ready()
+
+    @property
+    def engine_name(self) -> str:
+        """Name of the engine of its ticks; empty before the first one."""
+        return "" if self._engine is None else self._engine.name
 
     @property
     def parts(self) -> Parts:
@@ -141,6 +199,25 @@ class Servo:
 
             self.native = NativeLoop(self._arena, engine, self._devices, self.parts, self.guards)
         return self._devices
+
+    def start(self) -> FloatArray | None:
+        """Copy its memory before the first tick, for `begin_again`; None where a run changes more than that."""
+        self._ready()
+        arena, memory = self._arena, self._arena.memory
+        plain = arena.world.pauses or arena.tables or arena.foreign or self.hardware or self.native is not None
+        if plain or not arena.is_whole or any(part.grasped.matrices for part in self.objects):  # which count warnings
+            return None
+        return memory.floats[: memory.used].copy()
+
+    def begin_again(self, start: FloatArray) -> None:
+        """Put its memory back to what `start` gave: the next tick is the first."""
+        self._arena.memory.floats[: start.size] = start
+        self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
+
+    def forget_rows(self) -> None:
+        """Let go of the rows that its last ticks wrote."""
+        self.engine.write_to(self._nowhere)
+        self.row = self._nowhere[0]
 
     def _rehearse(self, engine: Engine) -> None:
         """Run a tick, and one after a fault, and put all memories back: what is done only once is done by then."""
@@ -244,12 +321,13 @@ class Servo:
             self._exchanges: list[object] = []
             if arena.guests and isinstance(engine, Compiled) and not engine.is_checking:
                 self._exchanges = exchange_by_machine(arena, [self.movers[i].body for i in arena.guests])
+            self._apart = arena.world.pauses  # whether a tick has parts in plain Python
             log.info("engine %s; ports that are called in a tick: %d", engine.name, len(arena.ports))
         return self._engine
 
     def _run(self, ticks: int, recorder: RowTaker | None, stop: Stop | None) -> None:
-        engine, arena = self._ready(), self._arena
-        apart, last = arena.world.pauses, self.ticks + ticks
+        engine = self._ready()
+        apart, last = self._apart, self.ticks + ticks
         while self.ticks < last and not (stop is not None and stop()):
             rows, row, left = (self._nowhere, 0, CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
@@ -407,6 +485,8 @@ class Servo:
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
+        if not self._arena.tables:
+            return
         self._own.table_start = self.ticks
         for table in self._arena.tables:
             table.fill(self.ticks, count, self.period)

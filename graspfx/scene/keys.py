@@ -55,3 +55,16 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
 def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
     """Write faults by dotted key, as the data writes it."""
     return [Fault(dotted(key_in(data, at)), text) for at, text in findings]
+
+
+def reaches(keys: tuple[str, ...], key: str) -> bool:
+    """Tell whether a key in its general form is one of these, or one below."""
+    return any(key == each or key.startswith(f"{each}.") or each.startswith(f"{key}.") for each in keys)
+
+
+def general(key: str) -> str:
+    """Write a key for all numbers of a list: `finger.0.start` is `finger.*.start`, `object.mass` `object.*.mass`."""
+    first, *rest = key.split(".")
+    if first in ("object", "finger", "device", "hand", "obstacle"):
+        rest = ["*", *(rest[1:] if rest and (rest[0] == "*" or rest[0].isdecimal()) else rest)]
+    return ".".join([first, *rest])

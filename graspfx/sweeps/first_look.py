@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from graspfx.assembly.build import build
-from graspfx.assembly.late_simulations import require_prompt_simulations
-from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run import ticks_of, warn_of_axes
+from graspfx.assembly.resolve import require_prompt_simulations, resolve
+from graspfx.assembly.run import ticks_of
+from graspfx.assembly.session import warn_of_axes
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.recording.layout import Layout

@@ -8,8 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__
-from graspfx.assembly.named_files import by_name, file_changes
-from graspfx.assembly.scene_changes import brief, scene_changes
+from graspfx.assembly.provenance import brief, by_name, file_changes, scene_changes
 from graspfx.sweeps.variant_grid import VariantGrid
 
 if TYPE_CHECKING:

@@ -67,8 +67,7 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     Raises:
         SweepError: this process has another GraspFX or other files than the one that ordered.
     """
-    from graspfx.assembly.engine_versions import version_of
-    from graspfx.assembly.named_files import digest_of
+    from graspfx.assembly.provenance import digest_of, version_of
     from graspfx.scene.model import Scene
 
     order: SceneOrder = pickle.loads(content)

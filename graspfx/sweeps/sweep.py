@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from graspfx import __version__, log, plugins
 from graspfx.analysis.arguments import count
-from graspfx.assembly.engine_versions import engine_versions
-from graspfx.assembly.named_files import files_of
-from graspfx.assembly.run_header import source_name
+from graspfx.assembly.provenance import engine_versions, files_of, source_name
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
 from graspfx.environment import is_granted

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.mechanics import mechanics
 from graspfx.assembly.replay import replayed_with
 from graspfx.assembly.resolve import resolve
@@ -41,7 +41,7 @@ PARTNER: dict[str, Any] = {
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no time pass but what a device takes."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 def scene(file: Path, position: Any, *, safety: Any = None, **keys: Any) -> gx.Scene:

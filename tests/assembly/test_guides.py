@@ -9,8 +9,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly.build import build
+from graspfx.assembly.grasps import most_forces, still_hands
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.still_hands import most_forces, still_hands
 from graspfx.certificate.certify import certificates
 from graspfx.errors import InputError, SceneError, UnknownNameError
 

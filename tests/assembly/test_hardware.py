@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import hardware, pace
+from graspfx.assembly import hardware
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.build import build
 from graspfx.compile import kernel as kernels
 from graspfx.compile import native
@@ -45,7 +46,7 @@ REST = decay_ticks(CART["period"])  # ticks in which forces decay at the end
 @pytest.fixture(autouse=True)
 def clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no time pass but what a device takes."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 def cart(file: Path, x: float = -0.03, **changes: Any) -> gx.Scene:

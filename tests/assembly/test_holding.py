@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.hands import holdings
 from graspfx.assembly.resolve import resolve
 from graspfx.certificate.plan import packages
 from graspfx.errors import SceneError

@@ -15,8 +15,7 @@ from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.assembly import meshes
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.scene_cache import KeptTable, _read, _written, cached, place
-from graspfx.assembly.scene_memory import SEPARATOR, SceneMemory, _canonical
+from graspfx.assembly.scene_cache import SEPARATOR, KeptTable, SceneMemory, _canonical, _read, _written, cached, place
 from graspfx.compile import cache
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load

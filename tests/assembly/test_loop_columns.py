@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver
 from tests.support.pedal import Pedal, pedal
 
@@ -24,7 +24,7 @@ NEW = {"wall", "late", "io", "skipped", "fresh"}
 
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 def cart(file: Path, **changes: Any) -> gx.Scene:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import graspfx as gx
-from graspfx.assembly.named_files import by_name, file_changes, files_of
+from graspfx.assembly.provenance import by_name, file_changes, files_of
 from tests.support.small_scenes import line
 
 

@@ -17,9 +17,9 @@ from graspfx import environment, plugins
 from graspfx.assembly.build import build
 from graspfx.assembly.hardware import at_hardware
 from graspfx.assembly.live import keys_of, numbered
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.replay import Replay, replayed_with
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run_header import header_of
 from graspfx.assembly.steering import Steering
 from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.loop.realtime.pacing import decay_ticks

@@ -14,7 +14,8 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
-from graspfx.assembly import bodies, meshes, pace
+from graspfx.assembly import bodies, meshes
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.build import build
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import SceneError
@@ -151,7 +152,7 @@ def test_warnings_of_a_law_are_each_run_s_own(log: Path) -> None:
 
 def test_a_real_device_is_never_opened_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A device that may be opened once in its life, as one that holds a port: every run has another."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     (tmp_path / "once.py").write_text(
         "from graspfx import plugins\n"
         "import numpy as np\n"

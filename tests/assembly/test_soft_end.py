@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.realtime.process import Exits, Interruption
 from tests.support.hardware import EVIL, Evil, VirtualClock, driver, fakes
@@ -25,7 +25,7 @@ SETTLED = 200  # writings before the first tick, at a period of 1 ms
 
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 def pressed(file: Path, **changes: Any) -> gx.Scene:

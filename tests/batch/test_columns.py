@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly.columns import plain_keys
 from graspfx.assembly.resolve import resolve
+from graspfx.batch.columns import plain_keys
 from graspfx.batch.variants import FULL, Variants
 from graspfx.errors import GraspFXError, SceneError
 from tests.support.random_scenes import random_case

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.certificate.recorded import exchange_times
 from graspfx.errors import InputError, SceneError
 from tests.support.hardware import VirtualClock
@@ -76,7 +76,7 @@ def test_a_simulation_refuses_part_of_a_sample() -> None:
 
 def test_a_recording_tells_how_late_its_ticks_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its reading and writing take 0.15 ms, where the measures have 1 ms of 1.4 ms: 0.55 ms are left."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     measures = {"mass": 0.15, "friction": 0.2, "lateness": 0.0014, "round_trip": 0.001}
     scene = gx.Scene(
         dimensions=2, period=0.001, duration=0.05, engine="interpreted",

@@ -18,7 +18,7 @@ import pytest
 import graspfx
 import graspfx.errors
 from graspfx.__main__ import main
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.commands.arguments import override
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import finish
@@ -215,7 +215,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
 
     It is hardware: without the wall's clock it is refused before anything is written.
     """
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     Path("worn.py").write_text(WORN)
     lines = (ROOT / "scenes" / "reference-1dof.toml").read_text().splitlines()
     without_hands = (line for line in lines if not line.startswith("hand"))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.assembly.axes import axes_notes
+from graspfx.assembly.grasps import axes_notes
 from graspfx.assembly.resolve import resolve
 from graspfx.certificate.linearise import linearise
 from graspfx.coupling.closed_motion import worst_turn

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.run import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import mouse
@@ -194,7 +194,7 @@ def test_settings_are_refused_by_their_names(kind: str, setting: dict[str, Any],
 
 def test_a_ball_is_pushed_by_a_mouse(monkeypatch: pytest.MonkeyPatch) -> None:
     """A scene runs at the device's pace; the object is pushed, `check` says that no force is displayed."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     monkeypatch.setattr(mouse, "EventPort", partial(EventPort, now=VirtualClock().now))
     with on_clock() as wire:
         scene = gx.Scene(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.certificate.plan import plan
 from graspfx.devices import open_haptics
 from graspfx.errors import DeviceError, InputError
@@ -192,7 +192,7 @@ def test_the_loop_runs_in_its_thread(
     real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     """Every tick is a turn of the scheduler; another thread that keeps the interpreter takes none away."""
-    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)  # in this process
     scene, before = grasp(real_wire, tmp_path), sys.getswitchinterval()
 
     def hog() -> None:
@@ -229,7 +229,7 @@ def test_the_loop_runs_in_its_thread(
 def test_an_error_in_its_thread_is_a_fault_in_words(
     real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
-    monkeypatch.setattr(pace, "is_possible", lambda: False)
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)
 
     def stop() -> bool:
         real_wire.leave(0x200, 1)

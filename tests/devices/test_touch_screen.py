@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.run import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import touch_screen
@@ -180,7 +180,7 @@ def test_a_cube_is_squeezed_on_a_screen(monkeypatch: pytest.MonkeyPatch) -> None
     The fingers are where the touches are, so that no hand is in series. When they are lifted the fingers give way.
     """
     page = Page()
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     monkeypatch.setattr(touch_screen, "TouchScreen", lambda **settings: page)
     monkeypatch.setattr(touch_screen, "TouchFingers", partial(TouchFingers, now=VirtualClock().now))
     device = {"name": "touch-screen", "label": "screen", "start": [[-0.025, 0.0], [0.025, 0.0]]}

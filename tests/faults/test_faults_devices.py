@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.loop.realtime.pacing import decay_ticks
 from tests.support.hardware import EVIL, LIMIT, VirtualClock, driver, fakes
 
@@ -102,7 +102,7 @@ SOME = [
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no time pass but what a device takes."""
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 @pytest.mark.parametrize("kind", SOME)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly.process.pausing_pacer import PausingPacer
+from graspfx.assembly.process.orders import PausingPacer
 from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.live.guides import guided_scene
 from graspfx.live.live_run import LiveRun

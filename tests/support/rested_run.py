@@ -9,8 +9,8 @@ import numpy as np
 
 import graspfx as gx
 from graspfx.assembly.build import build
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run_header import header_of
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder

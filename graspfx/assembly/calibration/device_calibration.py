@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.calibration.calibration_bench import Bench, on_bench
-from graspfx.assembly.calibration.person_checks import Prompt, axis_checks, zero_check
-from graspfx.assembly.calibration.pushes import FingerFigures, finger_figures
+from graspfx.assembly.calibration.calibration_bench import (
+    Bench,
+    FingerFigures,
+    Prompt,
+    axis_checks,
+    finger_figures,
+    on_bench,
+    zero_check,
+)
 from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire
 from graspfx.errors import InputError

@@ -1,8 +1,8 @@
-"""Checks of fields against one another; each skips a field that has a fault of its own."""
+"""Faults between the parts of a scene, in the order in which its tables stand."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -11,27 +11,23 @@ import numpy as np
 
 from graspfx import plugins
 from graspfx.assembly import bodies
-from graspfx.assembly.checks.hand_faults import own_hand_faults, shared_hand_faults
-from graspfx.assembly.checks.lengths import length_faults as _length
-from graspfx.assembly.checks.meeting import light_faults, meeting_faults
-from graspfx.assembly.checks.recorded import record_faults
-from graspfx.assembly.checks.safety_faults import chain_faults, finger_safety_faults, safety_faults
-from graspfx.assembly.checks.settings import reason, setting_faults
-from graspfx.assembly.checks.solids import mass_faults, shape_faults
-from graspfx.assembly.checks.touching import (
-    contact_axes_faults,
-    control_faults,
-    metric_faults,
-    own_coefficient,
-    pad_faults,
-    soft_faults,
+from graspfx.assembly.bodies import Stock
+from graspfx.assembly.checks.body_faults import (
+    light_faults,
+    mass_faults,
+    may_turn,
+    meeting_faults,
+    shape_faults,
+    viscosity_faults,
 )
-from graspfx.assembly.checks.viscosity import may_turn, viscosity_faults
-from graspfx.assembly.placement import placement_faults
-from graspfx.assembly.stock import Stock
+from graspfx.assembly.checks.hand_faults import own_hand_faults, shared_hand_faults
+from graspfx.assembly.checks.settings import length_faults as _length
+from graspfx.assembly.checks.settings import numbers, reason, record_faults, setting_faults
+from graspfx.assembly.resolve import placement_faults
 from graspfx.assembly.wiring import wiring_faults
 from graspfx.cones.friction import LEAST
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
@@ -40,6 +36,137 @@ from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
+
+
+def safety_faults(scene: SceneTable) -> Iterator[Finding]:
+    """Find the faults of a scene's safety table."""
+    table = scene.safety
+    if table is not None:
+        yield from _box_faults(scene, ("safety",), table)
+        if table.watchdog is not None and table.watchdog < scene.period:
+            text = f"expected no less than the period, {scene.period:g} s; given {table.watchdog:g}"
+            yield ("safety", "watchdog"), text
+
+
+def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
+    """Find the faults of a finger's own limits."""
+    if finger.safety is not None:
+        yield from _box_faults(scene, ("finger", i, "safety"), finger.safety)
+
+
+def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+    """Find limits of fingers in a simulation without a chain, and hardware whose first force would not be zero."""
+    hardware = any(map(is_hardware, connected.values()))
+    if scene.safety is None:
+        for i, finger in enumerate(scene.finger):
+            if finger.safety is not None and not hardware:
+                text = "expected a scene with [safety], which switches the chain on; add that table"
+                yield ("finger", i, "safety"), text
+    elif hardware and scene.safety.soft_start == 0.0:
+        yield ("safety", "soft_start"), "expected a time above zero, as a person holds the hardware; given 0"
+
+
+def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding]:
+    box = table.workspace
+    if isinstance(box, tuple) and len(box[0]) != scene.dimensions:
+        expected = numbers(scene.dimensions)
+        yield (*at, "workspace"), f"expected two corners of {expected} each; given {abbreviate([list(x) for x in box])}"
+
+
+def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
+    """Find a coefficient of a finger's own beside a coupling which leaves no room for it."""
+    if finger.friction is None:
+        return
+    if scene.coupling.contact == "attached":
+        yield at, "attached contacts do not slip: leave it out"
+    elif scene.coupling.friction == "stick":
+        yield at, "coupling.friction = 'stick' holds every finger; a coefficient there lets each have its own"
+
+
+def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
+    """Find what a soft finger lacks, or what a hard one has of it."""
+    at: Location = ("finger", i, "patch")
+    if finger.model == "hard":
+        if finger.patch is not None:
+            yield at, "only a soft finger has one (model = 'soft')"
+        return
+    if scene.dimensions != 3:
+        yield (
+            ("finger", i, "model"),
+            f"a soft finger in {scene.dimensions} dimension(s) is a hard one: torsion is in space",
+        )
+        return
+    if finger.patch is None:
+        yield at, "required for a soft finger: the length that torsion is measured with, the radius of its patch [m]"
+    coupling = scene.coupling
+    gains = [
+        np.ndim(gain) for part in (coupling.external, coupling.internal) for gain in (part.stiffness, part.damping)
+    ]
+    if any(gains):
+        yield ("finger", i, "model"), "soft fingers expect each gain as one number"
+    if coupling.contact == "attached":
+        if scene.object[scene.finger_objects[i]].shape is None:
+            yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
+    elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
+        yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
+
+
+def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
+    """Find a compliant fingertip where a pad cannot be in series with the coupling."""
+    if finger.pad is None:
+        return
+    at: Location = ("finger", i, "pad")
+    coupling, thing = scene.coupling, scene.object[scene.finger_objects[i]]
+    if coupling.contact == "attached":
+        yield at, "expected unilateral contact: a pad only pushes, attached contacts pull too"
+    implicit = thing.dynamics == "native" and thing.integrator == "implicit"
+    if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
+        text = "expected no damping beside the integrator 'implicit', which solves it with the motion"
+        yield at, f"{text}: a pad's depth follows the elastic force; take another integrator, or no damping"
+
+
+def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
+    """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
+    coupling, d = scene.coupling, scene.dimensions
+    if coupling.axes != "contact":
+        return
+    for quantity in ("stiffness", "damping"):
+        at: Location = ("coupling", share, quantity)
+        gain = np.asarray(getattr(getattr(coupling, share), quantity), dtype=float)
+        if gain.ndim < 2:
+            continue
+        if gain.shape[-1] != d:
+            yield at, "an m x m matrix has no contact axes: give one d x d matrix, or one per finger"
+            continue
+        even = gain * np.eye(d)
+        if np.array_equal(even, gain) and (gain[..., d - 1, d - 1] == gain[..., 1 % d, 1 % d]).all():
+            continue
+        form = {1: "[[k_n]]", 2: "[[k_n, 0], [0, k_t]]", 3: "[[k_n, 0, 0], [0, k_t, 0], [0, 0, k_t]]"}[d]
+        yield at, f"contact axes expect {form}, the normal first: along the surface no direction is another's better"
+    if share == "external" and coupling.contact == "attached" and any(thing.shape is None for thing in scene.object):
+        yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
+
+
+def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+    """Find devices that do not tell the mass that limits the damping which control adds."""
+    if scene.coupling.passivity != "control":
+        return
+    for at, device in connected.items():
+        if device.features.mass is None:
+            where = ".".join(map(str, at))
+            text = f"'control' expects every device to tell its mass, which limits damping; that of {where} does not"
+            yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
+
+
+def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+    """Find devices that do not tell the mass by which the metric would count them."""
+    if scene.coupling.metric != "mass":
+        return
+    for at, device in connected.items():
+        if device.features.mass is None:
+            where = ".".join(map(str, at))
+            yield ("coupling", "metric"), f"'mass' expects every device to tell its mass; that of {where} does not"
+
 
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
 NAME_KEYS = {"object": "name", "device": "label", "hand": "name"}

@@ -1,4 +1,4 @@
-"""Every fault of a scene in one pass: of each field first, then of what is valid taken together."""
+"""All faults of a scene at once: what is wrong with it before it runs."""
 
 from __future__ import annotations
 
@@ -7,16 +7,66 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from graspfx.assembly.bodies import Stock
 from graspfx.assembly.checks.cross_faults import cross_faults
-from graspfx.assembly.checks.foreign_files import trust_faults
 from graspfx.assembly.checks.units import unit_doubts
-from graspfx.assembly.stock import Stock
-from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
+from graspfx.errors import LONGEST_KEY, Fault, InputError, abbreviate, closest
+from graspfx.plugins import is_file_name
 from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid, Table
+from graspfx.scene.tables.hands import MadeHand, Path
+from graspfx.scene.tables.part_tables import Device, Object
 from graspfx.scene.tables.scene_table import SceneTable
+from graspfx.scene.tables.shapes import MeshShape
+
+Location = tuple[str | int, ...]
+Finding = tuple[Location, str]
+CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
+DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
+REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
+READ = f"the Python that a recording names runs only if you say so: read it, then {REPLAY}, {COMMAND}"
+DO = "move it there, or say that you trust the scene:"
+
+
+def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
+    """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
+
+    Of a scene that stands in a recording every path of Python is one: the recording itself says where its folder is.
+
+    What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
+    """
+    return [] if source.is_trusted else list(_faults((), scene, source))
+
+
+def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
+    if isinstance(part, tuple):
+        for k, each in enumerate(part):
+            yield from _faults((*at, k), each, source)
+    if not isinstance(part, Table):
+        return
+    for kind, name in (*CODE, *DATA):
+        text = part.__dict__.get(name) if isinstance(part, kind) else None
+        if not isinstance(text, str) or ((kind, name) in CODE and not is_file_name(text)):
+            continue
+        if (kind, name) in CODE and source.is_recorded and not source.is_of_user(text):
+            del part.__dict__[name]
+            yield (*at, name), f"{abbreviate(text)}, from {source.folder}; {READ}"
+        elif _is_foreign(text, source):
+            del part.__dict__[name]
+            ways = f"{REPLAY}, {COMMAND}" if source.is_recorded else COMMAND
+            yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO} {ways}"
+    for name, value in list(part.__dict__.items()):
+        yield from _faults((*at, name), value, source)
+
+
+def _is_foreign(text: str, source: Source) -> bool:
+    try:
+        return not source.holds(text)
+    except InputError:  # a path that leads nowhere: said by what would read it
+        return False
+
 
 BOUNDS = {
     "greater_than": ("more than", "gt"),
@@ -34,13 +84,9 @@ EXPECTED = {
     "model_type": "a table",
     "dict_type": "a table",
 }
-
 FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # all others: tables
-
-
 MOST_HINTS = 200  # unknown keys for which one that is near is looked for
 VERY_NEAR = 0.75  # 'mss' and 'mass' are at 0.86, 'axis' and 'radius' at 0.6
-
 # What other programs, and the paper, call by another name or keep in another place: by table and key.
 ELSEWHERE = {
     ("Coupling", "kep"): "external.stiffness",

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from graspfx import plugins
-from graspfx.assembly.checks.lengths import Finding, Location, length_faults, numbers
-from graspfx.assembly.checks.settings import reason, signature_faults
-from graspfx.assembly.hand_parts import AUTOMATIC, plugin_hand
-from graspfx.assembly.placement import start_of
-from graspfx.assembly.stock import Stock
+from graspfx.assembly.bodies import Stock
+from graspfx.assembly.checks.settings import Finding, Location, length_faults, numbers, reason, signature_faults
+from graspfx.assembly.hands import AUTOMATIC, plugin_hand
+from graspfx.assembly.resolve import start_of
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
 from graspfx.loop.motion import motion
 from graspfx.scene.tables.fields import NotValid

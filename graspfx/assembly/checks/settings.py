@@ -1,4 +1,4 @@
-"""A device table against its driver: imported, its settings held to the signature of `connect`, then connected."""
+"""Checks of values by themselves: settings of plug-ins, lengths, recorded paths."""
 
 from __future__ import annotations
 
@@ -11,16 +11,52 @@ from types import ModuleType
 from typing import Any
 
 from graspfx import plugins
-from graspfx.assembly.stock import Stock
+from graspfx.assembly.bodies import Stock
 from graspfx.assembly.wiring import AUTOMATIC, connect
 from graspfx.compile.memory import within
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.errors import LONGEST_KEY, GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Features, lacking
+from graspfx.loop.recording.layout import Layout, columns_of
 from graspfx.scene.tables.part_tables import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
+
+
+def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Finding]:
+    """Find the fault of a part's vector that has another number of components than d."""
+    value = getattr(part, field)
+    if value is not None and len(value) != scene.dimensions:
+        yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"
+
+
+def numbers(count: int) -> str:
+    return "1 number (dimensions = 1)" if count == 1 else f"{count} numbers (dimensions = {count})"
+
+
+def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Find names of columns that no recording of such fingers and objects has, whatever the coupling."""
+    names = scene.record.columns
+    if not names:
+        return
+    every = Layout(
+        dimensions=scene.dimensions,
+        fingers=scene.finger_names,
+        objects=tuple(thing.name for thing in scene.object),
+        finger_objects=(0,) * len(scene.finger),
+        moments=True, slips=True, observed=True, controlled=True, limits=True, guarded=True, normals=True,
+        torsion_axes=True,
+        predicted=tuple(range(len(scene.object))),
+    )  # fmt: skip
+    for i, name in enumerate(names):
+        if not columns_of(every, name):
+            names_ = [*every.columns, *(column.name for column in every.derived)]
+            close = closest(name, names_) if len(name) <= LONGEST_KEY else None
+            hint = f"; did you mean {close!r}?" if close else f" (there are {', '.join(names_)})"
+            yield ("record", "columns", i), f"expected the name of a column, given {name!r}{hint}"
+
+
 OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.assembly.holdings import holdings
-from graspfx.assembly.placement import start_of
-from graspfx.assembly.stock import Stock
+from graspfx.assembly.bodies import Stock
+from graspfx.assembly.hands import holdings
+from graspfx.assembly.resolve import start_of
 from graspfx.errors import GraspFXError
 from graspfx.scene.keys import dotted
 from graspfx.scene.tables.fields import NotValid

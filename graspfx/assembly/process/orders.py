@@ -1,16 +1,349 @@
-"""Orders to a running servo from the process that records: to rest, or to go on with other numbers."""
+"""What a servo's process is told: its errand, and between ticks orders, letters of new numbers and goals of hands."""
 
 from __future__ import annotations
 
+import os
+import pickle
+import sys
 import time
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from graspfx.assembly.process.goals import GoalTaker
-from graspfx.assembly.process.hold import Hold
-from graspfx.loop.realtime.pacing import Pacer
-from graspfx.loop.realtime.ring import FloatArray, Ring, RingRecorder, Word, fence, read_letter
-from graspfx.loop.servo import Servo
-from graspfx.loop.update import Steerable, Update
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import log
+from graspfx.assembly.hands import holdings
+from graspfx.environment import is_granted
+from graspfx.errors import InputError
+from graspfx.loop.motion.motion import floats
+from graspfx.loop.plant import FusedHand
+from graspfx.loop.realtime.pacing import Clock, Pacer
+from graspfx.loop.realtime.ring import SLOTS, FloatArray, Ring, RingRecorder, Word, fence, read_letter
+from graspfx.loop.servo import CarriedPlant, Servo, Steerable, Update
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Errand:
+    """The errand of a servo's process.
+
+    The process is a fresh interpreter with this one's `sys.path` and folder; it imports the modules of drivers and
+    hands by their names, and never the program that has begun it.
+
+    Attributes:
+        scene: to be run.
+        ticks: to run.
+        width: numbers of a row.
+        selected: whether rows have the columns and ticks alone that the scene asks for.
+        live: keys that may change in mid-run.
+        goals: numbers of the goals of guided hands.
+        trust: whether files outside of the scene's folder may be read.
+        verbosity: of messages that somebody listens to; None for none.
+        path: where modules are looked for.
+        parent: number of the process that records.
+    """
+
+    scene: Scene
+    ticks: int
+    width: int
+    selected: bool = True
+    live: Sequence[str] = ()
+    goals: int = 0
+    trust: bool = field(default_factory=is_granted)
+    verbosity: int | None = field(default_factory=lambda: _verbosity())
+    path: Sequence[str] = field(default_factory=lambda: list(sys.path))
+    parent: int = field(default_factory=os.getpid)
+
+    def text(self) -> bytes:
+        """Write it for the other process.
+
+        Raises:
+            InputError: the scene holds an object that cannot be carried over.
+        """
+        self.scene.to_dict()  # which names the key of an object that is no data
+        try:
+            return pickle.dumps(self)
+        except Exception as error:
+            raise InputError(
+                "scene", self.scene, "numbers, texts, lists and tables, which another process can be told",
+                f"a scene with hardware runs in a process of its own: {error}; put what makes the object into a driver "
+                "of your own",
+            ) from error  # fmt: skip
+
+
+def _verbosity() -> int | None:
+    return next((level for level in (log.DEBUG, log.INFO) if log.is_heard(level)), None)
+
+
+Index = NDArray[np.intp]
+FARTHEST = 1.0  # that a goal may be from where the hand means to be by itself, along an axis, and of a squeeze [m]
+TRIES = 4  # to read goals that are being written over
+
+
+class GoalPlace(NamedTuple):
+    """Goals of one guided hand.
+
+    Attributes:
+        plant: the number of the plant that it moves.
+        memory: a hand's block.
+        entries: of the goals there: offsets, (n d,), then the squeeze.
+    """
+
+    plant: int
+    memory: FloatArray
+    entries: Index
+
+
+def goal_places(servo: Servo) -> list[GoalPlace]:
+    """List where the goals of a servo's guided hands stand: plant by plant, hand by hand."""
+    places = []
+    for j, wiring in enumerate(servo.plants):
+        hand: Any = wiring.hand
+        places += [GoalPlace(j, hand.state, entries) for entries in getattr(hand, "goals", ())]
+    return places
+
+
+class GuideKeys(NamedTuple):
+    """Keys of a guided hand.
+
+    Attributes:
+        table: its key, as `hand.0`, with a number for the name.
+        fingers: numbers of its fingers.
+    """
+
+    table: str
+    fingers: list[int]
+
+
+def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
+    """List the guided hands of a scene in the order of `goal_places`."""
+    keys = []
+    for wiring in servo.plants:
+        fingers = set(wiring.fingers.tolist())
+        for holding in holdings(scene):
+            if holding.fingers[0] in fingers and getattr(holding.table, "guide", None) is not None:
+                keys.append(GuideKeys(".".join(map(str, holding.at)), holding.fingers))
+    return keys
+
+
+class GoalSender:
+    """Sends goals of guided hands to a servo in another process; nothing here waits for it.
+
+    Args:
+        ring: shared with the servo.
+        servo: a copy of the one that runs, at its beginning.
+        keys: of the guided hands.
+    """
+
+    def __init__(self, ring: Ring, servo: Servo, keys: Sequence[GuideKeys]) -> None:
+        self._ring, self.keys, self._dimensions = ring, list(keys), servo.layout.dimensions
+        places = goal_places(servo)
+        counts = [len(place.entries) for place in places]
+        self._starts = np.cumsum([0, *counts]).tolist()
+        self._goals = np.concatenate([place.memory[place.entries] for place in places]) if places else np.zeros(0)
+        self._last = self._goals.copy()
+        self._number, self._lock = 0, Lock()
+
+    def values(self, number: int) -> tuple[FloatArray, float]:
+        """Give the last goals of a hand: offsets (n, d) [m], and the squeeze [m]."""
+        own = self._goals[self._starts[number] : self._starts[number + 1]].copy()
+        return own[:-1].reshape(-1, self._dimensions), float(own[-1])
+
+    def send(self, number: int, offset: Any = None, squeeze: float | None = None, finger: int | None = None) -> None:
+        """Send a hand's goals; what is left out stays.
+
+        Args:
+            number: of the hand.
+            offset: (d,) for all its fingers, or (n, d) [m].
+            squeeze: [m].
+            finger: the place among its fingers of the one that `offset` is of; None for all.
+
+        Raises:
+            InputError: goals that are not finite, of another shape, or beyond `FARTHEST`.
+        """
+        with self._lock:
+            offsets, closing = self.values(number)
+            if offset is not None:
+                part = offsets if finger is None else offsets[finger]
+                new = floats("offset", offset)
+                if new.shape not in (part.shape, (self._dimensions,)) or not _is_near(new):
+                    shapes = f"{part.shape} or ({self._dimensions},)"
+                    raise InputError(
+                        "offset", offset, f"finite components of shape {shapes}, none beyond {FARTHEST:g} m"
+                    )
+                part[...] = new
+            if squeeze is not None:
+                distance = floats("squeeze", squeeze)
+                if distance.ndim or not _is_near(distance):
+                    raise InputError("squeeze", squeeze, f"a finite distance, not beyond {FARTHEST:g} m")
+                closing = float(distance)
+            self._goals[self._starts[number] : self._starts[number + 1]] = np.append(offsets.ravel(), closing)
+            self._post()
+
+    def send_all(self, servo: Servo) -> None:
+        """Send the goals that stand in a copy of the servo."""
+        with self._lock:
+            self._goals = np.concatenate([place.memory[place.entries] for place in goal_places(servo)])
+            self._post()
+
+    def _post(self) -> None:
+        number = self._number + 1
+        self._ring.goals[number % 2] = self._goals
+        fence()
+        self._ring.words[Word.GOAL] = self._number = number
+
+    def by_key(self, goals: FloatArray) -> Mapping[str, Any]:
+        """Give goals that the servo has taken by the keys of the scene, those that are others than before."""
+        values: dict[str, Any] = {}
+        for i, (table, _) in enumerate(self.keys):
+            first, last = self._starts[i], self._starts[i + 1]
+            own, before = goals[first:last], self._last[first:last]
+            if own[:-1].tobytes() != before[:-1].tobytes():
+                values[f"{table}.guide.offset"] = own[:-1].reshape(-1, self._dimensions).tolist()
+            if own[-1:].tobytes() != before[-1:].tobytes():
+                values[f"{table}.guide.squeeze"] = float(own[-1])
+        self._last = goals.copy()
+        return values
+
+
+class GoalTaker:
+    """Takes goals over into the hands of a running servo, between two ticks.
+
+    Args:
+        ring: with the goals.
+        servo: that runs.
+    """
+
+    def __init__(self, ring: Ring, servo: Servo) -> None:
+        self._ring, self._servo, self._places = ring, servo, goal_places(servo)
+        self._words = memoryview(ring.memory).cast("q")
+        self._number = int(self._words[Word.GOAL])
+
+    def take(self) -> None:
+        """Take the newest goals over, if there are any."""
+        words = self._words
+        if words[Word.GOAL] == self._number:
+            return
+        for _ in range(TRIES):  # goals that are written over meanwhile are left to the next time
+            number = int(words[Word.GOAL])
+            goals = self._ring.goals[number % 2].copy()
+            if words[Word.GOAL] == number:
+                self._write(goals)
+                self._number = number
+                return
+
+    def _write(self, goals: FloatArray) -> None:
+        at = 0
+        for place in self._places:
+            place.memory[place.entries] = goals[at : at + len(place.entries)]
+            at += len(place.entries)
+        count = int(self._words[Word.GOALS])
+        row = self._ring.goal_log[count % SLOTS]
+        row[0], row[1:] = self._servo.ticks, goals
+        fence()
+        self._words[Word.GOALS] = count + 1
+
+
+def _is_near(value: Any) -> bool:
+    return bool((np.abs(value) <= FARTHEST).all())
+
+
+class Hold:
+    """A plant with its hand: three memories, of the hand's block, of its gains and of the plant's mechanics.
+
+    Args:
+        hand: that holds the plant.
+        plant: itself.
+
+    Attributes:
+        memories: the block; K and B, one after the other; masses and dampings. Empty where they do not change.
+    """
+
+    def __init__(self, hand: Any, plant: Any) -> None:
+        self._plant, self._hand = plant, hand
+        block, gains, mechanics = np.zeros(0), np.zeros(0), np.zeros(0)
+        if is_carried(hand):
+            block, gains = hand.state, np.concatenate([hand.stiffness.ravel(), hand.damping.ravel()])
+        if isinstance(plant, CarriedPlant):
+            mechanics = plant.mechanics.ravel().copy()
+        self.memories: list[FloatArray] = [block, gains, mechanics]
+
+    def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
+        """Give all that another hold of the same structure takes over: which memory, entries of it, and numbers.
+
+        A follower of a guided hand goes on where it is, and goals come by themselves.
+        """
+        block, _, _ = self.memories
+        if len(block):
+            hand: Any = self._hand
+            own = [*hand.followers, *(entry for goals in hand.goals for entry in goals.tolist())]
+            places = np.setdiff1d(np.arange(len(block)), np.array(own, dtype=np.intp))
+            yield 0, places, block[places]
+            gains = np.concatenate([hand.stiffness.ravel(), hand.damping.ravel()])
+            yield 1, np.arange(len(gains)), gains
+        if isinstance(self._plant, CarriedPlant):
+            mechanics = self._plant.mechanics.ravel()
+            yield 2, np.arange(len(mechanics)), mechanics
+
+    def adopt(self, other: Any) -> None:
+        """Take over gains and mechanics that were written to the memories; the plant takes hold next."""
+        _, gains, mechanics = self.memories
+        if len(gains):
+            hand: Any = self._hand
+            hand.regain(*gains.copy().reshape(2, *hand.stiffness.shape))
+        if isinstance(self._plant, CarriedPlant):
+            self._plant.mechanics = mechanics.copy().reshape(2, -1)
+
+
+def is_carried(hand: Any) -> bool:
+    """Tell whether the numbers of a hand may change in another process."""
+    return isinstance(hand, Steerable) and isinstance(hand, FusedHand) and hasattr(hand, "regain")
+
+
+LOOK = 0.002  # between two looks whether a pause is over [s]
+
+
+class Pause(Protocol):
+    """Tells whether ticks are to wait."""
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the coming tick is to wait."""
+        ...
+
+
+class PausingPacer(Pacer):
+    """A pacer whose ticks wait as long as orders say so; after a pause the grid of deadlines begins anew.
+
+    Args:
+        period: T [s].
+        clock: to wait on.
+
+    Attributes:
+        orders: that say so; None for none.
+    """
+
+    def __init__(self, period: float, clock: Clock | None = None) -> None:
+        super().__init__(period, clock)
+        self.orders: Pause | None = None
+
+    def wait(self, stop: Callable[[], bool] | None = None) -> int:
+        skipped = super().wait(stop)
+        orders = self.orders
+        if orders is None or not orders.is_paused:
+            return skipped
+        while not (stop is not None and stop()) and orders.is_paused:
+            self.clock.sleep(LOOK)
+        self.deadline = self.clock.now()
+        self.late, self.left_out, self.row = 0.0, 0, 0
+        self.wall = self.deadline - self.start
+        return 0
+
 
 SILENCE = 500_000_000  # of the other process, after which it is no more [ns]
 SIMULATED_SILENCE = 10_000_000_000  # where no hand feels anything: a page and a browser may take all of a machine [ns]

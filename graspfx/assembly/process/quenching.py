@@ -10,7 +10,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from graspfx import plugins
-from graspfx.assembly.force_limits import is_forceless
+from graspfx.assembly.device_limits import is_forceless
 from graspfx.assembly.wiring import AUTOMATIC, table_at
 from graspfx.errors import InputError, message
 from graspfx.loop.device import QuenchableDriver, is_hardware

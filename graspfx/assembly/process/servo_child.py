@@ -18,11 +18,9 @@ from typing import TYPE_CHECKING, Any
 from graspfx import log, progress
 from graspfx.assembly.build import build
 from graspfx.assembly.hardware import Hardware, at_hardware
-from graspfx.assembly.process.errand import Errand
-from graspfx.assembly.process.orders import Orders, ParentGone
-from graspfx.assembly.process.pausing_pacer import PausingPacer
+from graspfx.assembly.process.orders import Errand, Orders, ParentGone, PausingPacer
+from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run_header import header_of
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError
 from graspfx.loop.realtime.pacing import WallClock

@@ -1,4 +1,4 @@
-"""A servo's process as its recorder sees it: begun, made ready, run, rested and closed, step by step."""
+"""A servo's process as its recorder sees it: begun, made ready, run, written to, rested and closed."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import log
-from graspfx.assembly.process.errand import Errand
-from graspfx.assembly.process.guard import DEATH, OPENING, Guard
+from graspfx.assembly.device_limits import guards_of
+from graspfx.assembly.process.guard import DEATH, OPENING, Guard, Relay
+from graspfx.assembly.process.orders import Errand, Hold, is_carried, memories
 from graspfx.assembly.process.quenching import quenchers
-from graspfx.assembly.process.relay import Relay
-from graspfx.assembly.scene_guards import guards_of
-from graspfx.errors import DeviceError
+from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.process import REMEDY, Exits, Interruption, RealTimeWarning, signals_end
-from graspfx.loop.realtime.ring import Phase, Ring, Word, create, unpack_error
+from graspfx.loop.realtime.ring import Letter, Phase, Ring, Word, create, fence, unpack_error, write_letter
+from graspfx.loop.servo import CarriedPlant, Servo, Update
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
@@ -31,7 +31,88 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.layout import Layout
     from graspfx.loop.recording.recorder import Recorder
 
+
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+TAKEN = 5e-4  # between two looks whether a letter was taken [s]
+
+
+def letter_of(servo: Servo, update: Update) -> Letter:
+    """Write an update as a letter.
+
+    Args:
+        servo: a copy of the one that runs, whose parts the update is of.
+        update: of its parts.
+
+    Raises:
+        InputError: it changes a part that is more than numbers.
+    """
+    own = memories(servo)
+    places = {id(memory): i for i, memory in enumerate(own)}
+    objects = {id(part.grasped): i for i, part in enumerate(servo.objects)}
+    holders = {id(part) for j in update.plants for part in (servo.plants[j].hand, servo.plants[j].plant)}
+    if not all(id(part) in objects or id(part) in holders for part, _ in update.parts):
+        raise _refusal(update.values)
+    entries = [
+        (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
+    ]
+    if servo.ticks == 0:  # a copy that has not run either has the same numbers: a mesh has a hundred thousand
+        entries = [_news(own[i], i, where, numbers) for i, where, numbers in entries]
+    anew = {id(part): new for part, new in update.parts}
+    for j, wiring in ((j, servo.plants[j]) for j in update.plants):
+        hand: Any = anew.get(id(wiring.hand), wiring.hand)
+        plant = anew.get(id(wiring.plant), wiring.plant)
+        if not is_carried(hand) or (id(wiring.plant) in anew and not isinstance(plant, CarriedPlant)):
+            raise _refusal(update.values)
+        hold = Hold(hand, plant)
+        entries += [(len(own) + 3 * j + i, where, numbers) for i, where, numbers in hold.numbers()]
+    return Letter(entries, [objects[id(part)] for part, _ in update.parts if id(part) in objects], update.plants)
+
+
+def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
+    """Leave out numbers that a memory has already, to the bit."""
+    differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
+    return number, where[differ], numbers[differ]
+
+
+def _refusal(values: Mapping[str, Any]) -> InputError:
+    return InputError(
+        ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
+        "a run in real time has such parts in another process; begin with such values",
+    )  # fmt: skip
+
+
+class Mail:
+    """Posts letters to a servo, each once the one before was taken.
+
+    Args:
+        ring: shared with the servo.
+        relay: that records what holds from which tick on.
+    """
+
+    def __init__(self, ring: Ring, relay: Relay) -> None:
+        self._ring, self._relay = ring, relay
+        self._number = int(ring.words[Word.MAIL])
+
+    def post(self, letter: Letter, values: Mapping[str, Any], require: Callable[[], object]) -> int:
+        """Post a letter and wait until it was taken; give the tick from which on it holds.
+
+        Args:
+            letter: to the servo.
+            values: that are recorded for it, by key.
+            require: called again and again; raises where the servo takes no letters any more.
+        """
+        ring, number = self._ring, self._number + 1
+        require()
+        write_letter(letter, ring.letters[number % 2])
+        self._relay.letters[number] = values
+        fence()
+        ring.words[Word.MAIL] = self._number = number
+        while int(ring.words[Word.DONE]) != number:
+            require()
+            time.sleep(TAKEN)
+        return int(ring.words[Word.TICK])
+
 
 LOOK = 0.01  # between two looks whether to stop [s]
 FAREWELL = 3.0  # for a process to end that has closed its hardware [s]
@@ -250,7 +331,8 @@ def servo_process(
     ring.words[Word.BEAT] = time.monotonic_ns()
     names = [device_name(DeviceWiring(w.device, w.fingers), parts.scene.finger_names) for w in parts.wires]
     period = parts.scene.period
-    guard = Guard(ring, quenchers(parts), period, names=names, watchdog=period * guards_of(parts).late)
+    watchdog = period * guards_of(parts.scene, parts.wires).late
+    guard = Guard(ring, quenchers(parts), period, names=names, watchdog=watchdog)
     remote = ServoProcess(guard, ring, layout, Exits())
     guard.start()
     try:

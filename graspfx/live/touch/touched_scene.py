@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from graspfx.assembly.holdings import holdings
+from graspfx.assembly.hands import holdings
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
 
 if TYPE_CHECKING:
-    from graspfx.assembly.holdings import Holding
+    from graspfx.assembly.hands import Holding
 
 OWN = ("motion", "turn", "squeeze", "squeeze_ramp", "rest")  # what a hand does by itself
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.assembly.replay import replayed_with
 from graspfx.commands.output import say_faults
 from graspfx.environment import granted
@@ -98,7 +98,7 @@ def test_a_function_that_returns_after_the_stop_brings_no_force_back(
 
 def test_a_function_that_does_not_return_is_a_fault_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The recording has it, the run is not complete, and the command's exit code is that of a fault."""
-    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)  # in this process
     release = hang_in("write", monkeypatch, lambda device: device.numbers[0, 0, 0, 0] > 0.0, 30)
     try:
         made = scene(driver(tmp_path), TICKS, native=True, rest=SETTLING)
@@ -208,7 +208,7 @@ def test_a_recording_is_replayed_in_python(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any]
 ) -> None:
     """Ticks that machine code alone has recorded come out of the scene's tick again, to the bit."""
-    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)  # in this process
     small = scene(driver(tmp_path), TICKS, native=True, rest=SETTLING, **changes)
     rec = gx.run(small, real_time=True, out=tmp_path / "rec")
     with granted(True):  # the driver is in a folder of its own

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.realtime.pacing import ClockState, Lateness, Pacer
@@ -175,7 +175,7 @@ def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: 
 
 def test_no_python_runs_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """While another thread keeps the interpreter for 50 ticks the loop goes on, and all rows are there."""
-    monkeypatch.setattr(pace, "is_possible", lambda: False)  # in this process
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)  # in this process
     ticks, before = 1000, sys.getswitchinterval()
     began, busy = threading.Event(), threading.Event()
 
@@ -260,7 +260,7 @@ def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run of 150 ticks of 2 ms takes 0.3 s, however late each of them is, and says of each how late it was."""
-    monkeypatch.setattr(pace, "is_possible", lambda: False)
+    monkeypatch.setattr(whole_run, "is_possible", lambda: False)
     rec = gx.run(
         scene(driver(tmp_path), 150, native=True, rest=SETTLING).replace({"safety.watchdog": 60.0}), real_time=True
     )

@@ -12,8 +12,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly.build import make_layout
-from graspfx.assembly.process import relay as relays
-from graspfx.assembly.process.relay import Relay
+from graspfx.assembly.process import guard as relays
+from graspfx.assembly.process.guard import Relay
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import DeviceError, InputError, RecordingError, SceneError, UnknownNameError
 from graspfx.loop.realtime.pacing import Lateness

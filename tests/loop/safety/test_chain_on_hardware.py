@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import pace
+from graspfx.assembly import run as whole_run
 from tests.support import native_runs
 from tests.support.hardware import EVIL, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
@@ -19,7 +19,7 @@ T = 0.005
 
 @pytest.fixture(autouse=True)
 def _no_wall(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pace, "WallClock", VirtualClock)
+    monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
 
 
 def pinch(file: Path, evil: str = "", **safety: Any) -> gx.Scene:

@@ -1,23 +1,130 @@
-"""Checks of what objects can meet with their dynamics."""
+"""Faults of an object's body: its shape, its viscosity, and what it meets."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
 from graspfx import plugins
-from graspfx.assembly import bodies, encounters
-from graspfx.assembly.stock import Stock
-from graspfx.errors import GraspFXError, InputError
+from graspfx.assembly import bodies
+from graspfx.assembly.bodies import Stock
+from graspfx.assembly.checks.settings import reason
+from graspfx.errors import GraspFXError, InputError, MissingPackageError, abbreviate
+from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.part_tables import Object
+from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
+from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
+VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
+ENDLESS = ("half-space", "plane")
+
+
+def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+    """Find the faults of an object's shape; a sound one goes to the stock."""
+    shape, d = thing.shape, scene.dimensions
+    if shape is None and scene.coupling.contact == "unilateral":
+        yield (*at, "shape"), "required for unilateral contact (coupling.contact = 'attached' needs none)"
+    if shape is None:
+        return
+    if isinstance(shape, MeshShape):
+        yield from _mesh(scene, at, thing, stock)
+        return
+    name = VECTORS.get(shape.kind)
+    if name is not None and len(getattr(shape, name)) != d:
+        numbers = "1 number" if d == 1 else f"{d} numbers"
+        text = abbreviate(list(getattr(shape, name)))
+        yield (*at, "shape", name), f"expected {numbers} (dimensions = {d}); given {text}"
+        return
+    try:
+        solid = stock.solid(at, thing).primitive
+    except InputError as error:
+        yield (*at, "shape", error.name), f"given {abbreviate(error.given)}, expected {error.expected}"
+        return
+    if solid is not None and not solid.dimensions_ok(d):
+        yield (*at, "shape", "kind"), f"there is no {shape.kind} in {d} dimension(s)"
+
+
+def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+    shape, at = thing.shape, (*owner, "shape")
+    inline = [key for key in ("vertices", "faces") if getattr(shape, key) is not None]
+    source = (*at, "mesh" if shape.mesh is not None else "vertices")
+    if shape.mesh is not None and inline:
+        yield (*at, inline[0]), "expected either a file (mesh) or vertices and faces, not both"
+    elif shape.mesh is None and len(inline) < 2:
+        yield at, "expected a file (mesh = 'mug.stl'), or vertices and faces"
+    elif scene.dimensions != 3:
+        yield source, f"there is no mesh in {scene.dimensions} dimension(s)"
+    else:
+        try:
+            stock.solid(owner, thing)
+        except InputError as error:
+            yield (*at, error.name) if error.name == "scale" or error.name in inline else source, reason(error)
+        except MissingPackageError as error:
+            yield source, str(error)
+
+
+def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    """Find faults of how an object is weighed: by its mass, or in space by its density."""
+    if thing.density is None:
+        if thing.mass is None:
+            yield (*at, "mass"), "required, but not given" + (" (or density)" if scene.dimensions == 3 else "")
+        return
+    if thing.mass is not None:
+        yield (*at, "density"), "expected either a mass or a density, not both"
+    elif scene.dimensions != 3:
+        yield (*at, "density"), "only what is in space has a volume (dimensions = 3): give the mass"
+    elif thing.shape is None:
+        yield (*at, "density"), "there is no shape to take it times: give the mass"
+    elif thing.shape.kind in ENDLESS:
+        yield (*at, "density"), f"a {thing.shape.kind} has no end: give the mass"
+    elif thing.shape.kind == "mesh" and thing.shape.shell:
+        yield (*at, "density"), "a shell has no volume: give the mass"
+
+
+def may_turn(scene: SceneTable, thing: Any) -> bool:
+    """Tell whether a rotation of an object is free, as far as `free` has the right length to tell."""
+    free = scene.free(thing)
+    return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
+
+
+def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+    """Find viscosities that explicit and semi-implicit integration does not stand."""
+    if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
+        return
+    with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault
+        if any(scene.free(thing)[: scene.dimensions]):
+            mass = bodies.mass(thing, stock.solid(at, thing))
+            yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", mass)
+        if thing.rotational_viscosity is not None and may_turn(scene, thing):
+            moments = np.atleast_1d(
+                np.asarray(bodies.inertia(scene, thing, stock.solid(at, thing)) or 0.0, dtype=float)
+            )
+            least = float(moments[-1] if scene.dimensions == 2 else moments.min())
+            if least > 0.0:
+                viscosity = thing.rotational_viscosity
+                yield from _slowed(scene, at, thing, "rotational_viscosity", viscosity, "inertia", least)
+
+
+def _slowed(
+    scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
+) -> Iterator[Finding]:
+    ratio = viscosity * scene.period / inertia
+    if ratio >= VISCOUS_LIMIT:
+        yield (
+            (*at, key),
+            f"{key} * period / {by} is {ratio:.4g}, and {thing.integrator} integration is stable only below "
+            f"{VISCOUS_LIMIT:g}; integrator = 'exact' always is",
+        )
+
 
 FLAT = ("half-space", "plane")
 STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
@@ -45,12 +152,12 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
             f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = {MEETING} does",
         )
     for i, thing in enumerate(scene.object):
-        if thing.shape is not None and thing.shape.kind in FLAT and encounters.moves(scene, thing):
+        if thing.shape is not None and thing.shape.kind in FLAT and bodies.moves(scene, thing):
             yield (
                 ("object", i, "shape", "kind"),
                 f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
             )
-        elif thing.shape is not None and encounters.moves(scene, thing):
+        elif thing.shape is not None and bodies.moves(scene, thing):
             yield from _inside(scene, i, thing, stock)
             if thing.dynamics == "native":
                 yield from _too_stiff(scene, i, thing, stock)
@@ -89,11 +196,11 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
 def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
-            if thing.dynamics == "native" and encounters.moves(scene, thing):
+            if thing.dynamics == "native" and bodies.moves(scene, thing):
                 yield ("object", i, "dynamics"), f"native objects meet no other object; world.collide needs {MEETING}"
     collide = bool(scene.world.collide)
-    for group in encounters.groups(scene):
-        if not encounters.in_world(scene, group):
+    for group in bodies.groups(scene):
+        if not bodies.in_world(scene, group):
             continue
         name = scene.object[group[0]].dynamics
         if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
@@ -121,7 +228,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
                     "dimensions = 3, or dynamics = 'mujoco'"
                     + ("" if who == "world.collide" else ", or 'native' and half-spaces or planes"),
                 )
-            elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
+            elif thing.shape is not None and bodies.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
                     ("object", i, "free"),
                     f"{engine.label} locks no single freedom of a body that meets others: expected all free or none; "
@@ -130,7 +237,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
 
 
 def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
-    return thing.dynamics == dynamics and thing.shape is not None and encounters.moves(scene, thing)
+    return thing.dynamics == dynamics and thing.shape is not None and bodies.moves(scene, thing)
 
 
 def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
@@ -152,7 +259,7 @@ def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[
     try:
         solid = stock.solid(("object", i), thing)
         bodies.fill(scene, thing, solid, state)
-        for table, obstacle in zip(scene.obstacle, encounters.obstacles(scene, stock), strict=True):
+        for table, obstacle in zip(scene.obstacle, bodies.obstacles(scene, stock), strict=True):
             if table.shape.kind in FLAT:
                 height = clearance(solid.shape, scene.dimensions, state, obstacle)
                 if height < -DEEP:

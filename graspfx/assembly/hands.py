@@ -1,8 +1,8 @@
-"""The hands of a scene with what they do in time, ready to take hold of fingers."""
+"""The hands of a scene: the fingers that each holds, what it does in time, and how it takes hold of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path as FilePath
@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.assembly.holdings import Holding, axis_of
-from graspfx.assembly.operators import operator_of
-from graspfx.assembly.stock import Stock
+from graspfx.assembly.bodies import Stock
 from graspfx.errors import InputError
 from graspfx.loop import plant
 from graspfx.loop.guided_hand import GuidedHand
@@ -23,15 +21,117 @@ from graspfx.loop.hand import Hand
 from graspfx.loop.motion import motion as motions
 from graspfx.loop.motion.tremor import Tremor
 from graspfx.loop.motion.turn import Turn
-from graspfx.scene.tables.reading import listed
+from graspfx.loop.operator import NOISE, Operator
+from graspfx.scene.tables.reading import AXES, listed
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.hands import Guide, MadeHand, Moving, SharedHand, SharedMadeHand
+    from graspfx.scene.tables.hands import Axis as AxisTable
+    from graspfx.scene.tables.hands import Guide, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand
     from graspfx.scene.tables.hands import Motion as MotionTable
     from graspfx.scene.tables.hands import Turn as TurnTable
     from graspfx.scene.tables.scene_table import SceneTable
 
+
 FloatArray = NDArray[np.float64]
+PARTS = ("limb", "stiffening", "reaction", "noise")  # of a hand's table, that make an operator of it
+
+
+def is_operated(table: object) -> bool:
+    """Tell whether a hand's table has a part that is no spring and damper."""
+    return any(getattr(table, name, None) is not None for name in PARTS)
+
+
+def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Operator | None:
+    """Make the operator of a hand; None where it is spring and damper alone.
+
+    Args:
+        table: of the hand.
+        fingers: that it holds, by their numbers in the scene: the noise of each is its own.
+        dimensions: d.
+    """
+    if not is_operated(table):
+        return None
+    operator = Operator(len(fingers))
+    if table.limb is not None:
+        springs = (_per_axis(each, dimensions) for each in (table.limb.stiffness, table.limb.damping))
+        operator.set_limb(table.limb.mass, *springs)
+    if table.stiffening is not None:
+        operator.set_stiffening(table.stiffening.stiffness, table.stiffening.damping, table.stiffening.lag)
+    if (own := table.reaction) is not None:
+        operator.set_reaction(own.delay, own.stiffness, own.damping, own.force)
+    if table.noise is not None:
+        seeds = [(table.noise.seed, i, NOISE) for i in fingers]
+        operator.set_noise(table.noise.share, table.noise.cutoff, table.noise.lag, seeds)
+    return operator
+
+
+def _per_axis(value: Any, dimensions: int) -> FloatArray:
+    return np.array(np.broadcast_to(np.array(value, dtype=float), (dimensions,)))
+
+
+OPERATOR = (
+    ("limb", "a limb's mass"), ("stiffening", "stiffer with grip"), ("reaction", "a late reaction"),
+    ("tremor", "tremor"), ("noise", "noise"),
+)  # fmt: skip
+Location = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Holding:
+    """The fingers that one hand holds, and its table (None: nobody holds them) with where that stands."""
+
+    at: Location
+    table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
+    fingers: list[int]
+
+
+def holdings(scene: SceneTable) -> list[Holding]:
+    """List the hands of a scene in the order of their first fingers; a finger without one stands alone."""
+    shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
+    hands: dict[Location, Holding] = {}
+    for i, finger in enumerate(scene.finger):
+        label = finger.hand
+        at, table = shared[label] if isinstance(label, str) else (("finger", i, "hand"), label)
+        hands.setdefault(at, Holding(at, table, [])).fingers.append(i)
+    return list(hands.values())
+
+
+def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
+    """Give the unit vector (d,) along an axis by its name or number, or along a vector."""
+    if isinstance(axis, tuple):
+        return motions.direction(axis, dimensions)
+    return motions.direction(AXES[axis] if isinstance(axis, str) else axis, dimensions)
+
+
+def descriptions(scene: SceneTable) -> Iterator[str]:
+    """Describe every hand: its name, the fingers that it holds, what it does in time."""
+    own: dict[str, list[str]] = {}
+    for holding in holdings(scene):
+        names = [scene.finger_names[i] for i in holding.fingers]
+        if holding.table is not None and holding.at[0] == "hand":
+            yield f"{scene.hand[int(holding.at[1])].name} holds {', '.join(names)} ({doing(holding.table)})"
+        elif holding.table is not None:
+            own.setdefault(doing(holding.table), []).extend(names)
+    for course, names in own.items():
+        yield f"{', '.join(names)} by {'itself' if len(names) == 1 else 'themselves'} ({course})"
+
+
+def doing(table: OwnHand | SharedHand | MadeHand) -> str:
+    """Describe what a hand does in time."""
+    if table.form == "made":
+        return f"as {table.kind} has it"
+    texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
+    if table.turn is not None:
+        texts.append(f"turn: {', then '.join(each.kind for each in listed(table.turn))}")
+    if not isinstance(table.squeeze, int | float):
+        texts.append("squeeze: " + ", ".join(f"{1e3 * s.to:g} mm at {s.begin:g} s" for s in listed(table.squeeze)))
+    elif table.squeeze:
+        texts.append(f"squeeze: {1e3 * table.squeeze:g} mm")
+    if table.guide is not None:
+        texts.append(f"guided, {1e3 * table.guide.lag:g} ms behind its goals")
+    texts += [text for name, text in OPERATOR if getattr(table, name) is not None]
+    return "; ".join(texts)
+
 
 AUTOMATIC = frozenset({"rest", "inward"})  # given to a plug-in's `hold` that takes them
 

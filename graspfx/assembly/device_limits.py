@@ -1,0 +1,177 @@
+"""Limits of a scene's devices: the largest forces that they tell, those of the safety chain, the guards of hardware."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.assembly.wiring import Wire, table_at
+from graspfx.errors import InputError
+from graspfx.loop.device import LimitedDevice, fused, is_hardware
+from graspfx.loop.realtime.readings import GUARDS, Guards
+from graspfx.loop.safety.chain import SafetyLimits
+from graspfx.loop.safety.trust import DECAY
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.scene.tables.safety_table import Safety
+
+
+FloatArray = NDArray[np.float64]
+
+
+def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
+    """Give the largest force of each of so many fingers [N], infinite where its device tells none; None if all do.
+
+    Raises:
+        InputError: a device's `features.peak_force` is no force above zero.
+    """
+    limits = np.full(fingers, np.inf)
+    for wire in wired:
+        limits[wire.used] = peak_force(wire)
+    return limits if np.isfinite(limits).any() or any(changes(wire) for wire in wired) else None
+
+
+def peak_force(wire: Wire) -> float:
+    """Give the largest force of a device [N], infinite where it tells none."""
+    peak = wire.features.peak_force
+    if peak is None:
+        return math.inf
+    if isinstance(peak, bool) or not peak > 0.0:
+        raise InputError(
+            "features.peak_force", peak, "a force above zero [N], or None",
+            f"as the driver {type(wire.device).__qualname__} tells it",
+        )  # fmt: skip
+    return float(peak)
+
+
+def changes(wire: Wire) -> bool:
+    """Tell whether a device's largest force depends on where it stands."""
+    return isinstance(wire.device, LimitedDevice)
+
+
+def may_hide(wire: Wire) -> bool:
+    """Tell whether a device tells no largest force, but writes by code of its own, in which there may be one."""
+    return math.isinf(peak_force(wire)) and not (changes(wire) or is_forceless(wire)) and fused(wire.device) is None
+
+
+def is_forceless(wire: Wire) -> bool:
+    """Tell whether a device says that it displays no force."""
+    return wire.features.continuous_force == 0.0
+
+
+def forceless_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices that display no force."""
+    return _listing(scene, [wire for wire in wired if is_forceless(wire)])
+
+
+def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices that tell a largest force, with it and whose they are."""
+    return "; ".join(_limit_of(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
+
+
+def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices in whose own code there may be a limit that they do not tell."""
+    return _listing(scene, [wire for wire in wired if may_hide(wire)])
+
+
+def _listing(scene: Scene, wired: Sequence[Wire]) -> str:
+    return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired)
+
+
+def _limit_of(scene: Scene, wire: Wire) -> str:
+    peak = peak_force(wire)
+    text = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
+    text += " as it tells in every sample" if changes(wire) else ""
+    first = int(wire.used[0])
+    return f"{_fingers(scene, wire)} {text} ({table_at(scene, first)[1].name})"
+
+
+def _fingers(scene: Scene, wire: Wire) -> str:
+    return ", ".join(scene.finger_names[f] for f in wire.used)
+
+
+CONTINUOUS = 0.6  # of a device's continuous force may be displayed
+DEFAULT = 3.0  # of a finger whose device tells none [N]
+
+
+def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
+    """Give the table of a scene's safety chain; with hardware a scene without one has the usual values.
+
+    None for a simulation without the table.
+    """
+    if scene.safety is not None or not any(is_hardware(wire.device) for wire in wired):
+        return scene.safety
+    from graspfx.scene.tables.safety_table import Safety  # a scene from the cache goes without what checks tables
+
+    return Safety()
+
+
+def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
+    """Give the limits of all fingers; None for a scene without a safety chain."""
+    table = chain_table(scene, wired)
+    if table is None:
+        return None
+    n, d = len(scene.finger), scene.dimensions
+    lower, upper = np.full((n, d), -np.inf), np.full((n, d), np.inf)
+    force, scale = np.full(n, DEFAULT), np.ones(n)
+    for wire in wired:
+        scale[wire.used] = wire.fitting.scale
+        for f in wire.used.tolist():
+            force[f] = _largest(scene, table, wire, f)
+            box = _box(scene, table, wire, f)
+            if box is not None:
+                lower[f], upper[f] = box
+    return SafetyLimits(
+        force=force,
+        rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]) / scale,
+        speed=np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale,
+        lower=lower,
+        upper=upper,
+        hold=table.hold,
+        soft_start=table.soft_start,
+    )
+
+
+def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
+    """Give a limit of finger f: its own, or the scene's."""
+    own = scene.finger[f].safety
+    value = None if own is None else getattr(own, name)
+    return getattr(table, name) if value is None else value
+
+
+def _largest(scene: Scene, table: Safety, wire: Wire, f: int) -> float:
+    force = _own(scene, table, f, "force")
+    if force is not None:
+        return float(force) / wire.fitting.scale
+    continuous = wire.features.continuous_force
+    return CONTINUOUS * float(continuous) if continuous else DEFAULT / wire.fitting.scale
+
+
+def _box(scene: Scene, table: Safety, wire: Wire, f: int) -> tuple[Any, Any] | None:
+    box = _own(scene, table, f, "workspace")
+    if box == "none":
+        return None
+    return wire.features.workspace if box == "device" else box
+
+
+def guards_of(scene: Scene, wired: Sequence[Wire]) -> Guards:
+    """Give the guards of a scene's hardware.
+
+    Where forces decay by themselves, when readings stop or a finger is too quick, they are given the time to.
+    """
+    table = chain_table(scene, wired)
+    if table is None:
+        return GUARDS
+    period = scene.period
+    values: dict[str, Any] = {"soft_start": table.soft_start, "hold": table.hold + math.ceil(DECAY / period)}
+    if table.speed is not None:
+        values["speed"] = max(GUARDS.speed, 2.0 * table.speed)
+    if table.watchdog is not None:
+        values["late"] = max(1, round(table.watchdog / period))
+    return replace(GUARDS, **values)
