@@ -30,8 +30,7 @@ from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SpringHand
 from graspfx.testing import driver
-from graspfx.testing.wire import RigWire
-from graspfx.testing.wire.c_compiler import STRICT, compiler
+from graspfx.testing.wire import STRICT, RigWire, compiler
 from tests.support.hardware import Line, VirtualClock
 from tests.support.rooms import ROOT
 

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.testing.wire import ForceDimensionWire
-from graspfx.testing.wire.c_compiler import compiler
+from graspfx.testing.wire import ForceDimensionWire, compiler
 from tests.support.optional import require
 from tests.support.servo_wires import servo_of, settled
 

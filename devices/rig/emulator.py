@@ -1,10 +1,9 @@
-"""The rig's controller: its own firmware on this machine, behind a pseudo-terminal, with two simulated arms."""
+"""An emulator of the rig: its controller's firmware on this machine, with two simulated arms."""
 
 from __future__ import annotations
 
 import atexit
 import ctypes
-import mmap
 import os
 import subprocess
 from functools import cache
@@ -16,12 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
-from graspfx.errors import DeviceError
-from graspfx.loop.realtime.pacing import Clock
-from graspfx.testing.wire.c_compiler import STRICT, build
-from graspfx.testing.wire.plug import Plug
-from graspfx.testing.wire.wire import FAILURES, Wire, tip_force
+from graspfx.protocols import DeviceError
+from graspfx.testing.wire import FAILURES, Clock, Plug, Wire, build, shared_page, tip_force
 
 FloatArray = NDArray[np.float64]
 
@@ -67,8 +62,7 @@ def _built(name: str, *options: str) -> Path:
     """Build the emulator, once for a process, in a folder that goes when the process ends."""
     folder = Path(mkdtemp(prefix="graspfx-rig-"))
     atexit.register(rmtree, folder, ignore_errors=True)
-    firmware = plugins.shelf("devices") / "rig" / "firmware"
-    return build([*STRICT, *options, "host.c", "rig.c", "-lm"], folder / name, firmware)
+    return build([*options, "host.c", "rig.c", "-lm"], folder / name, Path(__file__).with_name("firmware"))
 
 
 class RigWire(Wire):
@@ -104,9 +98,7 @@ class RigWire(Wire):
         self.slowness = slowness
         try:
             path = self._plug.folder / "page"
-            path.write_bytes(bytes(ctypes.sizeof(Page)))
-            with path.open("r+b") as file:
-                self.page = Page.from_buffer(mmap.mmap(file.fileno(), 0))
+            self.page = shared_page(Page, path)
             self.page.rest[:] = HOME
             self.page.stiffness, self.page.damping, self.page.slowness = stiffness, damping, slowness
             if clock is not None:

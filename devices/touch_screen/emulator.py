@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import random
 import socket
+import struct
 import time
 from contextlib import suppress
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import DeviceError
-from graspfx.screen.socket_thread import require_websockets
-from graspfx.screen.touch_orders import ORDER, Kind
-from graspfx.screen.touch_server import SOCKET
-from graspfx.testing.wire.wire import Failure, Wire
+from graspfx.protocols import DeviceError, MissingPackageError
+from graspfx.testing.wire import Failure, Wire
 
 if TYPE_CHECKING:
     from websockets.sync.client import ClientConnection
 
 FloatArray = NDArray[np.float64]
 
+ORDER = struct.Struct("<BBHIdd")  # kind, finger, zero, number, x [m], y [m]
+ALIVE, PRESS, MOVE, LIFT = range(4)  # kinds: the page is there; a finger came down, moved, went up
 START = [[-0.05, 0.0], [0.05, 0.0]]
 WAY = 0.004, 0.003  # of `move` [m]
 PATIENCE = 5.0  # for the page [s]
@@ -39,7 +40,8 @@ class ScreenWire(Wire):
 
     def __init__(self, *, seed: int = 0) -> None:
         super().__init__()
-        require_websockets()
+        if find_spec("websockets") is None:
+            raise MissingPackageError.of_extra("websockets", "the emulator of a touch screen", "touch")
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self._port = int(probe.getsockname()[1])
@@ -64,12 +66,12 @@ class ScreenWire(Wire):
 
     def touch(self, finger: int, x: float, y: float) -> None:
         """Put a finger on the screen, or move it there [m]."""
-        self._send(Kind.PRESS, finger, x, y)
+        self._send(PRESS, finger, x, y)
         self._place[finger] = x, y
 
     def lift(self, finger: int) -> None:
         """Take a finger from the screen."""
-        self._send(Kind.LIFT, finger)
+        self._send(LIFT, finger)
 
     def leave(self) -> None:
         """Close the page, as a browser that is closed does."""
@@ -91,12 +93,12 @@ class ScreenWire(Wire):
     def _change(self) -> None:
         if self.failure == "drop":
             self.number_of_last += 3
-            self._send(Kind.ALIVE, 0)
+            self._send(ALIVE, 0)
         elif self.failure == "garbage":
             for _ in range(round(self.number)):
                 self._connected().send(self._random.randbytes(self._random.choice((0, 3, ORDER.size, 40))))
 
-    def _send(self, kind: Kind, finger: int, x: float = 0.0, y: float = 0.0) -> None:
+    def _send(self, kind: int, finger: int, x: float = 0.0, y: float = 0.0) -> None:
         line = self._connected()
         self.number_of_last += 1
         line.send(ORDER.pack(kind, finger, 0, self.number_of_last, x, y))
@@ -112,7 +114,7 @@ class ScreenWire(Wire):
         host, deadline = f"127.0.0.1:{self._port}", time.monotonic() + PATIENCE
         while True:
             try:
-                self._line = connect(f"ws://{host}{SOCKET}", origin=f"http://{host}", compression=None, proxy=None)  # type: ignore[arg-type]
+                self._line = connect(f"ws://{host}/socket", origin=f"http://{host}", compression=None, proxy=None)  # type: ignore[arg-type]
             except (OSError, WebSocketException) as error:
                 if time.monotonic() > deadline:
                     raise DeviceError(f"nothing answers at {host}: {error}") from error

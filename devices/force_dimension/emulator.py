@@ -1,8 +1,8 @@
-"""Force Dimension's devices behind a stand-in for their library: four of them, which nothing moves but a test."""
+"""An emulator of Force Dimension's devices: four behind a stand-in for their library, which a test moves."""
 
 from __future__ import annotations
 
-import mmap
+import ctypes
 import time
 from pathlib import Path
 from shutil import rmtree
@@ -12,12 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.realtime.pacing import Clock, WallClock
-from graspfx.testing.wire.fake_library import DEVICES, NUMBERS, SIZE, FakeDevice, library
-from graspfx.testing.wire.wire import Failure, Wire
+from graspfx.testing.wire import Clock, Failure, WallClock, Wire, build, shared_page
 
 FloatArray = NDArray[np.float64]
 
+FUNCTIONS = (
+    "dhdOpen", "dhdOpenSerial", "dhdClose", "dhdStop", "dhdEnableForce", "dhdSetMaxForce", "dhdGetPosition",
+    "dhdSetForce", "dhdGetStatus", "dhdEnableExpertMode", "dhdDisableExpertMode", "dhdGetWatchdog", "dhdSetWatchdog",
+    "dhdSetTimeGuard",
+)  # fmt: skip
+NUMBERS = {name: k for k, name in enumerate(FUNCTIONS)}
+DEVICES = 4
+STATUS = 17  # entries of dhdGetStatus
 HOME = 0.01, -0.02, 0.03  # [m]
 STEP = 0.003  # of `move`, along every axis [m]
 SERIAL = 101  # of the first device, and so on
@@ -27,11 +33,37 @@ FORCE, CAUSE = 5, 14  # entries of the status
 UNIT = 125e-6  # of a watchdog [s]
 
 
+class FakeDevice(ctypes.Structure):
+    """State of one device, which the library works on: `struct device` of libdrd.c."""
+
+    _fields_ = (
+        *((f"{name}{i}", ctypes.c_double) for name in ("position", "velocity", "force") for i in range(3)),
+        ("max_force", ctypes.c_double),
+        ("written", ctypes.c_int64 * 2),  # when the force was set last, by the monotonic clock [s, ns]
+        ("calls", ctypes.c_int64 * len(FUNCTIONS)),
+        ("codes", ctypes.c_int32 * len(FUNCTIONS)),  # that the functions return
+        ("status", ctypes.c_int32 * STATUS),
+        ("serial", ctypes.c_int32),
+        ("owner", ctypes.c_int32),  # the process that has it open, 0 for none
+        ("enabled", ctypes.c_int32),
+        ("braking", ctypes.c_int32),
+        ("watchdog", ctypes.c_int32),
+        ("guard", ctypes.c_int32),
+        ("text", ctypes.c_char * 64),
+    )
+
+
+class FakeDevices(ctypes.Structure):
+    """State of all devices."""
+
+    _fields_ = (("devices", FakeDevice * DEVICES),)
+
+
 class ForceDimensionWire(Wire):
     """Devices 101 to 104 behind a fake library: every call is counted, and returns what a test wishes.
 
-    Other programs that load the library meet the same devices, where this machine has a compiler that links it.
-    `settings`, `position`, `force` and `torque` are those of the first device.
+    Other programs that load the library meet the same devices. `settings`, `position`, `force` and `torque` are those
+    of the first device.
 
     Args:
         slowness: seconds in which a second of the devices' watchdogs goes by; above 1 they wait for tests on a busy
@@ -39,7 +71,11 @@ class ForceDimensionWire(Wire):
         clock: of the watchdogs, from the look on that first sees a force; the machine's if it is left out.
 
     Attributes:
+        library: its path.
         devices: the state of each, as the library has it.
+
+    Raises:
+        MissingPackageError: this machine has no C compiler.
     """
 
     kinds: frozenset[Failure] = frozenset({"late", "drop", "garbage", "unplugged", "blocked"})
@@ -50,11 +86,11 @@ class ForceDimensionWire(Wire):
         self.slowness = slowness
         self._seen = 0.0, 0.0  # when the force was set that was seen last: by the library's time and by the clock [s]
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
-        state = self._folder / "state"
-        state.write_bytes(bytes(DEVICES * SIZE))
-        with state.open("r+b") as file:
-            self.devices = (FakeDevice * DEVICES).from_buffer(mmap.mmap(file.fileno(), 0))
-        self.library = library(state, self._folder)
+        state, library = self._folder / "state", self._folder / "libdrd.so"
+        self.devices = shared_page(FakeDevices, state).devices
+        names = ", ".join(f'"{name}"' for name in FUNCTIONS)
+        options = ["-shared", "-fPIC", f'-DSTATE="{state}"', f"-DNAMES={names}"]
+        self.library = str(build([*options, "libdrd.c"], library, Path(__file__).parent))
         for k, device in enumerate(self.devices):
             device.serial = SERIAL + k
             device.text = b"communication error"

@@ -1,4 +1,4 @@
-"""An emulator of an input device of Linux: its events come through a pipe with a name, as those of the kernel do."""
+"""An emulator of a mouse or a gamepad of Linux: its events come through a named pipe, as the kernel's do."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError
-from graspfx.loop.realtime.pacing import Clock
-from graspfx.testing.wire.plug import Plug
-from graspfx.testing.wire.wire import Failure, Wire
+from graspfx.protocols import InputError
+from graspfx.testing.wire import Clock, Failure, Plug, Wire
 
 FloatArray = NDArray[np.float64]
 

@@ -10,9 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.realtime.pacing import Clock, WallClock
-from graspfx.testing.wire.serial_wire import SerialWire
-from graspfx.testing.wire.wire import tip_force
+from graspfx.testing.wire import Clock, SerialWire, WallClock, tip_force
 
 FloatArray = NDArray[np.float64]
 

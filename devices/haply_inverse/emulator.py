@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import json
-import select
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.realtime.pacing import Clock
-from graspfx.testing.wire.damage import Damage
-from graspfx.testing.wire.server_line import ServerLine, server_protocol
-from graspfx.testing.wire.wire import Failure, Wire
+from graspfx.protocols import MissingPackageError
+from graspfx.testing.wire import Clock, Damage, Failure, Wire
+
+if TYPE_CHECKING:
+    from websockets.sync.server import Server, ServerConnection
 
 FloatArray = NDArray[np.float64]
 
@@ -69,11 +69,11 @@ class InverseWire(Wire):
         self._damage, self._lock = Damage(seed), threading.Lock()
         self._turn = threading.Lock()  # whoever answers has it: a failure begins between two answers
         self._answers = 0
-        self._lines: set[socket.socket] = set()
-        self._threads: list[threading.Thread] = []
-        self._server: socket.socket | None = None
+        self._lines: set[ServerConnection] = set()
+        self._socket: socket.socket | None = None  # while the service is there
+        self._server: Server | None = None
+        self._thread = threading.Thread()
         self._port = 0
-        server_protocol()  # refused here, and not in a thread, without the package
         self._listen()
 
     @property
@@ -123,75 +123,63 @@ class InverseWire(Wire):
             self._shut()
             for name in self._forces:
                 self._forces[name] = np.zeros(3)
-        elif self._server is None:
+        elif self._socket is None:
             self._listen()
 
     def close(self) -> None:
         self._shut()
 
     def _listen(self) -> None:
-        server = socket.create_server(("127.0.0.1", self._port))
-        self._port = int(server.getsockname()[1])
-        self._server = server
+        try:
+            from websockets.sync.server import serve
+        except ImportError as error:
+            raise MissingPackageError.of_extra(
+                "websockets", "the emulator of the Inverse service", "inverse"
+            ) from error
+        self._socket = socket.create_server(("127.0.0.1", self._port))
+        self._port = int(self._socket.getsockname()[1])
         if self._is_served:
-            self._start(self._welcome, server)
-
-    def _start(self, work: Any, *arguments: Any) -> None:
-        thread = threading.Thread(target=work, args=arguments, name=type(self).__name__, daemon=True)
-        self._threads.append(thread)
-        thread.start()
+            self._server = serve(self._serve, sock=self._socket, compression=None, close_timeout=0.0)
+            self._thread = threading.Thread(target=self._server.serve_forever, name=type(self).__name__, daemon=True)
+            self._thread.start()
 
     def _shut(self) -> None:
-        """Close the service and every connection to it."""
-        server, self._server = self._server, None
-        if server is not None:
-            with suppress(OSError):
-                server.shutdown(socket.SHUT_RDWR)
-            server.close()
-        for line in list(self._lines):
-            with suppress(OSError):
-                line.shutdown(socket.SHUT_RDWR)
-        for thread in self._threads:
-            thread.join()
-        self._threads.clear()
+        """Close the service and every connection to it, without a farewell."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        if self._server is not None:
+            self._server.shutdown()
+            self._thread.join()
+            self._server = None
+        while self._lines:
+            for line in list(self._lines):
+                with suppress(OSError):
+                    line.socket.shutdown(socket.SHUT_RDWR)
+            self.clock.sleep(IDLE)
 
-    def _welcome(self, server: socket.socket) -> None:
-        while self._server is server:
-            try:
-                line, _ = server.accept()
-            except OSError:
-                return
-            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._lines.add(line)
-            self._start(self._serve, line)
+    def _serve(self, line: ServerConnection) -> None:
+        from websockets.exceptions import ConnectionClosed
 
-    def _serve(self, line: socket.socket) -> None:
-        due = list[tuple[float, bytes]]()
+        due, unread = list[tuple[float, bytes]](), list[bytes]()
+        self._lines.add(line)
         try:
-            peer = ServerLine(line)
-            first = peer.greet()
-            peer.send(self.state(first=True))
-            for message in first:
-                due += self.answer(message)
-            while self._server is not None:
-                wait = min([IDLE, *(max(0.0, when - self.clock.now()) for when, _ in due[:1])])
-                ready = select.select([line], [], [], wait)[0]
+            line.send(self.state(first=True), text=True)
+            while True:
+                with suppress(TimeoutError):
+                    wait = min([IDLE, *(max(0.0, when - self.clock.now()) for when, _ in due[:1])])
+                    unread.append(line.recv(wait, decode=False))
                 with self._turn:
-                    blocked = self._damage.kind == "blocked"
-                    messages = peer.receive() if ready and not blocked else []
-                    if messages is None:
-                        return
-                    for message in messages:
-                        due += self.answer(message)
-                    while not blocked and due and due[0][0] <= self.clock.now():
-                        peer.send(due.pop(0)[1])
-                if blocked:
-                    self.clock.sleep(IDLE)
-        except OSError:
+                    if self._damage.kind == "blocked":
+                        continue
+                    while unread:
+                        due += self.answer(unread.pop(0))
+                    while due and due[0][0] <= self.clock.now():
+                        line.send(due.pop(0)[1], text=True)
+        except (ConnectionClosed, OSError):
             return
         finally:
             self._lines.discard(line)
-            line.close()
 
     def answer(self, text: bytes) -> Iterator[tuple[float, bytes]]:
         """Act on a message, and give what comes of its one answer, with times [s]."""
