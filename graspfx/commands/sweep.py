@@ -83,7 +83,7 @@ def _arguments(options: Namespace) -> dict[str, Any]:
     from graspfx.batch.batch import MEASURED
     from graspfx.batch.statistics import STATISTICS
     from graspfx.sweeps.chunk import RUN
-    from graspfx.sweeps.ranges import read_over
+    from graspfx.sweeps.swept_values import read_over
 
     if not options.over:
         raise InputError("--over", "nothing", "at least one key, as in --over object.viscosity=0.8:1.5:15")

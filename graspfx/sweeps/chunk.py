@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import pickle
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from threading import local
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -13,8 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
+from graspfx import __version__, plugins
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.assembly.engine_versions import version_of
+from graspfx.assembly.named_files import digest_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run import run
 from graspfx.batch.group_runs import Measures, Runs, measured_variants
@@ -22,13 +27,13 @@ from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.row_measures import measures_of_recording
 from graspfx.batch.variants import ForeignPartsError, Variants
-from graspfx.environment import processors
+from graspfx.environment import granted, processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
 from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.vibration import vibration
-from graspfx.sweeps.scene_order import SceneOrder, permitted, take_order
+from graspfx.scene.source import Source
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -41,6 +46,80 @@ _thread = local()  # of each thread the order that it works on, and the memory o
 ALL = {"columns": [], "every": 1}  # what is recorded of a run that is measured afterwards
 RUN = "run"  # the quantity that a run has as a whole
 VERDICT = ("vibration", "unstable")  # its statistics
+
+
+class SweepError(GraspFXError):
+    """A sweep that cannot go on: its folder is another's, or a process of it has other files or another GraspFX."""
+
+
+@dataclass(frozen=True)
+class SceneOrder:
+    """An order to run variants of a scene, which any process takes.
+
+    Attributes:
+        table: the scene as data.
+        source: where it came from.
+        trusted: whether it may name files outside of its folder.
+        duration: instead of the scene's own [s].
+        shapes: of the quantities that are measured, by name.
+        statistics: of each.
+        native: whether a first variant was native throughout.
+        total: variants of the whole sweep.
+        files: digests of the files that the scene names, by their path.
+        engines: versions of the programs that move objects, by their distribution.
+        home: the process that ordered.
+        version: of GraspFX.
+    """
+
+    table: Mapping[str, Any]
+    source: Source
+    trusted: bool
+    duration: float | None
+    shapes: Mapping[str, tuple[int, ...]]
+    statistics: tuple[str, ...]
+    native: bool
+    total: int
+    files: Mapping[str, str]
+    engines: Mapping[str, str]
+    home: tuple[str, int]
+    version: str = __version__
+
+    @property
+    def bytes(self) -> bytes:
+        """The order as bytes."""
+        return pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
+
+
+@lru_cache(maxsize=2)
+def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
+    """Make the scene of an order, once in a process.
+
+    Raises:
+        SweepError: this process has another GraspFX or other files than the one that ordered.
+    """
+    from graspfx.scene.model import Scene
+
+    order: SceneOrder = pickle.loads(content)
+    if order.version != __version__:
+        raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install the same one")
+    for package, version in order.engines.items():
+        if version_of(package) != version:
+            have = f"{package} {version_of(package)}"
+            raise SweepError(f"a worker has {have}, the sweep {version}: install the same one on all machines")
+    for name, digest in order.files.items():
+        own = digest_of(name)
+        if own != digest:
+            state = "is not there" if own is None else "is another"
+            raise SweepError(f"{name} {state} where a worker runs: give all machines the same files by the same paths")
+    with permitted(order):
+        return order, Scene(order.source, **order.table)
+
+
+@contextmanager
+def permitted(order: SceneOrder) -> Iterator[None]:
+    """Trust what the order's user trusts, and look once for what is installed."""
+    with granted(order.trusted), plugins.unchanged():
+        yield
 
 
 @dataclass(frozen=True)
@@ -106,6 +185,16 @@ class ChunkResult:
 
     def __len__(self) -> int:
         return len(self.faults)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Faults and measures by the names that they have in files; they are the result's own, to be filled in."""
+        named = {
+            f"{quantity}_{name}".replace("/", "_"): values
+            for quantity, by_name in self.measures.items()
+            for name, values in by_name.items()
+        }
+        return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
         """Fill in some variants; a quantity may have been measured of them in another shape.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from graspfx.errors import RecordingError
-from graspfx.sweeps.chunk_store import MANIFEST, manifest_of, write_whole
+from graspfx.sweeps.sweep_folder import MANIFEST, manifest_of, write_whole
 
 
 def test_a_full_disk_is_left_no_draft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,7 +24,7 @@ def test_a_full_disk_is_left_no_draft(tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("damage", [{"chunk": 0}, {"created": None}])
 def test_a_manifest_that_no_sweep_wrote_is_none(tmp_path: Path, damage: dict[str, object]) -> None:
-    whole = {"format": 1, "identity": "a", "chunk": 5, "created": "2026"}
+    whole = {"format": 2, "identity": "a", "chunk": 5, "created": "2026"}
     (tmp_path / MANIFEST).write_text(json.dumps(whole))
     assert manifest_of(tmp_path) == whole
     own = {key: value for key, value in {**whole, **damage}.items() if value is not None}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from graspfx.errors import InputError
-from graspfx.sweeps.ranges import Range, read_over
+from graspfx.sweeps.swept_values import Range, read_over
 
 
 @pytest.mark.parametrize(
