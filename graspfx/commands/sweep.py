@@ -170,7 +170,7 @@ def table(result: SweepResult, measure: str = "") -> Iterator[str]:
     """Write the variants with the least and the largest of a measure, and say how many failed and why."""
     from shutil import get_terminal_size
 
-    from graspfx.show.table import ASCII, RULES, Column, lines
+    from graspfx.show.summary_table import ASCII, RULES, Column, lines
 
     name, values = result.scalar(measure)
     order = result.ranking(name).tolist()
