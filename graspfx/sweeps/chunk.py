@@ -150,11 +150,6 @@ class Chunk:
         where = np.asarray(places, dtype=np.intp)
         return Chunk(self.number, self.members[where], self.lists, self.numbers[where])
 
-    def halves(self) -> tuple[Chunk, Chunk]:
-        """Split them in two."""
-        half = len(self) // 2
-        return self.part(np.arange(half)), self.part(np.arange(half, len(self)))
-
 
 @dataclass
 class ChunkResult:
@@ -186,14 +181,15 @@ class ChunkResult:
     def __len__(self) -> int:
         return len(self.faults)
 
+    def _entries(self) -> Iterator[tuple[str, str, NDArray[Any]]]:
+        for quantity, by_name in self.measures.items():
+            for name, whole in by_name.items():
+                yield quantity, name, whole
+
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Faults and measures by the names that they have in files; they are the result's own, to be filled in."""
-        named = {
-            f"{quantity}_{name}".replace("/", "_"): values
-            for quantity, by_name in self.measures.items()
-            for name, values in by_name.items()
-        }
+        named = {f"{quantity}_{name}".replace("/", "_"): whole for quantity, name, whole in self._entries()}
         return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
@@ -202,22 +198,19 @@ class ChunkResult:
         Raises:
             InputError: it was.
         """
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                shape = measures[quantity][name].shape[1:]
-                if shape != whole.shape[1:]:
-                    same = f"the shape {whole.shape[1:]} that it has in other variants"
-                    raise InputError("measure", f"{quantity} of shape {shape}", same)
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
+        for quantity, name, whole in self._entries():
+            shape = measures[quantity][name].shape[1:]
+            if shape != whole.shape[1:]:
+                same = f"the shape {whole.shape[1:]} that it has in other variants"
+                raise InputError("measure", f"{quantity} of shape {shape}", same)
+        for quantity, name, whole in self._entries():
+            whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
         self.faults[where] = faults
 
     def include(self, where: IndexArray, other: ChunkResult) -> None:
         """Fill in the results of a part, by its places."""
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                whole[where] = other.measures[quantity][name]
+        for quantity, name, whole in self._entries():
+            whole[where] = other.measures[quantity][name]
         self.faults[where] = other.faults
         for place, text in zip(where.tolist(), other.failures, strict=True):
             self.failures[place] = text
@@ -251,25 +244,24 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
 
 def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> ChunkResult:
     result = ChunkResult.blank(len(chunk), order.shapes, order.statistics)
-    share = len(chunk) / order.total
-    if order.native:
+
+    def refusal(members: Sequence[int]) -> str:
+        """Run some variants together; say why they do not go so, empty if they do."""
         try:
-            _batch(order, scene, chunk, np.arange(len(chunk)), threads, share, result)
+            _batch(order, scene, chunk, np.array(members), threads, len(chunk) / order.total, result)
         except GraspFXError as error:
-            _require_compiler(error)
-        else:
-            return result
-    alike, alone = _sorted(scene, chunk, result) if order.native else ([], list(range(len(chunk))))
-    if alike:
-        try:
-            _batch(order, scene, chunk, np.array(alike), threads, share, result)
-        except GraspFXError as whole:  # of some that do not go together
-            _require_compiler(whole)
-            for member in alike:
-                try:
-                    _batch(order, scene, chunk, np.array([member]), threads, share, result)
-                except GraspFXError as error:
-                    result.failures[member] = reason(error)
+            if isinstance(error, MissingPackageError) and error.package == COMPILER:
+                raise
+            return reason(error)
+        return ""
+
+    everyone = range(len(chunk))
+    if order.native and not refusal(everyone):
+        return result
+    alike, alone = _sorted(scene, chunk, result) if order.native else ([], list(everyone))
+    if alike and refusal(alike):
+        for member in alike:
+            result.failures[member] = refusal([member])
     for member in alone:
         _run_alone(order, scene, chunk, member, result)
     return result
@@ -323,11 +315,6 @@ def reason(error: Exception) -> str:
 def forget() -> None:
     """Forget what serves further chunks in this thread."""
     _thread.__dict__.clear()
-
-
-def _require_compiler(error: GraspFXError) -> None:
-    if isinstance(error, MissingPackageError) and error.package == COMPILER:
-        raise error
 
 
 def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, result: ChunkResult) -> None:

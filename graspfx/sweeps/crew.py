@@ -221,10 +221,6 @@ class ChunkLoop:
     ) -> None:
         self.crew, self.order, self.finish, self.note = crew, order, finish, note
         self.content = order.bytes
-        self.flying: dict[Future[Any], Chunk] = {}
-        self.suspects: deque[Chunk] = deque()  # each runs with no other beside it
-        self.deaths: dict[int, int] = {}  # of workers, by the number of the chunk that they had alone
-        self.parts: dict[int, tuple[Chunk, ChunkResult, list[int]]] = {}  # of chunks that were split, and what is left
         self.alive = False  # whether workers have done anything yet
 
     def run(self, chunks: Iterable[Chunk]) -> None:
@@ -233,71 +229,64 @@ class ChunkLoop:
         Raises:
             SweepError: workers cannot do it at all, or an executor that is not ours is broken.
         """
-        left = deque(chunks)
+        left, flying = deque(chunks), dict[Future[Any], Chunk]()
+        most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
         try:
-            while left or self.flying or self.suspects:
-                self._hand_out(left)
-                ready, _ = wait(list(self.flying), return_when=FIRST_COMPLETED)
+            while left or flying:
+                while left and len(flying) < most:
+                    chunk = left.popleft()
+                    flying[self._submit(chunk)] = chunk
+                ready, _ = wait(list(flying), return_when=FIRST_COMPLETED)
                 dead: list[Chunk] = []
                 for future in ready:
-                    self._take(self.flying.pop(future), future, dead)
+                    chunk, result = flying.pop(future), self._result(future)
+                    if result is None:
+                        dead.append(chunk)
+                    else:
+                        self.finish(chunk, result)
                 if dead:
-                    self._bury(dead)
+                    self._bury(dead, flying)
         finally:
-            for future in self.flying:
+            for future in flying:
                 future.cancel()
 
-    def _hand_out(self, left: deque[Chunk]) -> None:
-        if self.suspects:
-            if not self.flying:
-                self._submit(self.suspects.popleft())
-            return
-        most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
-        while left and len(self.flying) < most:
-            self._submit(left.popleft())
-
-    def _submit(self, chunk: Chunk) -> None:
+    def _submit(self, chunk: Chunk) -> Future[Any]:
         try:
-            future = self.crew.submit(run_chunk, self.content, chunk, self.crew.threads)
+            return self.crew.submit(run_chunk, self.content, chunk, self.crew.threads)
         except BrokenExecutor as error:
-            future = Future()
+            future: Future[Any] = Future()
             future.set_exception(error)
-        self.flying[future] = chunk
+            return future
 
-    def _take(self, chunk: Chunk, future: Future[Any], dead: list[Chunk]) -> None:
+    def _result(self, future: Future[Any]) -> ChunkResult | None:
+        """Wait for the result of a chunk; None where its worker died."""
         try:
             result: ChunkResult = future.result()
         except BrokenExecutor as error:
             if not self.crew.mends:
                 text = "a process of the executor died, which ends it: sweep again with another, or 'processes:N'"
                 raise SweepError(f"{text}, which goes on by itself") from error
-            dead.append(chunk)
+            return None
         except CancelledError as error:
             raise SweepError("the executor or the cluster was closed before the sweep was over") from error
         except Exception as error:
             if type(error).__name__ != "KilledWorker":  # of dask, after some tries of its own
                 raise
-            self._narrow(chunk)
-        else:
-            self.alive = True
-            self._collect(chunk, result)
+            return None
+        self.alive = True
+        return result
 
-    def _bury(self, dead: list[Chunk]) -> None:
-        """Mend the crew; one of the chunks that ran killed a process, so that each of them is tried alone."""
-        dead += self.flying.values()
-        self.flying.clear()
-        self.crew.mend()
-        if not self.alive:
+    def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
+        """Mend a crew of ours; one of the chunks that ran killed a process, so that each of them is tried alone."""
+        tries = 0  # dask has tried
+        if self.crew.mends:
+            dead += flying.values()
+            flying.clear()
+            self.crew.mend()
             self._require_life()
-        if len(dead) > 1:
-            self.suspects.extend(dead)
-            return
-        [chunk] = dead
-        self.deaths[chunk.number] = self.deaths.get(chunk.number, 0) + 1
-        if self.deaths[chunk.number] < TRIES:
-            self.suspects.appendleft(chunk)
-        else:
-            self._narrow(chunk)
+            tries = TRIES if len(dead) > 1 else TRIES - 1
+        for chunk in dead:
+            self.finish(chunk, self._alone(chunk, tries))
 
     def _require_life(self) -> None:
         """Tell a chunk that kills workers from workers that cannot begin.
@@ -306,34 +295,24 @@ class ChunkLoop:
             SweepError: they cannot.
         """
         try:
-            self.crew.submit(partial(int, 1)).result()
+            self.alive = self.alive or self.crew.submit(partial(int, 1)).result() == 1
         except BrokenExecutor as error:
             raise SweepError(BORN_DEAD) from error
-        self.alive = True
 
-    def _narrow(self, chunk: Chunk) -> None:
-        """Split a chunk that killed its workers; a variant alone is a failure."""
-        if chunk.number not in self.parts:
-            self.parts[chunk.number] = (chunk, self._blank(chunk), [len(chunk)])
+    def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
+        """Run a chunk with no other beside it; one that kills its workers in halves, and a variant is a failure."""
+        for _ in range(tries):
+            result = self._result(self._submit(chunk))
+            if result is not None:
+                return result
+            self.crew.mend()
+        if not told:
             self.note(f"a process died of one of {len(chunk)} variants: they are tried in parts")
-        if len(chunk) > 1:
-            self.suspects.extendleft(reversed(chunk.halves()))
-            return
-        result = self._blank(chunk)
-        result.failures[0] = KILLS
-        self.note(f"variant {chunk.members[0]}: {KILLS}")
-        self._collect(chunk, result)
-
-    def _collect(self, chunk: Chunk, result: ChunkResult) -> None:
-        if chunk.number not in self.parts:
-            self.finish(chunk, result)
-            return
-        whole, total, left = self.parts[chunk.number]
-        total.include(np.searchsorted(whole.members, chunk.members), result)
-        left[0] -= len(chunk)
-        if not left[0]:
-            del self.parts[chunk.number]
-            self.finish(whole, total)
-
-    def _blank(self, chunk: Chunk) -> ChunkResult:
-        return ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
+        whole = ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
+        if len(chunk) == 1:
+            whole.failures[0] = KILLS
+            self.note(f"variant {chunk.members[0]}: {KILLS}")
+            return whole
+        for places in np.array_split(np.arange(len(chunk)), 2):
+            whole.include(places, self._alone(chunk.part(places), 1, told=True))
+        return whole
