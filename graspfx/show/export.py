@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from math import prod
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -188,7 +189,7 @@ def _of_object(recording: Recording, name: str, part: str, like: Column) -> NDAr
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:
     """Convert a recording; its docstring is that of `Recording.to_xarray`."""
-    xr = _xarray("Recording.to_xarray")
+    xr = _package("xarray", "Recording.to_xarray")
     labels = coordinates(recording.layout)
     first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
     variables = (
@@ -205,12 +206,11 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
     return data
 
 
-def _xarray(wanted_by: str) -> Any:
+def _package(name: str, wanted_by: str, extra: str = "data") -> Any:
     try:
-        import xarray
+        return import_module(name)
     except ImportError as error:
-        raise MissingPackageError.of_extra("xarray", wanted_by, "data") from error
-    return xarray
+        raise MissingPackageError.of_extra(name, wanted_by, extra) from error
 
 
 def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
@@ -261,7 +261,7 @@ def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
         batch: the batch.
         labels: its own if not given.
     """
-    xr = _xarray("Batch.to_xarray")
+    xr = _package("xarray", "Batch.to_xarray")
     if labels is None:
         labels = batch_labels(batch)
     variables, scales = (
@@ -344,7 +344,7 @@ BLOCK = 1000  # rows that are written at once
 
 def recording_frame(recording: Recording) -> Any:
     """Convert a recording; its docstring is that of `Recording.to_frame`."""
-    pandas = _pandas("Recording.to_frame")
+    pandas = _package("pandas", "Recording.to_frame")
     frame = pandas.DataFrame(dict(_columns(recording)), index=pandas.Index(recording.time, name="time"))
     frame.attrs = {"scene": recording.header.scene, "units": {each.name: each.unit for each in quantities(recording)}}
     return frame
@@ -352,7 +352,7 @@ def recording_frame(recording: Recording) -> Any:
 
 def batch_frame(batch: Batch) -> Any:
     """Convert a batch; its docstring is that of `Batch.to_frame`."""
-    pandas = _pandas("Batch.to_frame")
+    pandas = _package("pandas", "Batch.to_frame")
     plain = {key: np.asarray(values, dtype=object).ravel() for key, values in batch.values.items()}
     columns: dict[str, Any] = {
         key: [each if isinstance(each, str | float) else repr(each) for each in values] for key, values in plain.items()
@@ -406,23 +406,12 @@ def _columns(
         yield from components(quantity, names)
 
 
-def _pandas(wanted_by: str) -> Any:
-    try:
-        import pandas
-    except ImportError as error:
-        raise MissingPackageError.of_extra("pandas", wanted_by, "data") from error
-    return pandas
-
-
 LOOPS = ("closed", "open")
 
 
 def to_control(linear: Linearisation, loop: str = "closed") -> Any:
     """Convert a linearisation; its docstring is that of `Linearisation.to_control`."""
-    try:
-        import control
-    except ImportError as error:
-        raise MissingPackageError.of_extra("control", "Linearisation.to_control", "control") from error
+    control = _package("control", "Linearisation.to_control", "control")
     if loop not in LOOPS:
         raise UnknownNameError("loop", str(loop), LOOPS)
     m, r = linear.coordinates
