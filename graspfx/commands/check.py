@@ -80,7 +80,7 @@ def _operators(options: Namespace) -> int:
     from graspfx.certificate.certify_operators import SAMPLES, certify_operators
     from graspfx.loop.recording.places import make_folder, placing
     from graspfx.scene.load import load
-    from graspfx.show.operator_figures import gains_sheet, operators_sheet
+    from graspfx.show.certificate_figures import gains_sheet, operators_sheet
     from graspfx.show.style import save
 
     files = (

@@ -78,7 +78,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     """Run a scene and write its files into a folder; return the exit code, and whether the run came to its end."""
     from graspfx.assembly.run import run
     from graspfx.commands.interrupt import interruptible
-    from graspfx.show.remarks import remarks
+    from graspfx.show.summary_table import remarks
 
     if log.is_heard():
         _log_plan(scene)

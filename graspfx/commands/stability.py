@@ -90,7 +90,7 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
     from graspfx.loop.recording.places import make_folder
-    from graspfx.show import loop_figures
+    from graspfx.show import certificate_figures
     from graspfx.show.style import plain
 
     pictures = {name: folder / picture_name(name, options) for name in dict.fromkeys(options.plot)}
@@ -102,13 +102,13 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
     response = loci(linear) if {"bode", "nyquist"} & pictures.keys() else None
     for name, picture in pictures.items():
         if response is not None and name != "z-width":
-            draw = loop_figures.bode if name == "bode" else loop_figures.nyquist
+            draw = certificate_figures.bode if name == "bode" else certificate_figures.nyquist
             drawing = draw(response, options.width, plain(scene.title))
         else:
             mass, damping, delay = float(linear.mass[0]), float(linear.friction[0]), int(linear.delay[0])
             latency = float(linear.latency[0])
             region = z_width(damping, linear.period, mass=mass, delay=delay, latency=latency)
-            drawing = loop_figures.z_width(region, options.width, plain(scene.title))
+            drawing = certificate_figures.z_width(region, options.width, plain(scene.title))
         with placing(picture) as file:
             drawing.save(file, options.format)
     if not options.json:
@@ -118,7 +118,7 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
     from graspfx.loop.recording.places import make_folder
-    from graspfx.show.limit_curves import limits_figure
+    from graspfx.show.certificate_figures import limits_figure
 
     picture = folder / picture_name("stability", options)
     require_place(picture)

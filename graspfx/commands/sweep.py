@@ -83,7 +83,7 @@ def _arguments(options: Namespace) -> dict[str, Any]:
     from graspfx.batch.batch import MEASURED
     from graspfx.batch.statistics import STATISTICS
     from graspfx.sweeps.chunk import RUN
-    from graspfx.sweeps.ranges import read_over
+    from graspfx.sweeps.swept_values import read_over
 
     if not options.over:
         raise InputError("--over", "nothing", "at least one key, as in --over object.viscosity=0.8:1.5:15")
@@ -170,7 +170,7 @@ def table(result: SweepResult, measure: str = "") -> Iterator[str]:
     """Write the variants with the least and the largest of a measure, and say how many failed and why."""
     from shutil import get_terminal_size
 
-    from graspfx.show.table import ASCII, RULES, Column, lines
+    from graspfx.show.summary_table import ASCII, RULES, Column, lines
 
     name, values = result.scalar(measure)
     order = result.ranking(name).tolist()

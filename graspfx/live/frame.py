@@ -18,7 +18,7 @@ from graspfx.loop.recording.header import Header, KeyChange, Outcome
 from graspfx.loop.recording.history import History
 from graspfx.loop.recording.layout import Layout
 from graspfx.show.modes import Modes, directions, modes
-from graspfx.show.picture.described import apart_on_a_line, lifted
+from graspfx.show.picture.instant import apart_on_a_line, lifted
 from graspfx.show.style import CONTACTS
 
 FloatArray = NDArray[np.float64]

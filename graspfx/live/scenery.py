@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError, abbreviate
-from graspfx.show.picture.described import (
+from graspfx.show.picture.instant import (
     APART,
     DOT,
     ENDLESS,
@@ -26,9 +26,8 @@ from graspfx.show.picture.described import (
     obstacles,
     slid,
 )
-from graspfx.show.picture.painter import Camera
+from graspfx.show.picture.painter import Camera, best_view
 from graspfx.show.picture.surfaces import Surface, surface
-from graspfx.show.picture.viewpoint import best_view
 from graspfx.show.style import FINGERS
 
 if TYPE_CHECKING:

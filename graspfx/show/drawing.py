@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from graspfx.loop.recording.record import Recording
-    from graspfx.show.picture.arrows import Forces
+    from graspfx.show.picture.portrait import Forces
     from graspfx.show.sheet import Sheet
 
 

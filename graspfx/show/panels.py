@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.show.modes import Modes, directions, mean, modes
-from graspfx.show.strokes import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
+from graspfx.show.style import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.history import ObjectMotion

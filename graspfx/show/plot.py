@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError
+from graspfx.errors import InputError, RecordingError
 from graspfx.loop.recording.history import History
+from graspfx.loop.recording.record import Recording
 from graspfx.show import style
-from graspfx.show.brief import brief_rows
-from graspfx.show.panels import Curve, Row, View, rows, views
-from graspfx.show.strokes import finger_strokes
-from graspfx.show.style import BAND, HAIR, NEUTRAL, NOTE, panel, plain
-from graspfx.show.thin import thinned
+from graspfx.show.modes import Modes
+from graspfx.show.panels import ALL, MM, Curve, Row, View, curve, pushes, rows, views
+from graspfx.show.style import BAND, HAIR, INK, NEUTRAL, NOTE, PUSHES, SQUEEZE, Stroke, finger_strokes, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +27,112 @@ if TYPE_CHECKING:
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
+
+MOST = 1 << 25  # bytes of rows that are drawn as they are
+SPANS = 1500  # short whiles into which a longer recording is divided
+
+
+class Thinned(Recording):
+    """Rows of a recording that are not equally far apart.
+
+    Args:
+        whole: the recording.
+        rows: some of its rows.
+        numbers: of these rows in it.
+    """
+
+    def __init__(self, whole: Recording, rows: FloatArray, numbers: NDArray[np.intp]) -> None:
+        super().__init__(rows, whole.layout, whole.header, whole.outcome)
+        self._numbers, self._end = numbers, whole.end
+
+    def part(self, first: int, stop: int) -> Thinned:
+        """Give the rows from one up to another."""
+        return Thinned(self, self.rows[first:stop], self._numbers[first:stop])
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """Times of the rows, (N,) [s]."""
+        return self.header.every * self._numbers.astype(float) * self.header.period
+
+    @property
+    def end(self) -> float:
+        """Time at which the run ended [s]."""
+        return self._end
+
+
+def thinned(recording: Recording) -> Recording:
+    """Thin a recording on a disk that is too long to be drawn from memory; others are returned as they are.
+
+    Of each of `SPANS` equal whiles it has the first row, and those in which a number of a drawn quantity (positions,
+    forces and their parts) is least or greatest, so that lines keep their envelopes.
+    """
+    size = 8 * recording.layout.width * len(recording)
+    if not recording.is_stored or size <= MOST or recording.changes:
+        return recording
+    step = -(-len(recording) // SPANS)
+    rows, numbers = [], []
+    for first in range(0, len(recording), step):
+        part = recording.part(first, min(first + step, len(recording)))
+        rows_drawn = _ends(part)
+        rows.append(part.rows[rows_drawn])
+        numbers.append(first + rows_drawn)
+    return Thinned(recording, np.concatenate(rows), np.concatenate(numbers))
+
+
+def _ends(part: Recording) -> NDArray[np.intp]:
+    """Find the rows in which a drawn number is least or greatest, and the first."""
+    names = ["finger_position", "finger_force", "gap"]
+    names += [f"objects/{name}/{place}" for name in part.layout.objects for place in ("position", "orientation")]
+    drawn = [part.array(name) for name in names if name in part.layout.columns]
+    with suppress(RecordingError):  # of one that does not say how forces divide
+        drawn += [part.external_force, part.internal_displacement]
+    numbers = np.concatenate([np.nan_to_num(each.reshape(len(part), -1)) for each in drawn], axis=1)
+    return np.unique(np.concatenate([[0], numbers.argmin(axis=0), numbers.argmax(axis=0)]))
+
+
+HEIGHT = 1.1  # [inches]
+DEPTH = Stroke(INK, SQUEEZE.width)
+
+
+def brief_rows(columns: Sequence[View]) -> list[Row]:
+    """List depth, squeeze and push of what is shown side by side, as far as the recordings say them."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        forces = [view.force_modes for view in columns]
+        pairs = list(zip(columns, forces, strict=True))
+        along = pushes(forces)
+        rows = [
+            Row("depth [mm]", tuple(_depth(view) for view in columns), HEIGHT),
+            Row("squeeze [N]", tuple(_squeeze(view, each) for view, each in pairs), HEIGHT),
+            Row("push [N]", tuple(_pushes(view, each, along) for view, each in pairs), HEIGHT, signed=True),
+        ]
+    return [row for row in rows if any(row.panels)]
+
+
+def _depth(view: View) -> tuple[Curve, ...]:
+    """Plot how deep fingers stand in the surface, a free one not at all: their mean and range."""
+    gap = view.recording.gap if view.has("gap") and view.has("touching") else None
+    if gap is None or not view.fingers:
+        return ()
+    depth = MM * np.where(view.touching, -gap[:, view.fingers], 0.0)
+    return (curve(ALL, depth.mean(axis=1), DEPTH, depth),)
+
+
+def _squeeze(view: View, forces: Modes | None) -> tuple[Curve, ...]:
+    if forces is None or len(view.fingers) < 2:
+        return ()
+    name = "internal force" if len(view.fingers) == 2 else "internal force, mean and range"
+    return (curve(name, forces.mean_squeeze, SQUEEZE, forces.squeeze),)
+
+
+def _pushes(view: View, forces: Modes | None, axes: Sequence[int]) -> tuple[Curve, ...]:
+    if forces is None:
+        return ()
+    names = ["external force" + (f", {'xyz'[a]}" if view.dimensions > 1 else "") for a in axes]
+    return tuple(
+        curve(name, forces.push[:, a], PUSHES[a]) for name, a in zip(names, axes, strict=True) if a < view.dimensions
+    )
+
+
 IntArray = NDArray[np.int64]
 
 EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # at which no title is folded
@@ -134,8 +241,8 @@ def sheet(
 
 def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View], weight: float) -> None:
     for axes, curves, view in zip(panels, row.panels, columns, strict=True):
-        for curve in curves:
-            _draw(axes, view.recording.time, curve, weight)
+        for each in curves:
+            _draw(axes, view.recording.time, each, weight)
         if not curves:
             word = "does not apply" if view.is_whole else "not recorded"
             axes.text(0.5, 0.5, word, transform=axes.transAxes, ha="center", va="center", color=NOTE)

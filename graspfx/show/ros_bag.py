@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError, RecordingError, UnknownNameError
 from graspfx.loop.recording.places import placing, recording_path, require_vacancy
-from graspfx.show.picture.described import lifted
+from graspfx.show.picture.instant import lifted
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording

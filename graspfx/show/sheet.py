@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
     from matplotlib.transforms import Bbox
 
-    from graspfx.show.widths import Width
+    from graspfx.show.style import Width
 
 EDGE = 0.06  # [inches] of paper around everything
 GAP = 0.11  # between panels

@@ -15,23 +15,73 @@ too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike, fspath
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.show.sheet import Sheet
-from graspfx.show.widths import WIDTHS, Width, width_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from PIL.Image import Image
+
+WidthName = Literal["screen", "page", "column"]
+
+
+@dataclass(frozen=True)
+class Width:
+    """A size on paper or screen, and the type that is legible there at its own size.
+
+    Attributes:
+        inches: of the figure; on a screen it grows with the number of columns.
+        text: size of labels, names and numbers [points].
+        share: of a panel's height on a screen.
+        weight: share of the width of lines, and of markers, on a screen.
+        dpi: of a picture in pixels.
+    """
+
+    inches: float
+    text: float
+    share: float
+    weight: float
+    dpi: int
+
+    @property
+    def title(self) -> float:
+        """Size of titles [points]."""
+        return self.text + 1.0
+
+
+WIDTHS: dict[WidthName, Width] = {
+    "screen": Width(6.4, 9.0, 1.0, 1.0, 150),
+    "page": Width(7.2, 8.0, 0.85, 0.85, 300),  # both columns of a journal's page
+    "column": Width(3.5, 7.0, 0.72, 0.7, 300),  # 88 mm
+}
+SCREENS = (6.4, 8.6, 10.0)  # [inches], with one, two and three columns of panels
+FURTHER = 3.2  # with each more
+
+
+def width_of(name: str, columns: int = 1) -> Width:
+    """Look a width up by its name.
+
+    Raises:
+        InputError: no such width.
+    """
+    if name not in WIDTHS:
+        raise InputError("width", name, f"one of {', '.join(WIDTHS)}")
+    if name != "screen":
+        return WIDTHS[name]
+    screen, last = WIDTHS["screen"], len(SCREENS)
+    inches = SCREENS[columns - 1] if columns <= last else SCREENS[-1] + FURTHER * (columns - last)
+    return Width(inches, screen.text, screen.share, screen.weight, screen.dpi)
+
 
 EXTERNAL = "#d55e00"
 """Colour of the external force and of nothing else, in no figure."""
@@ -284,3 +334,56 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
 def plain(text: str) -> str:
     """Write text in which a dollar sign begins no formula."""
     return text.replace("$", r"\$")
+
+
+Dashes = tuple[float, tuple[float, ...]]  # offset, then on and off, in widths of the line
+
+ON, OFF = 5.0, 3.0
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """How a line is drawn.
+
+    Attributes:
+        colour: of the line and its markers.
+        width: [points].
+        dashes: a name of matplotlib's, or offset and lengths.
+        marker: a name of matplotlib's; none if empty.
+        place: of the first marker, as a share of the distance from marker to marker.
+    """
+
+    colour: str
+    width: float = LINE
+    dashes: str | Dashes = "-"
+    marker: str = ""
+    place: float = 0.0
+
+
+OBJECT = Stroke(INK, THICK)  # so wide that it shows on either side of a finger
+FINGERS_TOGETHER = Stroke(NEUTRAL, LINE, (0.0, (ON, OFF)))
+SQUEEZE = Stroke(INTERNAL, 2.6)  # so wide that it shows beneath a push of the same size
+PUSHES = tuple(Stroke(EXTERNAL, LINE, dashes) for dashes in AXES)
+TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
+
+
+def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
+    """Give each finger its colour, its marker, and dashes of which every other one fills the gaps of the one before.
+
+    Args:
+        groups: the names of the fingers in each column; one that comes again keeps its stroke.
+    """
+    half: dict[str, int] = {}
+    for names in groups:
+        for i, name in enumerate(names):
+            half.setdefault(name, i % 2)
+    return {
+        name: Stroke(
+            FINGERS[k % len(FINGERS)],
+            LINE,
+            (half[name] * (ON + OFF) / 2.0, (ON, OFF)),
+            MARKERS[k % len(MARKERS)],
+            (k + 0.5) / len(half),
+        )
+        for k, name in enumerate(half)
+    }

@@ -1,16 +1,106 @@
-"""Summaries of runs as a table on the terminal, several of them side by side."""
+"""Summaries of runs on the terminal: tables, several runs side by side, and warnings."""
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from graspfx.show.table import ASCII, RULES, Column, lines
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.cones.problem import SLIDE
+from graspfx.coupling.fade import BAND
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
+
+BOLD, PLAIN = "\033[1m", "\033[0m"
+RULES = "┃│━╇"  # between the cells of the head, between those of a row, the line below the head, its crossings
+ASCII = "||-+"
+
+
+class Column(NamedTuple):
+    """A title and the cells below it, on the left or the right of their column, which may be folded or not."""
+
+    title: str
+    cells: Sequence[str]
+    right: bool = False
+    folds: bool = False
+
+
+def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bool = False) -> Iterator[str]:
+    """Yield the table line by line.
+
+    Args:
+        columns: with as many cells each.
+        width: of the terminal. Columns that fold share what the others leave of it; cells are folded between words
+            only, so that lines may be longer.
+        rules: as RULES.
+        bold: the head in bold type.
+    """
+    fixed = sum(_widest([each.title, *each.cells]) for each in columns if not each.folds)
+    rest = width - fixed - 3 * (len(columns) - 1)  # a rule with a blank on either side
+    share = rest // max(1, sum(each.folds for each in columns))
+    widths = [_width(each, share) for each in columns]
+    head, row, below, crossing = tuple(rules)
+    titles = [_folded(each.title, size) for each, size in zip(columns, widths, strict=True)]
+    height = max(map(len, titles))
+    for line in _row([[""] * (height - len(each)) + each for each in titles], columns, widths, head):
+        yield f"{BOLD}{line}{PLAIN}" if bold else line
+    yield f"{below}{crossing}{below}".join(below * size for size in widths)
+    for cells in zip(*(each.cells for each in columns), strict=True):
+        yield from _row([_folded(*each) for each in zip(cells, widths, strict=True)], columns, widths, row)
+
+
+def _row(cells: Sequence[list[str]], columns: Sequence[Column], widths: Sequence[int], rule: str) -> Iterator[str]:
+    for part in range(max(map(len, cells))):
+        texts = [cell[part] if part < len(cell) else "" for cell in cells]
+        blanks = [" " * (size - _size(text)) for text, size in zip(texts, widths, strict=True)]
+        parts = zip(texts, blanks, columns, strict=True)
+        yield f" {rule} ".join(blank + text if each.right else text + blank for text, blank, each in parts)
+
+
+def _width(column: Column, share: int) -> int:
+    width = _widest([column.title, *column.cells])
+    if not column.folds or width <= share:
+        return width
+    return max(share, _widest(word for text in (column.title, *column.cells) for word in text.split()))
+
+
+def _widest(texts: Iterable[str]) -> int:
+    return max((_size(line) for text in texts for line in text.split("\n")), default=0)
+
+
+def _folded(text: str, width: int) -> list[str]:
+    """Fold into lines of at most `width`, broken between words, and within a word only where it is longer."""
+    lines = []
+    for line in text.split("\n"):
+        full = ""
+        for word in line.split(" "):
+            joined = f"{full} {word}" if full else word
+            if full and _size(joined) > width:
+                lines.append(full.rstrip())
+                joined = word
+            while _size(joined) > width:
+                cut = max(1, next(i for i in range(len(joined) + 1) if _size(joined[:i]) > width) - 1)
+                lines.append(joined[:cut])
+                joined = joined[cut:]
+            full = joined
+        lines.append(full)
+    return lines
+
+
+def _size(text: str) -> int:
+    """Count the terminal columns of a text: two for a wide letter, none for an accent on the letter before it."""
+    if text.isascii():
+        return len(text)
+    from unicodedata import combining, east_asian_width
+
+    return sum(0 if combining(letter) else 1 + (east_asian_width(letter) in "WF") for letter in text)
+
 
 MOST_CHANGES = 8  # in mid-run that are printed
 
@@ -139,3 +229,70 @@ def _change(before: Any, after: Any) -> str:
         return ""
     text = f"{(after / before - 1.0) * 100.0:+.0f} %"
     return "+0 %" if text == "-0 %" else text
+
+
+FELL = 1e-3  # [m]: an object that is put down sinks less
+MOST_TOUCHES = 10  # of one finger: a hand does not close as often in a run
+FASTEST = 5.0  # [1/s]: nor as fast
+
+
+def remarks(recording: Recording) -> list[str]:
+    """Write a sentence for each warning; none for a run of attached contacts, or without a tick."""
+    needs = {"gap", "touching", *(f"objects/{name}/position" for name in recording.layout.objects)}
+    if not needs.isdisjoint(recording.layout.omitted) or recording.gap is None or not len(recording):
+        return []
+    return [*_shortfall(recording), *_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
+
+
+def _shortfall(recording: Recording) -> Iterator[str]:
+    """Free fingers that left the split where they could still touch again."""
+    needed = recording.outcome.fade_needed
+    if needed > 0.0:
+        h1 = 1e-4 * math.ceil(1e4 * needed)
+        short = _length(recording.outcome.fade_shortfall)
+        yield (
+            f"free fingers began to leave the split {short} too near for the forces of this run: "
+            f"set coupling.fade = [{h1:.4g}, {h1 + BAND:.4g}]"
+        )
+
+
+def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
+    layout = recording.layout
+    for i in np.flatnonzero(~recording.touching.any(axis=0)):
+        name = layout.objects[layout.finger_objects[i]]
+        yield f"{layout.fingers[i]} never touches {name}: {_length(gap[:, i].min())} away at the nearest"
+
+
+def _lost(recording: Recording) -> Iterator[str]:
+    """List objects that every finger leaves for good, and that slide out of the last ones or fall afterwards."""
+    layout = recording.layout
+    down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
+    down /= np.linalg.norm(down) or 1.0
+    for number, name in enumerate(layout.objects):
+        own = np.flatnonzero(np.array(layout.finger_objects) == number)
+        ticks = np.flatnonzero(recording.touching[:, own].any(axis=1))
+        if not ticks.size or ticks[-1] == len(recording) - 1:
+            continue
+        last = ticks[-1]
+        left = own[recording.touching[last, own]]
+        slid = recording.status is not None and bool((recording.status[last, left] == SLIDE).all())
+        position = recording.objects[name].position[last:] @ down
+        fell = float(np.nanmax(position) - position[0])
+        remarks = ["slides out of the fingers"] if slid else []
+        remarks += [f"falls by {_length(fell)}"] if fell > FELL else []
+        if remarks:
+            yield f"{name} {' and '.join(remarks)}: none touches it after {recording.time[last]:.4g} s"
+
+
+def _chatter(recording: Recording) -> Iterator[str]:
+    touching = recording.touching
+    touches = (touching[1:] & ~touching[:-1]).sum(axis=0)
+    often = np.flatnonzero(touches > max(MOST_TOUCHES, FASTEST * recording.end))
+    if often.size:
+        names = ", ".join(recording.layout.fingers[i] for i in often)
+        verb = "touches and lets" if often.size == 1 else "touch and let"
+        yield f"{names} {verb} go up to {touches.max()} times: contacts ring where stiffness and period are too large"
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"

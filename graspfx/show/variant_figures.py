@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.show import style
-from graspfx.show.key_names import label_of
-from graspfx.show.limit_curves import rim
+from graspfx.show.certificate_figures import rim
+from graspfx.show.export import label_of
 from graspfx.show.style import CONTACTS, INK, NEUTRAL, NOTE, panel, plain
 
 if TYPE_CHECKING:
@@ -170,12 +170,13 @@ def _maps(
     panel(drawing.panels[-1, across // 2], x=x.label)
     drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=_label(surface))
     edged = surface.unstable is not None and surface.unstable.any() and not surface.unstable.all()
-    marks = [
-        *([_bad_mark()] if bad.any() else []),
-        *([_edge_mark()] if edged else []),
-        *([_limit_mark()] if limited else []),
-        *([_unjudged_mark()] if margins is not None and np.isnan(margins.values).any() else []),
-    ]
+    marks = [_bad_mark()] if bad.any() else []
+    if edged:
+        marks.append(_mark(EDGE, color=BAD, lw=1.4))
+    if limited:
+        marks.append(_mark(LIMIT, color="white", lw=1.4, ls=DASHES, path_effects=rim(1.0)))
+    if margins is not None and np.isnan(margins.values).any():
+        marks.append(_mark(UNJUDGED, ls="", marker="$?$", ms=4.0, color=BAD))
     if marks:
         drawing.legend(0, marks)
     return drawing
@@ -380,28 +381,15 @@ def _cross(ax: Axes, places: FloatArray) -> None:
     )
 
 
+def _mark(label: str, **look: Any) -> Any:
+    """Make an entry of a legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **look)
+
+
 def _bad_mark() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], ls="", marker="x", ms=4.0, color=BAD, label=CROSSES)
-
-
-def _edge_mark() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=BAD, lw=1.4, label=EDGE)
-
-
-def _limit_mark() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color="white", lw=1.4, ls=DASHES, path_effects=rim(1.0), label=LIMIT)
-
-
-def _unjudged_mark() -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], ls="", marker="$?$", ms=4.0, color=BAD, label=UNJUDGED)
+    return _mark(CROSSES, ls="", marker="x", ms=4.0, color=BAD)
 
 
 def _label(surface: Surface) -> str:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import pickle
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from threading import local
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -13,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
+from graspfx import __version__, plugins
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.assembly.provenance import digest_of, version_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run import run
 from graspfx.batch.group_runs import Measures, Runs, measured_variants
@@ -22,13 +26,13 @@ from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.row_measures import measures_of_recording
 from graspfx.batch.variants import ForeignPartsError, Variants
-from graspfx.environment import processors
+from graspfx.environment import granted, processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
 from graspfx.loop.recording.growth import growths
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.vibration import vibration
-from graspfx.sweeps.scene_order import SceneOrder, permitted, take_order
+from graspfx.scene.source import Source
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -41,6 +45,80 @@ _thread = local()  # of each thread the order that it works on, and the memory o
 ALL = {"columns": [], "every": 1}  # what is recorded of a run that is measured afterwards
 RUN = "run"  # the quantity that a run has as a whole
 VERDICT = ("vibration", "unstable")  # its statistics
+
+
+class SweepError(GraspFXError):
+    """A sweep that cannot go on: its folder is another's, or a process of it has other files or another GraspFX."""
+
+
+@dataclass(frozen=True)
+class SceneOrder:
+    """An order to run variants of a scene, which any process takes.
+
+    Attributes:
+        table: the scene as data.
+        source: where it came from.
+        trusted: whether it may name files outside of its folder.
+        duration: instead of the scene's own [s].
+        shapes: of the quantities that are measured, by name.
+        statistics: of each.
+        native: whether a first variant was native throughout.
+        total: variants of the whole sweep.
+        files: digests of the files that the scene names, by their path.
+        engines: versions of the programs that move objects, by their distribution.
+        home: the process that ordered.
+        version: of GraspFX.
+    """
+
+    table: Mapping[str, Any]
+    source: Source
+    trusted: bool
+    duration: float | None
+    shapes: Mapping[str, tuple[int, ...]]
+    statistics: tuple[str, ...]
+    native: bool
+    total: int
+    files: Mapping[str, str]
+    engines: Mapping[str, str]
+    home: tuple[str, int]
+    version: str = __version__
+
+    @property
+    def bytes(self) -> bytes:
+        """The order as bytes."""
+        return pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
+
+
+@lru_cache(maxsize=2)
+def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
+    """Make the scene of an order, once in a process.
+
+    Raises:
+        SweepError: this process has another GraspFX or other files than the one that ordered.
+    """
+    from graspfx.scene.model import Scene
+
+    order: SceneOrder = pickle.loads(content)
+    if order.version != __version__:
+        raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install the same one")
+    for package, version in order.engines.items():
+        if version_of(package) != version:
+            have = f"{package} {version_of(package)}"
+            raise SweepError(f"a worker has {have}, the sweep {version}: install the same one on all machines")
+    for name, digest in order.files.items():
+        own = digest_of(name)
+        if own != digest:
+            state = "is not there" if own is None else "is another"
+            raise SweepError(f"{name} {state} where a worker runs: give all machines the same files by the same paths")
+    with permitted(order):
+        return order, Scene(order.source, **order.table)
+
+
+@contextmanager
+def permitted(order: SceneOrder) -> Iterator[None]:
+    """Trust what the order's user trusts, and look once for what is installed."""
+    with granted(order.trusted), plugins.unchanged():
+        yield
 
 
 @dataclass(frozen=True)
@@ -70,11 +148,6 @@ class Chunk:
         """Give some of them, by their places in the chunk."""
         where = np.asarray(places, dtype=np.intp)
         return Chunk(self.number, self.members[where], self.lists, self.numbers[where])
-
-    def halves(self) -> tuple[Chunk, Chunk]:
-        """Split them in two."""
-        half = len(self) // 2
-        return self.part(np.arange(half)), self.part(np.arange(half, len(self)))
 
 
 @dataclass
@@ -107,28 +180,36 @@ class ChunkResult:
     def __len__(self) -> int:
         return len(self.faults)
 
+    def _entries(self) -> Iterator[tuple[str, str, NDArray[Any]]]:
+        for quantity, by_name in self.measures.items():
+            for name, whole in by_name.items():
+                yield quantity, name, whole
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Faults and measures by the names that they have in files; they are the result's own, to be filled in."""
+        named = {f"{quantity}_{name}".replace("/", "_"): whole for quantity, name, whole in self._entries()}
+        return {"fault_tick": self.faults, **named}
+
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
         """Fill in some variants; a quantity may have been measured of them in another shape.
 
         Raises:
             InputError: it was.
         """
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                shape = measures[quantity][name].shape[1:]
-                if shape != whole.shape[1:]:
-                    same = f"the shape {whole.shape[1:]} that it has in other variants"
-                    raise InputError("measure", f"{quantity} of shape {shape}", same)
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
+        for quantity, name, whole in self._entries():
+            shape = measures[quantity][name].shape[1:]
+            if shape != whole.shape[1:]:
+                same = f"the shape {whole.shape[1:]} that it has in other variants"
+                raise InputError("measure", f"{quantity} of shape {shape}", same)
+        for quantity, name, whole in self._entries():
+            whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
         self.faults[where] = faults
 
     def include(self, where: IndexArray, other: ChunkResult) -> None:
         """Fill in the results of a part, by its places."""
-        for quantity, by_name in self.measures.items():
-            for name, whole in by_name.items():
-                whole[where] = other.measures[quantity][name]
+        for quantity, name, whole in self._entries():
+            whole[where] = other.measures[quantity][name]
         self.faults[where] = other.faults
         for place, text in zip(where.tolist(), other.failures, strict=True):
             self.failures[place] = text
@@ -162,25 +243,24 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
 
 def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> ChunkResult:
     result = ChunkResult.blank(len(chunk), order.shapes, order.statistics)
-    share = len(chunk) / order.total
-    if order.native:
+
+    def refusal(members: Sequence[int]) -> str:
+        """Run some variants together; say why they do not go so, empty if they do."""
         try:
-            _batch(order, scene, chunk, np.arange(len(chunk)), threads, share, result)
+            _batch(order, scene, chunk, np.array(members), threads, len(chunk) / order.total, result)
         except GraspFXError as error:
-            _require_compiler(error)
-        else:
-            return result
-    alike, alone = _sorted(scene, chunk, result) if order.native else ([], list(range(len(chunk))))
-    if alike:
-        try:
-            _batch(order, scene, chunk, np.array(alike), threads, share, result)
-        except GraspFXError as whole:  # of some that do not go together
-            _require_compiler(whole)
-            for member in alike:
-                try:
-                    _batch(order, scene, chunk, np.array([member]), threads, share, result)
-                except GraspFXError as error:
-                    result.failures[member] = reason(error)
+            if isinstance(error, MissingPackageError) and error.package == COMPILER:
+                raise
+            return reason(error)
+        return ""
+
+    everyone = range(len(chunk))
+    if order.native and not refusal(everyone):
+        return result
+    alike, alone = _sorted(scene, chunk, result) if order.native else ([], list(everyone))
+    if alike and refusal(alike):
+        for member in alike:
+            result.failures[member] = refusal([member])
     for member in alone:
         _run_alone(order, scene, chunk, member, result)
     return result
@@ -234,11 +314,6 @@ def reason(error: Exception) -> str:
 def forget() -> None:
     """Forget what serves further chunks in this thread."""
     _thread.__dict__.clear()
-
-
-def _require_compiler(error: GraspFXError) -> None:
-    if isinstance(error, MissingPackageError) and error.package == COMPILER:
-        raise error
 
 
 def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, result: ChunkResult) -> None:

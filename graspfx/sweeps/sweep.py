@@ -8,37 +8,40 @@ import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import __version__, log, plugins
 from graspfx.analysis.arguments import count
+from graspfx.assembly.build import build
 from graspfx.assembly.provenance import engine_versions, files_of, source_name
+from graspfx.assembly.resolve import require_prompt_simulations, resolve
+from graspfx.assembly.run import ticks_of
+from graspfx.assembly.session import warn_of_axes
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
 from graspfx.environment import is_granted
-from graspfx.errors import InputError
+from graspfx.errors import InputError, SceneError
+from graspfx.loop.foreign import foreign, guests, looked_ahead
+from graspfx.loop.recording.layout import Layout
 from graspfx.progress import waiting
-from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, forget
-from graspfx.sweeps.chunk_loop import ChunkLoop
-from graspfx.sweeps.chunk_store import ChunkStore, folder_of, now, open_store, write_whole
-from graspfx.sweeps.crews import Crew, crew_of
-from graspfx.sweeps.first_look import Prospect, look_at
-from graspfx.sweeps.identity import identity_of, sweep_parts
-from graspfx.sweeps.netcdf import is_whole, netcdf
-from graspfx.sweeps.scene_order import SceneOrder, SweepError
+from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, SceneOrder, SweepError, column_of, forget
+from graspfx.sweeps.crew import ChunkLoop, Crew, crew_of
+from graspfx.sweeps.sweep_folder import SweepFolder, folder_of, identity_of, now, open_folder, sweep_parts
 from graspfx.sweeps.sweep_result import SweepResult
-from graspfx.sweeps.variant_grid import VariantGrid, make_grid, scattered
+from graspfx.sweeps.swept_values import VariantGrid, make_grid, scattered
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 TICKS = 2_000_000  # of a chunk of native variants: a second or two
 ALONE = 100_000  # of one whose variants run one by one
+MOST_LOOKS = 64  # variants that are looked at until one is a scene
 LEAST_SHARE = 4  # chunks for each worker, where the sweep is long enough
 
 
@@ -123,7 +126,10 @@ def sweep(
     )  # fmt: skip
     with crew_of(executor) as crew:
         size = chunk or _size(len(variants), prospect, crew)
-        with _store(folder, parts, size, resume=resume, overwrite=overwrite) as store:
+        opened = (
+            nullcontext() if folder is None else open_folder(folder, parts, size, resume=resume, overwrite=overwrite)
+        )
+        with opened as store:
             if store is not None and store.removal:
                 log.warn(store.removal, SweepWarning)
             work = Work(scene_, variants, order, prospect, size if store is None else store.size, store)
@@ -139,10 +145,62 @@ def _size(count: int, prospect: Prospect, crew: Crew) -> int:
     return max(1, min(suits, max(share, suits // LEAST_SHARE)))
 
 
-def _store(folder: Any, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool) -> Any:
-    if folder is None:
-        return nullcontext()
-    return open_store(folder, parts, size, resume=resume, overwrite=overwrite)
+class Prospect(NamedTuple):
+    """Sight of a sweep before it begins: of a variant that is a scene."""
+
+    layout: Layout
+    shapes: dict[str, tuple[int, ...]]
+    native: bool
+    ticks: int
+
+
+def look_at(scene: Scene, variants: VariantGrid, duration: float | None, measure: Sequence[str]) -> Prospect:
+    """Look at the first variant that is a scene, of some all over the sweep.
+
+    Raises:
+        SceneError: none of them is: that of the first, with its values.
+        InputError: a scene with hardware, or a duration that is none.
+        UnknownNameError: a quantity that it does not have.
+        MissingPackageError: a package that it needs.
+    """
+    first: SceneError | None = None
+    for number in spread(len(variants)):
+        overrides = variants.overrides(number)
+        try:
+            variant = scene.replace(overrides)
+            variant.require_reach()
+        except SceneError as error:
+            first = first or error
+            continue
+        return _prospect(variant, duration, measure)
+    assert first is not None
+    raise first
+
+
+def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> Prospect:
+    parts = resolve(scene)
+    if parts.hardware:
+        names = ", ".join(parts.hardware)
+        raise InputError("scene", names, "simulated devices", "a sweep moves no hardware: nobody watches all its runs")
+    require_prompt_simulations(parts)
+    warn_of_axes(parts)
+    ticks = ticks_of(scene.duration if duration is None else duration, scene.period)
+    with build(scene) as servo:
+        layout = servo.layout
+        shapes = {name: column_of(layout, name).shape for name in measure}
+        native = not any((*foreign(servo), *guests(servo), *looked_ahead(servo)))
+    return Prospect(layout, shapes, native, ticks)
+
+
+def spread(count: int) -> Iterator[int]:
+    """Give some numbers below a count: the first, the last, then those in the middle of what is left."""
+    seen: set[int] = set()
+    shares = (0.0, 1.0, *((2 * k + 1) / 2**level for level in range(1, 8) for k in range(2 ** (level - 1))))
+    for share in shares:
+        number = round(share * (count - 1))
+        if number not in seen and len(seen) < MOST_LOOKS:
+            seen.add(number)
+            yield number
 
 
 @dataclass
@@ -162,7 +220,7 @@ class Work:
     order: SceneOrder
     prospect: Prospect
     size: int
-    store: ChunkStore | None
+    store: SweepFolder | None
     total: ChunkResult = field(init=False)
     members: list[NDArray[np.intp]] = field(init=False)
     missing: list[int] = field(default_factory=list)
@@ -214,9 +272,16 @@ class Work:
 
     def _finish(self, chunk: Chunk, result: ChunkResult) -> None:
         if self.store is not None:
-            self.store.save(chunk.number, result)
+            self.store.save(chunk.number, result, self._dimensions)
         self.total.include(chunk.members, result)
         self.done += len(result)
+
+    @cached_property
+    def _dimensions(self) -> dict[str, tuple[str, ...]]:
+        """Names of the axes of what a chunk has, but for that of variants."""
+        columns = {name: column_of(self.prospect.layout, name) for name in self.order.shapes}
+        named = [column.dimensions for name, column in columns.items() for _ in self.total.measures[name]]
+        return dict(zip(self.total.arrays, [(), *named], strict=True))
 
     @staticmethod
     def _note(text: str) -> None:
@@ -228,7 +293,7 @@ class Work:
         try:
             yield
         except KeyboardInterrupt:
-            done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.folder}"
+            done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.path}"
             text = f"{done} of {len(self.variants)} variants are done{where}"
             how = "the same call, with resume, goes on from there" if self.store else "without `out` they are lost"
             raise KeyboardInterrupt(f"{text}: {how}") from None
@@ -253,15 +318,15 @@ class Work:
             scene=source_name(self.scene.source),
             layout=self.prospect.layout,
             failure=np.array(total.failures, dtype=object).reshape(shape),
-            folder=None if self.store is None else self.store.folder,
+            folder=None if self.store is None else self.store.path,
             about=self._about(parts),
             resumed=self.resumed,
             seconds=(took, total.seconds),
             base=self.scene,
         )
-        if self.store is not None and (self.done or not is_whole(self.store.final, self.store.identity)):
+        if self.store is not None and (self.done or not self.store.is_finished):
             with waiting(f"writing {self.store.final.name}"):
-                write_whole(self.store.final, netcdf(result.labels()))
+                self.store.finish(result.labels())
         return result
 
     def _about(self, parts: Mapping[str, Any]) -> dict[str, Any]:

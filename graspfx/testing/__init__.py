@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from graspfx.testing.conformance import BlindSpot, DeviceReport
-from graspfx.testing.device_promises import check_device
-from graspfx.testing.promise import ConformanceError
+from graspfx.testing.device_promises import check_device, driver
+from graspfx.testing.promise import BlindSpot, ConformanceError, DeviceReport
 from graspfx.testing.scene_promises import check_scene
-from graspfx.testing.shelf import driver
 
 __all__ = ["BlindSpot", "ConformanceError", "DeviceReport", "check_device", "check_scene", "driver"]
 

@@ -5,39 +5,56 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from os import PathLike
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx import plugins
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Device, Features, LimitedDevice, SimulatedDevice
 from graspfx.loop.hand import Hand
 from graspfx.loop.plant import Plant
-from graspfx.testing.conformance import (
-    ALONE,
+from graspfx.testing.promise import (
     ALWAYS,
     FORCELESS,
     HARDWARE,
     NO_LIMIT,
     NOT_NEWTONS,
+    ONE_DEVICE,
     PERSON,
     SIMULATED,
     BlindSpot,
     DeviceReport,
+    Promise,
+    Promises,
 )
-from graspfx.testing.feature_promises import check_features
-from graspfx.testing.promise import Promise, Promises
 from graspfx.testing.wire_promises import check_second, check_wire, displays, unseen
 
 if TYPE_CHECKING:
-    from graspfx.testing.wire.wire import Wire
+    from graspfx.testing.wire import Wire
 
 FloatArray = NDArray[np.float64]
 
 TICKS = 20
 PULL = 1e-3  # how far a hand pulls a simulated finger [m]
 ROUNDING = 1e-9  # [m], and relative
+
+
+def driver(name: str | PathLike[str]) -> ModuleType:
+    """Import a driver: a module with `connect(**settings)`, which returns a `graspfx.protocols.Device`.
+
+    Args:
+        name: on the shelf, of another distribution's, or the path of a .py file.
+
+    Raises:
+        UnknownNameError: no driver has that name.
+        InputError: the path leads to no file.
+        PluginError: a file that cannot be imported.
+    """
+    return plugins.load_blaming("devices", name)
 
 
 def check_device(
@@ -107,7 +124,7 @@ def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
         if not bench.newtons:
             yield NOT_NEWTONS
     if not factory:
-        yield ALONE
+        yield ONE_DEVICE
     yield from ALWAYS
 
 
@@ -116,7 +133,7 @@ class _Bench:
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period
-        self.features = check_features(device, promises)
+        self.features = _check_features(device, promises)
         self.shape = self.features.fingers, self.features.dimensions
         self.start = _start(self.features, start)
         self.plant: Plant | None = None
@@ -152,6 +169,41 @@ class _Bench:
         f = np.zeros(self.shape)
         f[slice(None) if finger is None else finger, 0] = size
         return f
+
+
+def _check_features(device: Device, promises: Promises) -> Features:
+    """Check the features that a device tells before it is opened, and give them."""
+    with promises("features are told before `open`, and what is not known is None, never zero") as promise:
+        features = device.features
+        k, d = features.fingers, features.dimensions
+        promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
+        promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, which is not 1, 2 or 3")
+        for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution", "watchdog", "rate"):
+            value = getattr(features, name)
+            nothing = name == "continuous_force" and value == 0.0 and features.peak_force is None
+            good = value is None or nothing or (math.isfinite(value) and value > 0.0)
+            promise.holds(good, f"{name} = {value!r}")
+        for name in ("damping", "friction", "latency", "lateness"):
+            value = getattr(features, name)
+            promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
+        delay = features.delay
+        promise.holds(
+            delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, which is no count of samples"
+        )
+        if features.continuous_force is not None and features.peak_force is not None:
+            finding = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
+            promise.holds(features.continuous_force <= features.peak_force, finding)
+        if features.workspace is not None:
+            lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
+            promise.holds(
+                lower.shape == upper.shape == (d,) and np.isfinite((lower, upper)).all() and (lower < upper).all(),
+                f"workspace = {features.workspace!r}, which is no pair of a lower and a higher corner ({d},)",
+            )
+    return features
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _check_one(device: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> _Bench:

@@ -1,7 +1,8 @@
-"""A promise while it is put to the test, and the error that names the one that was broken."""
+"""A promise put to the test, the error that names a broken one, and the report of those that a device keeps."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import TracebackType
 
 from graspfx.errors import GraspFXError
@@ -55,3 +56,102 @@ class Promises:
     def __call__(self, text: str) -> Promise:
         """Put a promise to the test, in a `with` statement."""
         return Promise(text, self._subject, self.texts)
+
+
+@dataclass(frozen=True)
+class BlindSpot:
+    """A promise of a device that passing the kit does not show to be kept.
+
+    Attributes:
+        promise: what the protocol asks for.
+        reason: why the kit cannot see it, or what it has seen instead.
+    """
+
+    promise: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.promise} ({self.reason})"
+
+
+@dataclass(frozen=True, repr=False)
+class DeviceReport:
+    """Promises of a device that were checked and are kept, and those that the kit could not see.
+
+    Attributes:
+        checks: promises in the order in which they were checked; each is worded as far as it was.
+        not_visible: promises that a driver may break and still pass: to be tried on the bench, with a force gauge and
+            a ruler, before a person holds the device.
+        needs_person: promises of the hardware itself, which no program can see: each with what to do.
+    """
+
+    checks: tuple[str, ...]
+    not_visible: tuple[BlindSpot, ...]
+    needs_person: tuple[BlindSpot, ...] = ()
+
+    def __str__(self) -> str:
+        parts = (
+            ("passed", self.checks),
+            ("not visible", self.not_visible),
+            ("needs a person", self.needs_person),
+        )
+        return "\n".join(f"{name}:\n" + "\n".join(f"  - {each}" for each in lines) for name, lines in parts if lines)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+# Promises of hardware, worded as far as nobody sees them; on a wire they are seen.
+ZERO = "`stop` and `close` are zero force"
+NOT_FINITE = "a force that is not finite is displayed as zero"
+LIMIT = "the force limit is applied, last"
+NEWTONS = "a force reaches its own finger, in its direction, in newtons"
+METRES = "positions are in metres, velocities in metres a second, each of its own finger and axis"
+SECONDS = "the time is that of the reading, in seconds"
+ALONE = "the device loses its force when nobody writes any more"
+
+HARDWARE = (
+    BlindSpot(ZERO, "the kit does not see the wire, only that the calls return"),
+    BlindSpot(NOT_FINITE, "it sees that DeviceError is raised, not what is displayed"),
+    BlindSpot(LIMIT, "it writes small forces only, and does not see what is displayed"),
+    BlindSpot(NEWTONS, "it does not see what the actuators do"),
+    BlindSpot(
+        METRES,
+        "it sees their shape and that they are finite: millimetres pass",
+    ),
+    BlindSpot(SECONDS, "it sees that it does not run back"),
+    BlindSpot(ALONE, "it cannot let the program die"),
+)
+"""What is not visible in a device without a plant."""
+
+PERSON = (
+    BlindSpot("the motors do what the wire says", "a force gauge: newtons, directions and signs of every finger"),
+    BlindSpot(
+        "lengths, encoders and axes are those of the settings", "a ruler: put the finger at places that you know"
+    ),
+    BlindSpot("the emergency stop takes the power away", "press it while a force is displayed"),
+)
+"""Promises of hardware that only a person can try."""
+
+FORCELESS = HARDWARE[4:6]
+"""What is not visible in hardware that displays no force."""
+
+SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
+"""What is not visible in a simulated device, moved by its plant."""
+
+NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so that none was looked for")
+NOT_NEWTONS = BlindSpot(
+    "forces, and their limit, in newtons",
+    "efforts are in other units: it sees whose they are, and that they have an end",
+)
+ONE_DEVICE = BlindSpot(
+    "two devices of a kind do not know each other", "one device was given: give a function that makes one"
+)
+ALWAYS = (
+    BlindSpot("`read` and `write` neither wait nor allocate more than they must", "no clock is looked at"),
+    BlindSpot(
+        "mass, friction, stiffness, damping and delay are those that `features` tells",
+        "it sees that the numbers make sense",
+    ),
+)
+"""What is not visible in any device."""

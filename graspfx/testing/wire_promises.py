@@ -8,34 +8,35 @@ import select
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
 from graspfx.loop.device import Device, Features, LimitedDevice, QuenchableDriver
-from graspfx.testing.conformance import BlindSpot
-from graspfx.testing.promise import Promise, Promises
-from graspfx.testing.wire_bench import PATIENCE, WireBench
+from graspfx.testing.promise import (
+    ALONE,
+    LIMIT,
+    METRES,
+    NEWTONS,
+    NOT_FINITE,
+    SECONDS,
+    ZERO,
+    BlindSpot,
+    Promise,
+    Promises,
+)
 
 if TYPE_CHECKING:
-    from graspfx.testing.wire.wire import Failure, Wire
+    from graspfx.testing.wire import Failure, Wire
 
 FloatArray = NDArray[np.float64]
 
-# Promises, worded as where nobody sees them (`conformance.HARDWARE`).
-ZERO = "`stop` and `close` are zero force"
-NOT_FINITE = "a force that is not finite is displayed as zero"
-LIMIT = "the force limit is applied, last"
-NEWTONS = "a force reaches its own finger, in its direction, in newtons"
-METRES = "positions are in metres, velocities in metres a second, each of its own finger and axis"
-SECONDS = "the time is that of the reading, in seconds"
-ALONE = "the device loses its force when nobody writes any more"
-
+PATIENCE = 0.3  # for an emulator to act [s]
 MOTION = 2.0  # for a finger to come where it is put [s]
 LONGEST = 20.0  # for another process to open the device [s]
 TICKS = 40  # of a failure
@@ -49,7 +50,7 @@ RECKONING = 0.5  # of the time or the velocity: seconds are told from millisecon
 
 def check_wire(device: Device, wire: Wire, promises: Promises, period: float, force: float) -> None:
     """Check what is seen on the wire; the device is closed, and is closed afterwards."""
-    bench = WireBench(device, wire, period, force)
+    bench = _Bench(device, wire, period, force)
     try:
         _check_motion(bench, promises)
         if displays(bench.features):
@@ -104,7 +105,76 @@ def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
         )
 
 
-def _check_motion(bench: WireBench, promises: Promises) -> None:
+class _Bench:
+    """A device on its wire: opened with the fingers at home, and ticked."""
+
+    def __init__(self, device: Device, wire: Wire, period: float, force: float) -> None:
+        self.device, self.wire, self.period = device, wire, period
+        self.features: Features = device.features
+        self.shape = self.features.fingers, self.features.dimensions
+        peak = self.features.peak_force
+        self.size = force if peak is None else min(force, 0.5 * peak)
+        self.forces: FloatArray = np.full(self.shape, self.size / math.sqrt(self.shape[1]))
+
+    def open(self) -> None:
+        """Open the device, afresh, with the fingers at home."""
+        self.device.close()
+        self.wire.home()
+        self.device.open(self.period)
+
+    def tick(self, forces: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
+        p, v, now = self.device.read()
+        p, v = p.copy(), v.copy()
+        self.device.write(np.zeros(self.shape) if forces is None else forces)
+        return p, v, now
+
+    @property
+    def patience(self) -> float:
+        """Time in which the wire must show something before a watchdog of the hardware would [s]."""
+        watchdog = self.device.features.watchdog
+        return PATIENCE if watchdog is None else min(PATIENCE, 0.5 * watchdog * self.wire.slowness)
+
+    def push(self) -> None:
+        """Write a small force until it is on the wire."""
+        there = self.becomes(lambda: bool(self.wire.torque.any()), lambda: self.tick(self.forces))
+        if not there:
+            raise DeviceError(f"{self.size} N are written, and the motors hold nothing")
+
+    def becomes(
+        self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
+    ) -> bool:
+        """Tell whether the wire comes into a state in time, while the device is ticked by `act` or left alone."""
+        wait = within if within is not None else PATIENCE if act is not None else self.patience
+        deadline = self.wire.clock.now() + wait
+        while True:
+            if act is not None:
+                act()
+            if state():
+                return True
+            if self.wire.clock.now() > deadline:
+                return False
+            self.wire.clock.sleep(min(self.period, 1e-3))
+
+    def place_error(self, seen: FloatArray) -> float:
+        """Compute how far fingers are from where they are read, at most [m]; the wire knows where they are."""
+        return float(np.abs(seen - np.asarray(self.wire.position, dtype=float)).max())
+
+    def force_error(self, forces: FloatArray) -> float:
+        """Compute how far the forces on the wire are from those that were written, at most [N]; it knows them."""
+        return float(np.abs(np.asarray(self.wire.force, dtype=float) - forces).max())
+
+    def is_quiet(self) -> bool:
+        return not self.wire.torque.any()
+
+    def falls_silent(self) -> bool:
+        """Tell whether the motors hold nothing soon, and then stay so."""
+        if not self.becomes(self.is_quiet, within=self.patience):
+            return False
+        self.wire.clock.sleep(0.005)
+        return self.is_quiet()
+
+
+def _check_motion(bench: _Bench, promises: Promises) -> None:
     device, wire = bench.device, bench.wire
     with promises("a moving finger is seen") as promise:
         bench.open()
@@ -159,7 +229,7 @@ def _reckoning(
     return float(np.linalg.norm(path - way) / np.linalg.norm(way))
 
 
-def _check_forces(bench: WireBench, promises: Promises) -> None:
+def _check_forces(bench: _Bench, promises: Promises) -> None:
     device, wire = bench.device, bench.wire
     bench.open()
     with promises("a force is on the wire, and half of it for half the force") as promise:
@@ -199,11 +269,11 @@ def _check_forces(bench: WireBench, promises: Promises) -> None:
     device.close()
 
 
-def _is_near(bench: WireBench, forces: FloatArray, most: float) -> bool:
+def _is_near(bench: _Bench, forces: FloatArray, most: float) -> bool:
     return bench.force_error(forces) <= most
 
 
-def _level(bench: WireBench, forces: FloatArray) -> FloatArray:
+def _level(bench: _Bench, forces: FloatArray) -> FloatArray:
     """Write forces for some samples, and give the torques on the wire [N m]."""
     for _ in range(5):
         bench.device.read()
@@ -213,7 +283,7 @@ def _level(bench: WireBench, forces: FloatArray) -> FloatArray:
     return bench.wire.torque
 
 
-def _check_zero(bench: WireBench, promises: Promises) -> None:
+def _check_zero(bench: _Bench, promises: Promises) -> None:
     device = bench.device
     with promises(ZERO) as promise:
         bench.open()
@@ -250,7 +320,7 @@ class _Interruption(Exception):
     """An error of whoever uses the device."""
 
 
-def _check_alone(bench: WireBench, promises: Promises) -> None:
+def _check_alone(bench: _Bench, promises: Promises) -> None:
     """Kill a program that displays a force, and see how the force goes."""
     if not hasattr(os, "fork"):
         return
@@ -259,7 +329,7 @@ def _check_alone(bench: WireBench, promises: Promises) -> None:
         _drop(bench, promise, watchdog)
 
 
-def _drop(bench: WireBench, promise: Promise, watchdog: float | None) -> None:
+def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
     """See that a force which nobody commands any more goes: by a watchdog [s], or by the driver's `quench`."""
     wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
     if bench.becomes(bench.is_quiet, within=wait):
@@ -275,7 +345,7 @@ def _drop(bench: WireBench, promise: Promise, watchdog: float | None) -> None:
         promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after `quench`")
 
 
-def _killed(bench: WireBench, promise: Promise) -> float | None:
+def _killed(bench: _Bench, promise: Promise) -> float | None:
     """Have another process open the device and display a force; kill it, and give the watchdog that it had [s]."""
     bench.wire.home()
     ours, theirs = os.pipe()
@@ -316,7 +386,7 @@ def _driver(device: Device) -> QuenchableDriver | None:
     return None
 
 
-def _check_failure(bench: WireBench, promises: Promises, kind: Failure) -> None:
+def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
     device, wire = bench.device, bench.wire
     with promises(
         f"a wire that fails ({kind}) is a sample that stands or a DeviceError, never another place"

@@ -15,11 +15,9 @@ from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
-from graspfx.tuning.formulas import Constraint, read_constraints, read_expression
-from graspfx.tuning.search import MET, Answer, Hand, search
+from graspfx.tuning.formulas import Constraint, numbers_of, read_constraints, read_expression
+from graspfx.tuning.search import MET, Answer, Hand, Problem, search
 from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
-from graspfx.tuning.tuning_measures import numbers_of
-from graspfx.tuning.tuning_problem import Problem
 
 OWN = "own"
 USUAL = "margin >= 1.5"
@@ -49,7 +47,7 @@ def tune(
 
     Names: `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
-    `spectral_radius`, `displayed.stiffness` [N/m] (`tuning_measures.MEASURES` has the formulas), gains as
+    `spectral_radius`, `displayed.stiffness` [N/m] (`formulas.MEASURES` has the formulas), gains as
     `internal.stiffness`, and any key of the scene that is a number.
 
     Args:

@@ -1,4 +1,4 @@
-"""Runs of a scene that has run before: they begin with the memory of the run before, put back, and nothing else of it."""
+"""Runs of a scene that has run before begin with the memory of the run before, put back to its start."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.sweeps.chunk_loop import ChunkLoop
+from graspfx.sweeps.crew import ChunkLoop
 
 OVER = ["--over", "coupling.external.stiffness=20:60:3", "--duration", "0.1"]
 SCENE = ["sweep", "reference-1dof", *OVER]

@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.show import operator_figures
+from graspfx.show import certificate_figures
 
 OPERATORS = ["--operators", "finger.*.hand.stiffness=50:400", "finger.*.hand.damping=0.2:2"]
 
@@ -37,8 +37,8 @@ def test_json_and_a_problem_that_cannot_be_met(capsys: pytest.CaptureFixture[str
 def test_check_over_operators(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(operator_figures, "POINTS", 4)
-    monkeypatch.setattr(operator_figures, "GAIN_POINTS", 4)
+    monkeypatch.setattr(certificate_figures, "POINTS", 4)
+    monkeypatch.setattr(certificate_figures, "GAIN_POINTS", 4)
     words = ["check", *OPERATORS, "paper-spring", "--set", "coupling.external.stiffness=60", "--samples", "12"]
     assert main([*words, "--out", str(tmp_path), "--strict"]) == 1
     said = capsys.readouterr().out

@@ -17,7 +17,7 @@ from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
-from graspfx.show.remarks import remarks
+from graspfx.show.summary_table import remarks
 from tests.support.grasps import grasped, law
 
 DISC = np.array([[math.cos(a), math.sin(a)] for a in 2.0 * np.pi * np.arange(3) / 3])

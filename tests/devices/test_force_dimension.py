@@ -11,13 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from graspfx.devices.force_dimension.emulator import FUNCTIONS, ForceDimensionWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import driver
-from graspfx.testing.wire import ForceDimensionWire
-from graspfx.testing.wire.c_compiler import compiler
-from graspfx.testing.wire.fake_library import FUNCTIONS
+from graspfx.testing.wire import compiler
 from tests.support.hardware import VirtualClock
 
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 PERIOD = 0.001
 
 
@@ -180,7 +180,6 @@ def test_a_force_that_is_not_finite_or_too_large(wire: ForceDimensionWire) -> No
             device.read()
 
 
-@pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_quench_reaches_a_device_whose_program_was_killed() -> None:
     """Two programs meet the devices of one library, which only a linked one can be."""
     code = (

@@ -16,15 +16,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from websockets.http11 import Request
+from websockets.server import ServerProtocol
 
 from graspfx.devices.haply_inverse import service, websocket
+from graspfx.devices.haply_inverse.emulator import InverseWire
 from graspfx.devices.haply_inverse.inverse_messages import check_config, devices_in, forces_text, position_in
 from graspfx.devices.haply_inverse.websocket import WebSocket
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import QuenchableDriver
 from graspfx.testing import check_device, driver
-from graspfx.testing.wire import InverseWire
-from graspfx.testing.wire.server_line import ServerLine
 from tests.support.hardware import VirtualClock
 
 PERIOD = 0.002
@@ -415,6 +416,16 @@ def test_the_extra_that_the_driver_names_brings_the_package_and_so_does_work_on_
 # The WebSocket --------------------------------------------------------------------------------------------------------
 
 
+def greet(line: socket.socket) -> None:
+    """Answer the request for a WebSocket."""
+    protocol = ServerProtocol()
+    while not (requests := protocol.events_received()):
+        protocol.receive_data(line.recv(1000))
+    assert isinstance(requests[0], Request)
+    protocol.send_response(protocol.accept(requests[0]))
+    line.sendall(b"".join(protocol.data_to_send()))
+
+
 class Peer:
     """A server that says what a test has it say, after a greeting that is right."""
 
@@ -429,7 +440,7 @@ class Peer:
         line, _ = self._server.accept()
         with line:
             if greeting is None:
-                ServerLine(line).greet()
+                greet(line)
             else:
                 line.sendall(greeting)
                 line.shutdown(socket.SHUT_WR)  # the end of an answer without a length

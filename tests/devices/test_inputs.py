@@ -18,9 +18,9 @@ from graspfx.assembly.run import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import mouse
 from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, EventPort, is_down, request
+from graspfx.devices.mouse.emulator import EventWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
-from graspfx.testing.wire import EventWire
 from tests.support.hardware import LookedAtClock, VirtualClock
 
 ABSOLUTE, RELATIVE, KEY, SYNC = 3, 2, 1, 0

@@ -17,17 +17,16 @@ import graspfx as gx
 from graspfx.assembly import run as whole_run
 from graspfx.certificate.plan import plan
 from graspfx.devices import open_haptics
+from graspfx.devices.open_haptics.emulator import OpenHapticsWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
-from graspfx.testing.wire import OpenHapticsWire, fake_scheduler
-from graspfx.testing.wire.c_compiler import compiler
+from graspfx.testing.wire import compiler
 from tests.support.hardware import VirtualClock
 from tests.support.optional import require
-from tests.support.wired_drivers import wired_driver
 
 require("llvmlite")
-if not sys.platform.startswith("linux"):
-    pytest.skip("the fake scheduler is for Linux", allow_module_level=True)
+if not sys.platform.startswith("linux") or compiler() is None:
+    pytest.skip("the fake scheduler is for Linux, and C", allow_module_level=True)
 
 PERIOD = 0.001
 TRIES = 10  # of a run that a busy machine may be too late for
@@ -78,20 +77,10 @@ def display(wire: OpenHapticsWire, *forces: tuple[Any, float]) -> None:
     until(wire, has_them)
 
 
-@pytest.mark.parametrize("kind", ["linked", "loaded"])
-def test_it_keeps_its_promises(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile.
-
-    The library is linked by this machine's compiler, or LLVM has loaded it into this process.
-    """
-    if kind == "loaded":
-        monkeypatch.setattr(fake_scheduler, "compiler", lambda: None)
-    elif compiler() is None:
-        pytest.skip("no C compiler")
-    with paced(monkeypatch) as wire:
-        assert isinstance(wire.library, str) == (kind == "linked")
-        check_device(lambda: connect(wire), wire=wire, period=PERIOD)
-        assert wire.violations == 0
+def test_it_keeps_its_promises(wire: OpenHapticsWire) -> None:
+    """All promises that are seen on its wire are kept, and no rule of the library is broken meanwhile."""
+    check_device(lambda: connect(wire), wire=wire, period=PERIOD)
+    assert wire.violations == 0
 
 
 def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
@@ -107,7 +96,7 @@ def test_two_devices_share_one_scheduler(wire: OpenHapticsWire) -> None:
         before = two.read()[2]
         until(wire, lambda: two.read()[2] > before)
     assert wire.violations == 0
-    assert int(wire.words[fake_scheduler.STARTS]) == 2  # with both; then with the one that is left
+    assert wire.state.starts == 2  # with both; then with the one that is left
 
 
 def test_a_device_that_another_program_has_is_refused(wire: OpenHapticsWire) -> None:
@@ -135,7 +124,7 @@ def test_errors_of_the_library_are_faults_in_words(wire: OpenHapticsWire, error:
         wire.leave(error)
         with pytest.raises(DeviceError, match=f"hdBeginFrame of OpenHaptics: .*{words}"):
             until(wire, lambda: device.read()[0] is None)
-        until(wire, lambda: not wire.forces(0).any() and not wire.words[fake_scheduler.ERRORS])
+        until(wire, lambda: not wire.forces(0).any() and not wire.state.error_count)
         other.read()
 
 
@@ -157,12 +146,12 @@ def test_settings() -> None:
         device.open(PERIOD)
 
 
-def grasp(wire: OpenHapticsWire, folder: Path, **changes: Any) -> gx.Scene:
+def grasp(wire: OpenHapticsWire, **changes: Any) -> gx.Scene:
     """Put a ball between two devices, 2 mm inside of it each."""
-    fingers, name = [], wired_driver(folder, "open-haptics", wire.library)
+    fingers, device = [], {"name": "open-haptics", "library": wire.library}
     for k, side in enumerate((1.0, -1.0)):
         wire.place(np.array([0.028 * side, 0.0, 0.0]), k)
-        fingers.append({"start": [0.03 * side, 0.0, 0.0], "device": {"name": name}})
+        fingers.append({"start": [0.03 * side, 0.0, 0.0], "device": device})
     ball = {"mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 2e-4, "shape": {"kind": "sphere", "radius": 0.03}}
     coupling = {"external": {"stiffness": 100.0, "damping": 0.5}, "internal": {"stiffness": 200.0}, "enter": "ramp"}
     scene = gx.Scene(dimensions=3, period=PERIOD, duration=0.4, object=ball, coupling=coupling, finger=fingers)
@@ -189,11 +178,11 @@ def undisturbed(go: Callable[[], gx.Recording]) -> gx.Recording:
 
 @pytest.mark.alone
 def test_the_loop_runs_in_its_thread(
-    real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    real_wire: OpenHapticsWire, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     """Every tick is a turn of the scheduler; another thread that keeps the interpreter takes none away."""
     monkeypatch.setattr(whole_run, "is_possible", lambda: False)  # in this process
-    scene, before = grasp(real_wire, tmp_path), sys.getswitchinterval()
+    scene, before = grasp(real_wire), sys.getswitchinterval()
 
     def hog() -> None:
         sys.setswitchinterval(10.0)
@@ -227,7 +216,7 @@ def test_the_loop_runs_in_its_thread(
 
 @pytest.mark.alone
 def test_an_error_in_its_thread_is_a_fault_in_words(
-    real_wire: OpenHapticsWire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    real_wire: OpenHapticsWire, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
     monkeypatch.setattr(whole_run, "is_possible", lambda: False)
 
@@ -239,7 +228,7 @@ def test_an_error_in_its_thread_is_a_fault_in_words(
         real_wire.leave(0, 1)
         return gx.run(scene, real_time=True, stop=stop)
 
-    scene = grasp(real_wire, tmp_path)
+    scene = grasp(real_wire)
     rec = undisturbed(go)
     fault = rec.faults[0]
     assert "of finger1 (Stylus) cannot be asked" in fault.message
@@ -249,18 +238,18 @@ def test_an_error_in_its_thread_is_a_fault_in_words(
     assert not real_wire.forces(1).any()
 
 
-def test_the_plan_says_who_has_the_clock(wire: OpenHapticsWire, tmp_path: Path) -> None:
-    assert loop_of(grasp(wire, tmp_path)).startswith("driven: in the thread of a device's maker")
-    slow = loop_of(grasp(wire, tmp_path, period=0.002))
+def test_the_plan_says_who_has_the_clock(wire: OpenHapticsWire) -> None:
+    assert loop_of(grasp(wire)).startswith("driven: in the thread of a device's maker")
+    slow = loop_of(grasp(wire, period=0.002))
     assert slow.endswith("has the clock and calls 1000 times a second, and the scene's period is 0.002 s")
-    assert loop_of(grasp(wire, tmp_path, engine="interpreted")).endswith("because the engine is 'interpreted'")
+    assert loop_of(grasp(wire, engine="interpreted")).endswith("because the engine is 'interpreted'")
     assert not any(row.step == "loop" for row in plan(gx.load("reference-1dof")))
 
 
 def test_devices_of_another_kind_beside_it(wire: OpenHapticsWire, tmp_path: Path) -> None:
     """One that offers no C functions keeps Python in the loop, and is named; so does a deadman."""
     other = {"finger.1.device": {"name": str(plain(tmp_path))}}
-    assert loop_of(grasp(wire, tmp_path, **other)).endswith("finger1 (Plain) offers no C functions (`calls`)")
+    assert loop_of(grasp(wire, **other)).endswith("finger1 (Plain) offers no C functions (`calls`)")
 
 
 def plain(folder: Path) -> Path:

@@ -15,6 +15,7 @@ import pytest
 from graspfx.devices import rig
 from graspfx.devices.rig import rig_frames
 from graspfx.devices.rig.controller import Controller
+from graspfx.devices.rig.emulator import RigWire
 from graspfx.devices.rig.rig_frames import (
     FAULTS,
     Kind,
@@ -30,8 +31,7 @@ from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SpringHand
 from graspfx.testing import driver
-from graspfx.testing.wire import RigWire
-from graspfx.testing.wire.c_compiler import STRICT, compiler
+from graspfx.testing.wire import STRICT, compiler
 from tests.support.hardware import Line, VirtualClock
 from tests.support.rooms import ROOT
 

@@ -16,12 +16,13 @@ from graspfx.assembly import run as whole_run
 from graspfx.assembly.run import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import touch_screen
+from graspfx.devices.touch_screen import emulator
+from graspfx.devices.touch_screen.emulator import ScreenWire
 from graspfx.devices.touch_screen.touch_fingers import TouchFingers
 from graspfx.errors import DeviceError, InputError
 from graspfx.screen import touch_screen as screens
 from graspfx.screen.screen_board import Touches
 from graspfx.testing import check_device, driver
-from graspfx.testing.wire import ScreenWire, screen_wire
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import wait_until
 
@@ -32,7 +33,7 @@ pytest.importorskip("websockets", reason="the page's socket: pip install 'graspf
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine may be late to start the page's process: what is not served at all is what a test is about."""
     monkeypatch.setattr(screens, "PATIENCE", 600.0)
-    monkeypatch.setattr(screen_wire, "PATIENCE", 600.0)
+    monkeypatch.setattr(emulator, "PATIENCE", 600.0)
 
 
 def connect(wire: ScreenWire, **settings: Any) -> Any:

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 import pytest
 
+from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.errors import DeviceError
 from graspfx.protocols import ProgramLock, SerialPort
 from graspfx.testing import driver
-from graspfx.testing.wire import DiyWire
 
 WAIT = "\nprint('open', flush=True)\nimport time\ntime.sleep(60)"
 

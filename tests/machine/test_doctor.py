@@ -14,6 +14,7 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.commands import doctor
+from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.pacing import Lateness
 from graspfx.machine import round_trip, system_checks, wake_jitter
@@ -29,7 +30,6 @@ from graspfx.machine.system_checks import (
     sharing_finding,
     throttling_finding,
 )
-from graspfx.testing.wire import DiyWire
 from tests.support.hardware import Fake, VirtualClock
 
 LOOKS: dict[str, Any] = {

@@ -44,6 +44,17 @@ def test_the_framework_names_no_driver_and_no_scene() -> None:
             assert not shelves, file
 
 
+def test_drivers_load_no_test_code() -> None:
+    """What runs on hardware comes by neither the conformance kit nor an emulator, which stand in the same folders."""
+    code = (
+        "import sys; from graspfx import plugins\n"
+        "for name in plugins.names('devices'): plugins.load('devices', name)\n"
+        "print([each for each in sys.modules if 'testing' in each.split('.')[1:2] or each.endswith('.emulator')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "[]\n", done.stderr
+
+
 def test_a_name_that_does_not_exist_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'grasp_matirx'"):
         _ = graspfx.grasp_matirx

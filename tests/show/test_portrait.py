@@ -17,12 +17,10 @@ from graspfx.__main__ import main
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
-from graspfx.show.picture.arrows import arrows, head
 from graspfx.show.picture.instant import instant
-from graspfx.show.picture.painter import Camera, Painter
-from graspfx.show.picture.portrait import picture, portrait
+from graspfx.show.picture.painter import Camera, Layer, Painter, corner_normals
+from graspfx.show.picture.portrait import arrows, head, picture, portrait
 from graspfx.show.picture.surfaces import Surface, ball, rotation, surface
-from graspfx.show.picture.zbuffer import Layer, corner_normals
 from graspfx.show.style import EXTERNAL, INK, INTERNAL, arranged
 from tests.support.recordings import layout, recording, waving
 from tests.support.writing import faults

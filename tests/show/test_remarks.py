@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from graspfx.loop.recording.record import Recording
-from graspfx.show.remarks import remarks
+from graspfx.show.summary_table import remarks
 from tests.support.recordings import layout, recording
 
 N = 400  # ticks of 5 ms

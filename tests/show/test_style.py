@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.show import style
 from graspfx.show.sheet import Sheet
-from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL
-from graspfx.show.widths import WIDTHS, width_of
+from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, WIDTHS, width_of
 from tests.support.writing import faults
 
 FloatArray = NDArray[np.float64]

@@ -12,8 +12,7 @@ from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.summary import Sizes
 from graspfx.loop.recording.vibration import vibration
-from graspfx.show import table
-from graspfx.show.summary_table import ROWS, columns, print_summary
+from graspfx.show.summary_table import ROWS, columns, lines, print_summary
 from tests.support.recordings import PERIOD, layout, recording, waving
 
 T = np.arange(2000) * PERIOD
@@ -167,7 +166,7 @@ def test_every_row_of_the_table_is_a_key_of_the_summary() -> None:
 
 
 def printed(recordings: list[Recording], titles: list[str] | None = None) -> list[list[str]]:
-    return [[cell.strip() for cell in line.split("│")] for line in table.lines(columns(recordings, titles), 120)]
+    return [[cell.strip() for cell in line.split("│")] for line in lines(columns(recordings, titles), 120)]
 
 
 def test_two_runs_side_by_side_with_their_change() -> None:

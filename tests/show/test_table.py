@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from graspfx.show.table import ASCII, BOLD, PLAIN, Column, lines
+from graspfx.show.summary_table import ASCII, BOLD, PLAIN, Column, lines
 
 FORCES = (
     Column("what", ["force", "ticks"]),

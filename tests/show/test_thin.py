@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.show import thin
+from graspfx.show import plot
 from graspfx.show.plot import sheet
 
 
@@ -16,10 +16,10 @@ from graspfx.show.plot import sheet
 def test_a_long_recording_is_thinned_to_its_envelope(
     every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thin, "MOST", 1000)
-    monkeypatch.setattr(thin, "SPANS", 10)
+    monkeypatch.setattr(plot, "MOST", 1000)
+    monkeypatch.setattr(plot, "SPANS", 10)
     whole = gx.run("paper-waving", {"record.every": every}, duration=3.0, out=tmp_path)
-    some = thin.thinned(whole)
+    some = plot.thinned(whole)
     assert 10 <= len(some) < len(whole)
     assert some.end == whole.end
     places = np.searchsorted(whole.time, some.time)
@@ -37,17 +37,17 @@ def test_a_long_recording_is_thinned_to_its_envelope(
 
 def test_others_are_drawn_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored = gx.run("reference-1dof", duration=0.5, out=tmp_path)
-    assert thin.thinned(stored) is stored  # short
-    monkeypatch.setattr(thin, "MOST", 10)
+    assert plot.thinned(stored) is stored  # short
+    monkeypatch.setattr(plot, "MOST", 10)
     memory = gx.run("reference-1dof", duration=0.5)
-    assert thin.thinned(memory) is memory
+    assert plot.thinned(memory) is memory
 
 
 def test_the_figure_has_the_times_of_the_thinned_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thin, "MOST", 1000)
-    monkeypatch.setattr(thin, "SPANS", 20)
+    monkeypatch.setattr(plot, "MOST", 1000)
+    monkeypatch.setattr(plot, "SPANS", 20)
     whole = gx.run("paper-waving", duration=3.0, out=tmp_path)
     drawn = sheet([whole]).panels[0, 0]
     line = drawn.get_lines()[0]
-    assert len(line.get_xdata()) == len(thin.thinned(whole)) < len(whole)
+    assert len(line.get_xdata()) == len(plot.thinned(whole)) < len(whole)
     assert drawn.get_xlim()[1] == pytest.approx(whole.end)

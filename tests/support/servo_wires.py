@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 import graspfx as gx
+from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.errors import DeviceError, InputError
-from graspfx.testing.wire import DiyWire
 
 PRESSED = (165.0, 15.0)  # links of a 2DIY whose handle is in its object [deg]
 T = TypeVar("T")

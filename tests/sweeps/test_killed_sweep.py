@@ -16,8 +16,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
-from graspfx.sweeps.chunk_loop import KILLS
-from graspfx.sweeps.scene_order import SweepError
+from graspfx.sweeps.chunk import SweepError
+from graspfx.sweeps.crew import KILLS
 from graspfx.sweeps.sweep import SweepWarning
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="processes are killed by signals")
@@ -62,7 +62,7 @@ if __name__ == "__main__":
 
 def wait_for(folder: Path, count: int, process: subprocess.Popen[str]) -> None:
     until = time.monotonic() + 120.0
-    while len(list(folder.glob("chunks/*.npz"))) < count:
+    while len(list(folder.glob("chunks/*.nc"))) < count:
         assert process.poll() is None and time.monotonic() < until
         time.sleep(0.005)
 
@@ -81,9 +81,9 @@ def test_a_parent_that_is_killed_loses_nothing(tmp_path: Path) -> None:
     wait_for(out, 2, process)
     process.kill()
     process.wait()
-    done = {path.name: path.stat().st_mtime_ns for path in out.glob("chunks/*.npz")}
+    done = {path.name: path.stat().st_mtime_ns for path in out.glob("chunks/*.nc")}
     result = gx.sweep("reference-1dof", VALUES, out=out, duration=0.2)
-    after = {path.name: path.stat().st_mtime_ns for path in out.glob("chunks/*.npz")}
+    after = {path.name: path.stat().st_mtime_ns for path in out.glob("chunks/*.nc")}
     assert 2 <= len(done) < 10 and result.resumed == len(done)
     assert {name: after[name] for name in done} == done and len(after) == 10
     batch = gx.run_batch("reference-1dof", VALUES, 0.2)

@@ -19,12 +19,11 @@ from graspfx.batch.row_measures import row_measures
 from graspfx.batch.single_runs import taking
 from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
 from graspfx.sweeps import sweep as sweeps
-from graspfx.sweeps.chunk_store import open_store
-from graspfx.sweeps.crews import Crew
-from graspfx.sweeps.first_look import look_at
-from graspfx.sweeps.scene_order import SweepError
-from graspfx.sweeps.sweep import SweepWarning
-from graspfx.sweeps.variant_grid import make_grid, scattered
+from graspfx.sweeps.chunk import SweepError
+from graspfx.sweeps.crew import Crew
+from graspfx.sweeps.sweep import SweepWarning, look_at
+from graspfx.sweeps.sweep_folder import open_folder
+from graspfx.sweeps.swept_values import make_grid, scattered
 from tests.support.hand_of_its_own import HAND, SCENE
 from tests.support.hardware import DRIVER
 from tests.support.small_scenes import line
@@ -153,7 +152,7 @@ def test_files_stay_and_xarray_reads_them(scene: gx.Scene, batch: gx.Batch, tmp_
     assert data["finger_force_peak"].dims == (KEP, KIP, BV, "finger", "axis")
     assert data.sel({KEP: 35.0, KIP: 60.0, BV: 1.0})["finger_force_peak"].shape == (2, 1)
     assert json.loads(data.attrs["scene_table"]) == scene.to_dict() and data.attrs["identity"]
-    (tmp_path / "chunks" / "000002.npz").unlink()
+    (tmp_path / "chunks" / "000002.nc").unlink()
     again = gx.sweep(scene, VALUES, out=tmp_path, executor="threads:2")  # its chunks are those that it began with
     assert (again.resumed, first.resumed) == (29, 0) and same(again, batch)
     assert len(list((tmp_path / "chunks").iterdir())) == 4
@@ -176,16 +175,16 @@ def test_values_together_have_coordinates_in_the_file(scene: gx.Scene, tmp_path:
 @pytest.mark.parametrize("harm", ["cut", "changed", "empty", "another's"])
 def test_damaged_chunks_are_computed_again(scene: gx.Scene, tmp_path: Path, harm: str) -> None:
     first = gx.sweep(scene, {KEP: [20.0, 30.0, 40.0]}, out=tmp_path, chunk=1)
-    place = tmp_path / "chunks" / "000001.npz"
+    place = tmp_path / "chunks" / "000001.nc"
     content = place.read_bytes()
     harmed = {
         "cut": content[:-20],
         "changed": content[:200] + bytes([content[200] ^ 1]) + content[201:],
         "empty": b"",
-        "another's": (tmp_path / "chunks" / "000000.npz").read_bytes(),
+        "another's": (tmp_path / "chunks" / "000000.nc").read_bytes(),
     }[harm]
     place.write_bytes(harmed)
-    with pytest.warns(SweepWarning, match="damaged, and computed again: 000001.npz"):
+    with pytest.warns(SweepWarning, match="damaged, and computed again: 000001.nc"):
         again = gx.sweep(scene, {KEP: [20.0, 30.0, 40.0]}, out=tmp_path)
     assert again.resumed == 2 and same(first, again)
     assert place.read_bytes() == content or len(place.read_bytes()) > 1000
@@ -249,21 +248,21 @@ def test_a_folder_that_does_not_say_what_it_is_is_written_over_on_request_alone(
     scene: gx.Scene, tmp_path: Path, harm: str
 ) -> None:
     gx.sweep(scene, {KEP: [20.0, 30.0]}, out=tmp_path, chunk=1)
-    (tmp_path / "chunks" / "mine.npz").write_bytes(b"another's")
+    (tmp_path / "chunks" / "mine.nc").write_bytes(b"another's")
     manifest = tmp_path / "sweep.json"
     if harm == "gone":
         manifest.unlink()
     else:
-        manifest.write_text("{" if harm == "damaged" else manifest.read_text().replace('"format": 1', '"format": 99'))
+        manifest.write_text("{" if harm == "damaged" else manifest.read_text().replace('"format": 2', '"format": 99'))
     before = (tmp_path / "sweep.nc").read_bytes()
     said = "of format 99" if "later" in harm else r"2 chunks and sweep\.nc of a sweep, but no sweep\.json .*--overwrite"
     with pytest.raises(SweepError, match=said):
         gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
     assert (tmp_path / "sweep.nc").read_bytes() == before
-    said = "a sweep of a later GraspFX" if "later" in harm else r"a sweep whose sweep\.json cannot be read"
+    said = "a sweep of another format" if "later" in harm else r"a sweep whose sweep\.json cannot be read"
     with pytest.warns(SweepWarning, match=rf"{said} was removed to begin again, with 2 chunks and sweep\.nc"):
         assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path, overwrite=True).resumed == 0
-    assert (tmp_path / "chunks" / "mine.npz").exists()
+    assert (tmp_path / "chunks" / "mine.nc").exists()
     assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path).resumed == 1
 
 
@@ -295,7 +294,7 @@ def test_python_that_a_swept_value_names_and_imports_is_part_of_it(by_hand: Path
 
 def test_a_folder_has_one_sweep_at_a_time(scene: gx.Scene, tmp_path: Path) -> None:
     with (
-        open_store(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False),
+        open_folder(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False),
         pytest.raises(SweepError, match="another process is at this sweep"),
     ):
         gx.sweep(scene, {KEP: [20.0]}, out=tmp_path)
@@ -306,7 +305,7 @@ def test_a_folder_has_one_sweep_at_a_time(scene: gx.Scene, tmp_path: Path) -> No
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a process is not forked here")
 def test_a_process_that_is_forked_does_not_keep_the_folder(tmp_path: Path) -> None:
     (read, write), (ready, started) = os.pipe(), os.pipe()
-    with open_store(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False):
+    with open_folder(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False):
         child = os.fork()
         if not child:
             os.write(started, b"x")
@@ -314,7 +313,7 @@ def test_a_process_that_is_forked_does_not_keep_the_folder(tmp_path: Path) -> No
             os._exit(0)
         os.read(ready, 1)
     try:
-        with open_store(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False):
+        with open_folder(tmp_path, {"scene": {}}, 1, resume=True, overwrite=False):
             pass
     finally:
         os.write(write, b"x")

@@ -12,15 +12,16 @@ import pytest
 
 from graspfx.devices import haply_2diy
 from graspfx.devices.force_dimension.delta import Delta
+from graspfx.devices.force_dimension.emulator import ForceDimensionWire
 from graspfx.devices.haply_2diy.diy_device import Haply2Diy
+from graspfx.devices.haply_2diy.emulator import DiyWire
+from graspfx.devices.rig.emulator import RigWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Features
 from graspfx.protocols import SerialPort
 from graspfx.testing import ConformanceError, check_device, driver
 from graspfx.testing.promise import Promises
-from graspfx.testing.wire import FAILURES, DiyWire, ForceDimensionWire, RigWire, SerialWire, fake_library
-from graspfx.testing.wire.c_compiler import compiler
-from graspfx.testing.wire.damage import Damage
+from graspfx.testing.wire import FAILURES, Damage, SerialWire, compiler
 from graspfx.testing.wire_promises import check_second
 from tests.support.hardware import Line, LookedAtClock, VirtualClock
 from tests.support.waiting import wait_until
@@ -39,14 +40,18 @@ SEEN_ON_WIRES = (
 )
 
 
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
 @pytest.mark.alone
+@needs_compiler
 def test_force_dimension_conforms() -> None:
     with ForceDimensionWire(slowness=20.0) as wire:  # watchdogs of 0.6 s: this machine may be busy
         passed(wire, driver("force-dimension").connect, 0.001)
 
 
-def test_force_dimension_conforms_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fake_library, "compiler", lambda: None)
+@needs_compiler
+def test_force_dimension_conforms_on_a_clock_of_its_own() -> None:
     clock = LookedAtClock()
 
     def connect(**settings):
@@ -66,7 +71,7 @@ def test_the_haply_2diy_conforms() -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+@needs_compiler
 def test_the_rig_conforms() -> None:
     with RigWire(slowness=25.0) as wire:
         passed(wire, driver("rig").connect, 0.001, timeout=0.0025)
@@ -218,6 +223,7 @@ class NeverNoticed(Delta):
         self._dhd._functions["dhdSetForce"](*(forces[0] / size).tolist(), self._id)
 
 
+@needs_compiler
 @pytest.mark.parametrize(
     ("kind", "promise", "finding"),
     [
@@ -256,7 +262,7 @@ def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promis
 class UnknownMechanism(DiyWire):
     """A board whose emulator knows torques alone."""
 
-    position = force = None  # type: ignore[assignment]
+    position = force = None
 
 
 def test_what_an_emulator_without_a_mechanism_cannot_show_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,6 +320,7 @@ def test_two_programs_that_both_have_the_hardware() -> None:
             check_second(one, two, Promises("device"), 0.002)
 
 
+@needs_compiler
 def test_failures_are_those_of_the_hardware() -> None:
     with ForceDimensionWire() as wire:
         with pytest.raises(InputError, match="kind: given 'flip', expected one of blocked, drop"):

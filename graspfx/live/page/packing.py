@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.live.scenery import Solid
-from graspfx.show.picture.zbuffer import corner_normals
+from graspfx.show.picture.painter import corner_normals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

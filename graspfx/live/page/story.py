@@ -20,12 +20,11 @@ from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoi
 from graspfx.loop.recording.record import Recording
 from graspfx.show.modes import Modes
 from graspfx.show.panels import pushes
-from graspfx.show.picture import arrows, zbuffer
-from graspfx.show.picture.described import slid
+from graspfx.show.picture import painter, portrait
+from graspfx.show.picture.instant import slid
 from graspfx.show.picture.portrait import nice
 from graspfx.show.picture.surfaces import Surface
-from graspfx.show.strokes import PUSHES, SQUEEZE
-from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL, PUSHES, SQUEEZE
 
 FloatArray = NDArray[np.float64]
 
@@ -74,15 +73,15 @@ def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]
         "bounds": [low.tolist(), high.tolist()], "camera": _camera(scenery, motion, layout.dimensions, middle, reach),
         "grid": _grid(scenery, low, middle, reach),
         "lighting": {
-            "light": zbuffer.LIGHT, "ambient": zbuffer.AMBIENT, "diffuse": zbuffer.DIFFUSE, "gloss": zbuffer.GLOSS,
-            "sharpness": zbuffer.SHARPNESS,
+            "light": painter.LIGHT, "ambient": painter.AMBIENT, "diffuse": painter.DIFFUSE, "gloss": painter.GLOSS,
+            "sharpness": painter.SHARPNESS,
         },
         "colours": {"internal": INTERNAL, "external": EXTERNAL},
         "contacts_states": [[name, CONTACTS[name], WORDS[name]] for name in STATES], "states_seen": seen,
         "arrow": {
-            "scale": _arrow_scale(motion, scenery), "longest": arrows.LONGEST, "shortest": arrows.SHORTEST,
-            "shaft": arrows.SHAFT, "head": arrows.HEAD, "wide": arrows.WIDE, "most": arrows.MOST_HEAD,
-            "along": arrows.ALONG, "apart": arrows.APART, "thick": THICK * min(reach, 2.0 * scenery.extent),
+            "scale": _arrow_scale(motion, scenery), "longest": portrait.LONGEST, "shortest": portrait.SHORTEST,
+            "shaft": portrait.SHAFT, "head": portrait.HEAD, "wide": portrait.WIDE, "most": portrait.MOST_HEAD,
+            "along": portrait.ALONG, "apart": portrait.APART, "thick": THICK * min(reach, 2.0 * scenery.extent),
         },
         "fingers": [
             {
@@ -173,7 +172,7 @@ def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
     forces = [np.linalg.norm(each, axis=2).max(axis=1) for each in parts if each is not None]
     sizes = np.concatenate([*forces, np.zeros(1)])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    return arrows.LONGEST * scenery.extent / float(np.quantile(sizes, TYPICAL)) if len(sizes) else 0.0
+    return portrait.LONGEST * scenery.extent / float(np.quantile(sizes, TYPICAL)) if len(sizes) else 0.0
 
 
 def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from graspfx import __version__
 from graspfx.live.frame import Frame
 from graspfx.live.guides import Guide
 from graspfx.live.scenery import Scenery
-from graspfx.show.picture.described import lifted
+from graspfx.show.picture.instant import lifted
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

@@ -14,11 +14,12 @@ import graspfx as gx
 from graspfx.assembly.calibration import device_calibration
 from graspfx.assembly.calibration.device_calibration import calibrate
 from graspfx.devices import haply_2diy, rig
+from graspfx.devices.haply_2diy.emulator import DiyWire
+from graspfx.devices.rig.emulator import RigWire
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.realtime.process import Exits
-from graspfx.testing.wire import DiyWire, RigWire, Wire
-from graspfx.testing.wire.c_compiler import compiler
+from graspfx.testing.wire import Wire, compiler
 from tests.support.hardware import Line, VirtualClock
 from tests.support.late_mass import LateMass, late_driver, late_masses
 

@@ -21,13 +21,13 @@ from graspfx.assembly.process import quenching
 from graspfx.assembly.process.guard import CLOSING, LONGER, OPENING, PATIENCE, STEPS, Guard
 from graspfx.assembly.process.quenching import Quencher, quench_all
 from graspfx.certificate.plan import plan
+from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop.realtime.readings import MOST_STILL, WATCHDOGS
 from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.recording.record import Recording
-from graspfx.testing.wire import DiyWire
 from tests.support.hardware import VirtualClock, driver
 from tests.support.logged import LoggedRun, write_logged
 from tests.support.servo_wires import BUSY, PATIENT, PRESSED, SMALL, Assault, board, boards_scene, servo_of, settled

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.testing.wire import ForceDimensionWire
-from graspfx.testing.wire.c_compiler import compiler
+from graspfx.devices.force_dimension.emulator import ForceDimensionWire
+from graspfx.testing.wire import compiler
 from tests.support.optional import require
 from tests.support.servo_wires import servo_of, settled
 

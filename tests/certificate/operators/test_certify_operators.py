@@ -13,7 +13,7 @@ from graspfx.certificate.certify_operators import share_of
 from graspfx.certificate.judgement import Judge
 from graspfx.certificate.operator_set import OperatorRange, operator_set, radical_inverse, usual_law
 from graspfx.errors import InputError, SceneError, UnknownNameError
-from graspfx.show import operator_figures
+from graspfx.show import certificate_figures
 
 STIFFNESS = "finger.*.hand.stiffness"
 CUBE = {"mass": 0.15, "damping": 0.2, "period": 0.005, "object_mass": 0.1, "object_damping": 0.8}
@@ -153,7 +153,7 @@ def test_ranges_end_where_they_say(low: float, high: float) -> None:
 
 
 def test_two_keys_have_a_region_drawn(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator_figures, "POINTS", 5)
+    monkeypatch.setattr(certificate_figures, "POINTS", 5)
     ranges = {STIFFNESS: (50.0, 400.0), "finger.*.device.mass": (0.1, 0.2, "uniform")}
     scene = gx.load("paper-spring", {"coupling.external.stiffness": 45.0})
     answer = gx.certify_operators(scene, ranges, samples=8)

@@ -13,7 +13,7 @@ from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.rows import BlockRows, DataSetRows
-from graspfx.show.tabular import csv_lines
+from graspfx.show.export import csv_lines
 from tests.support.parts import made, script, values
 from tests.support.recordings import header
 

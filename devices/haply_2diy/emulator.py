@@ -1,0 +1,164 @@
+"""An emulator of the Haply 2DIY: two motors, two encoders, frames without a checksum, and no watchdog."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.testing.wire import Clock, SerialWire, WallClock, tip_force
+
+FloatArray = NDArray[np.float64]
+
+PATIENCE = 1.0  # the board waits so long for the rest of a frame, its motors on [s]
+CLAMP = 0.123  # of a motor [N m]
+HOME = 168.0, 12.0  # directions of the links at the motors, encoders 1 and 2 [deg]
+RESET, SETUP, TORQUE = 0, 1, 2
+STEP = 3.0  # of `move` [deg]
+MOST_FRAMES = 100_000  # that are remembered
+
+
+class DiyWire(SerialWire):
+    """A 2DIY board with its five-bar linkage, which nothing moves but `move`, `place` and, given an inertia, torques.
+
+    A frame that is cut in its payload blocks the board for a second while the last torques stay on; whatever comes
+    meanwhile is taken for the rest of it. Nothing but a frame of zeros takes the torque away.
+
+    Args:
+        links: at the motors, and from those to the handle [m].
+        distance: between the motors [m].
+        inertia: of each link at a motor with all that it moves [kg m^2]; None for links that stand where they are put.
+        friction: viscous, at each motor [N m s/rad]; with an inertia encoders tell whole counts.
+        seed: of the damage that failures do.
+        clock: as of `SerialWire`.
+
+    Attributes:
+        frames: torques that were written, each with its time [s] of its clock.
+    """
+
+    limit = CLAMP
+    checksum = False
+
+    def __init__(
+        self,
+        *,
+        links: tuple[float, float] = (0.07, 0.09),
+        distance: float = 0.038,
+        inertia: float | None = None,
+        friction: float = 0.0,
+        seed: int = 0,
+        clock: Clock | None = None,
+    ) -> None:
+        self.links, self.distance, self.inertia, self.friction = links, distance, inertia, friction
+        self._speed, self._step = np.zeros(2), 0.0  # [rad/s], and a count [deg]
+        self._moved = (clock or WallClock()).now()  # until when torques have turned the links [s]
+        self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
+        self._angles, self._offset = np.array(HOME), np.zeros(2)
+        self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, which stand at ports 2 and 1
+        self._identity: int | None = None
+        self._buffer, self._began = b"", 0.0
+        super().__init__(seed, clock)
+
+    @property
+    def torque(self) -> FloatArray:
+        return self._torque.copy()
+
+    @property
+    def position(self) -> FloatArray:
+        return self._place(np.radians(self._angles))[None, :]
+
+    @property
+    def force(self) -> FloatArray:
+        return tip_force(self._place, np.radians(self._angles), self._torque)[None, :]
+
+    def move(self) -> None:
+        """Turn both links inwards by 3 degrees; the handle goes away from the motors."""
+        self.place(np.array(HOME) + np.array([-STEP, STEP]))
+
+    def home(self) -> None:
+        self.place(np.array(HOME))
+
+    def place(self, angles: FloatArray) -> None:
+        """Put the links at the motors in these directions, (2,) [deg]."""
+        self._angles = np.array(angles, dtype=float)
+
+    def _place(self, angles: FloatArray) -> FloatArray:
+        """Find the handle, (2,) [m]: where two links of equal length meet, on the side away from the motors."""
+        inner, outer = self.links
+        tips = inner * np.array([np.cos(angles), np.sin(angles)]).T + [
+            [-self.distance / 2, 0.0],
+            [self.distance / 2, 0.0],
+        ]
+        middle, across = tips.mean(axis=0), tips[1] - tips[0]
+        height = math.sqrt(outer**2 - 0.25 * across @ across)
+        away = np.array([-across[1], across[0]]) / math.hypot(*across)
+        handle: FloatArray = middle + height * away
+        return handle
+
+    def receive(self, data: bytes) -> Iterator[bytes]:
+        if not self._buffer:
+            self._began = self.clock.now()
+        self._buffer += data
+        while (size := self._size()) and len(self._buffer) >= size:
+            frame, self._buffer = self._buffer[:size], self._buffer[size:]
+            self._began = self.clock.now()
+            yield from self._act(frame)
+
+    def _move_on(self) -> None:
+        """Turn the links as torques have had them since the last time: I a'' + c a' = torque, exactly."""
+        now = self.clock.now()
+        passed, self._moved = now - self._moved, now
+        if self.inertia is None or passed <= 0.0:
+            return
+        p = self.friction / self.inertia
+        slow = -math.expm1(-p * passed) / p if p * passed > 1e-9 else passed
+        push = self._torque / self.inertia
+        glide = (passed - slow) / p if p * passed > 1e-6 else 0.5 * passed * passed
+        self._angles = self._angles + np.degrees(slow * self._speed + glide * push)
+        self._speed = self._speed * (1.0 - p * slow) + slow * push
+
+    def tick(self) -> None:
+        self._move_on()
+        if self._buffer and self.clock.now() - self._began > PATIENCE:
+            self._buffer = b""  # what came of the frame is given up
+
+    def _encoders(self) -> FloatArray:
+        """Give what the encoders tell, (2,) [deg]."""
+        if self._step == 0.0:
+            return self._angles + self._offset
+        angles: FloatArray = np.round(self._angles / self._step) * self._step + self._offset
+        return angles
+
+    def _size(self) -> int:
+        """Count the bytes of the frame that begins the buffer; the board does not wait for the second one."""
+        if len(self._buffer) < 2:
+            return len(self._buffer)
+        command, identity = self._buffer[:2]
+        if command == TORQUE and identity == self._identity:
+            return 10
+        if command == SETUP:
+            return 26
+        return 2  # a reset, and whatever means nothing to the board
+
+    def _act(self, frame: bytes) -> Iterator[bytes]:
+        if len(frame) < 2:
+            return
+        self._move_on()
+        if frame[0] == SETUP:
+            self._identity = frame[1]
+            second, _, first, counts = struct.unpack_from("<4f", frame, 10)  # ports ascend: encoder 2 is at port 1
+            self._step = 360.0 / counts if self.inertia is not None and counts > 0.0 else 0.0
+            self._offset = np.array([first, second]) - self._angles  # the board takes it that the handle is at home
+        elif frame[0] == RESET and frame[1] == self._identity:
+            self._torque = np.zeros(2)
+        elif frame[0] == TORQUE and frame[1] == self._identity:
+            second, first = struct.unpack_from("<2f", frame, 2)
+            wished = np.nan_to_num(np.array([first, second], dtype=float), posinf=CLAMP, neginf=-CLAMP)
+            self._torque = np.clip(wished, -CLAMP, CLAMP)
+            self.frames.append((self.clock.now(), (float(self._torque[0]), float(self._torque[1]))))
+            first, second = self._encoders()
+            yield struct.pack("<B2f", frame[1], second, first)

@@ -1,0 +1,368 @@
+"""Figures of certificates: limits over keys, loci of loops, the Z-width, and margins over operators."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.show import style
+from graspfx.show.drawing import Drawing
+from graspfx.show.export import NAMES, label_of, unit_of
+from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, panel, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.patheffects import AbstractPathEffect
+
+    from graspfx.analysis.passivity.walls import ZWidth
+    from graspfx.analysis.stability.loci import Loci
+    from graspfx.certificate.certify_operators import OperatorCertificate, OperatorRegion
+    from graspfx.certificate.limit_sweep import SweptLimits
+    from graspfx.show.sheet import Sheet
+    from graspfx.show.style import Width
+
+FloatArray = NDArray[np.float64]
+
+LIMIT = "largest stable gain [N/m]"
+HEIGHT, STACKED = 2.9, 2.2  # [inches]
+MOST_CELLS = 400  # along an axis of a map: more than a picture can show
+LARGEST = 20.0  # times the smallest limit: where an axis ends that would otherwise be all about one end
+LEVELS = 9
+EQUAL = "#ffffff"  # line where both limits are equal
+
+
+def limits_figure(
+    limits: SweptLimits, path: str | PathLike[str], title: str = "", *, width: str = "screen", form: str = ""
+) -> Path:
+    """Draw curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip.
+
+    Raises:
+        InputError: no such width or format.
+    """
+    return style.save(limits_sheet(limits, title, width=width), path, form)
+
+
+def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
+    """Draw what `limits_figure` writes."""
+    with style.look(width):
+        drawing = _curves(limits, width) if len(limits.sweeps) == 1 else _maps(limits, width)
+        drawing.title(plain(title))
+    return drawing
+
+
+def _curves(limits: SweptLimits, width: str) -> Sheet:
+    drawing = style.figure([HEIGHT], width=width)
+    ax, weight, x = drawing.panels[0, 0], drawing.width.weight, limits.sweeps[0].values
+    marked = "o" if len(x) <= 30 else ""
+    values = np.concatenate([limits.internal, limits.external])
+    positive = np.isfinite(values) & (values > 0.0)
+    top = min(float(values[positive].max()), LARGEST * float(values[positive].min())) if positive.any() else 1.0
+    ax.plot(x, _finite(limits.conventional), color=PALE, lw=6 * weight, label="$k_p$, equal gains")
+    ax.plot(x, _finite(limits.internal), color=INTERNAL, ls="--", lw=1.5 * weight, label="$k_{ip}$, internal")
+    ax.plot(
+        x,
+        _finite(limits.external),
+        color=EXTERNAL,
+        lw=1.5 * weight,
+        marker=marked,
+        ms=4.0 * weight,
+        clip_on=bool((limits.external > top).any()),  # a mark at the frame is whole, one beyond it is left out
+        zorder=3,
+        label="$k_{ep}$, external",
+    )
+    ax.set_ylim(0.0, 1.08 * top)
+    if not positive.any():
+        ax.text(0.5, 0.5, "no gain is too large", transform=ax.transAxes, ha="center", color=NOTE)
+    if len(x) > 1:
+        ax.set_xlim(x[0], x[-1])
+    panel(ax, x=label_of(limits.sweeps[0].key), y=LIMIT)
+    drawing.legend(0)
+    return drawing
+
+
+def _maps(limits: SweptLimits, width: str) -> Sheet:
+    from matplotlib.lines import Line2D
+
+    steps = [max(1, -(-len(sweep.values) // MOST_CELLS)) for sweep in limits.sweeps]
+    x, y = (sweep.values[::step] for sweep, step in zip(limits.sweeps, steps, strict=True))
+    tiles = [
+        np.where(np.isfinite(part), part, np.nan)[:: steps[0], :: steps[1]].T
+        for part in (limits.external, limits.internal, limits.conventional)
+    ]
+    values = np.concatenate([part.ravel() for part in tiles])
+    finite = values[np.isfinite(values)]
+    top = float(np.quantile(finite, 0.98)) if len(finite) else 1.0
+    stacked = width == "column"
+    drawing = style.figure([STACKED] * 3 if stacked else [HEIGHT], columns=1 if stacked else 3, width=width, bar=True)
+    panels, weight, equal = list(drawing.panels.ravel()), drawing.width.weight, False
+    names = ("$k_{ep}$, external", "$k_{ip}$, internal", "$k_p$, equal gains")
+    for ax, part, name in zip(panels, tiles, names, strict=True):
+        picture = ax.pcolormesh(x, y, part, vmin=0.0, vmax=top, cmap="cividis", shading="nearest", rasterized=True)
+        if min(part.shape) > 1:
+            equal = _add_contours(ax, x, y, part, tiles[0] - tiles[1], drawing.width) or equal
+        panel(ax, title=name)
+    panel(panels[2 if stacked else 1], x=label_of(limits.sweeps[0].key))  # one for all three
+    panel(panels[1 if stacked else 0], y=label_of(limits.sweeps[1].key))
+    if equal:
+        line = Line2D([], [], color=EQUAL, lw=2.0 * weight, label="$k_{ep} = k_{ip}$", path_effects=rim(weight))
+        drawing.legend(0, [line])
+    drawing.figure.colorbar(picture, cax=drawing.bar, extend="max", label=f"{LIMIT}; blank: none")
+    return drawing
+
+
+def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more: FloatArray, width: Width) -> bool:
+    """Add lines of equal limits, and the one where two are equal; tell whether there is one."""
+    if np.isfinite(part).any() and np.nanmin(part) < np.nanmax(part):
+        drawn = ax.contour(x, y, part, levels=LEVELS, colors="white", linewidths=0.5 * width.weight)
+        ax.clabel(drawn, fontsize=width.text - 1.0, fmt="%.4g")
+    equal = bool(np.isfinite(more).any() and np.nanmin(more) < 0.0 < np.nanmax(more))
+    if equal:
+        lines = ax.contour(x, y, more, levels=[0.0], colors=EQUAL, linewidths=2.0 * width.weight)
+        lines.set_path_effects(rim(width.weight))
+    return equal
+
+
+def rim(weight: float) -> list[AbstractPathEffect]:
+    """Give a white line a dark rim, by which it is seen on any ground."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    return [Stroke(linewidth=3.5 * weight, foreground="black"), Normal()]
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+LOW = 1e-3  # magnitudes below this are not drawn
+SIDE = 1.9  # half the height of a Nyquist diagram
+BESIDE = 0.75  # [inches] of paper beside it, about
+DECADES = 4  # of stiffness in a Z-width, at most
+STABLE, PASSIVE = "#1b9e77", "#882255"
+
+
+def bode(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
+    """Draw magnitude and phase of the loci over frequency, with the margins."""
+    with style.look(width):
+        sheet = style.figure([1.9, 1.6], width=width)
+        upper, lower = sheet.panels[:, 0]
+        for magnitude, phase in zip(loci.magnitude.T, loci.phase.T, strict=True):
+            visible = magnitude > LOW
+            upper.plot(loci.frequency, magnitude, color=INK)
+            lower.plot(loci.frequency, np.where(visible, phase, np.nan), color=INK)
+        upper.set_yscale("log")
+        upper.set_xscale("log")
+        upper.set_ylim(bottom=max(LOW, 0.5 * float(loci.magnitude[loci.magnitude > 0.0].min())))
+        upper.axhline(1.0, color=NEUTRAL, dashes=(4.0, 3.0))
+        visible = loci.phase[loci.magnitude > LOW]
+        low, high = np.floor(visible.min() / 90.0), np.ceil(visible.max() / 90.0)
+        lower.set_yticks(90.0 * np.arange(low, high + 1, max(1, (high - low) // 5)))
+        lower.axhline(-180.0, color=NEUTRAL, dashes=(4.0, 3.0))
+        _mark(loci, upper, lower, sheet)
+        upper.set_xlim(loci.frequency[0], loci.frequency[-1])
+        panel(upper, y="magnitude")
+        panel(lower, x="frequency [Hz]", y="phase [degrees]")
+        sheet.title(title)
+    return Drawing(sheet)
+
+
+def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
+    """Draw the margins as what is left to the lines of -1."""
+    marks = []
+    if not math.isinf(loci.gain_margin):
+        ends = [1.0 / loci.gain_margin, 1.0]
+        f, text = [loci.gain_frequency] * 2, f"gain margin {loci.gain_margin:.3g}"
+        marks += upper.plot(f, ends, color=PASSIVE, marker="o", clip_on=False, label=text)
+    if not math.isinf(loci.phase_margin):
+        f, text = [loci.phase_frequency] * 2, f"phase margin {loci.phase_margin:.3g}\N{DEGREE SIGN}"
+        beyond = loci.phase[np.argmin(np.abs(loci.frequency - f[0]))] + 180.0  # of each locus, from -180 degrees
+        nearest = float(beyond[np.argmin(np.abs(np.abs((beyond + 180.0) % 360.0 - 180.0) - loci.phase_margin))])
+        turn = 360.0 * round(nearest / 360.0)
+        ends = [turn - 180.0, turn - 180.0 + math.copysign(loci.phase_margin, nearest - turn)]
+        marks += lower.plot(f, ends, color=STABLE, marker="s", label=text)
+    if marks:
+        sheet.legend(0, marks)
+
+
+def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
+    """Draw the loci about -1, for positive frequencies in full, mirrored for negative ones."""
+    with style.look(width):
+        sheet = style.figure([3.4], width=width)
+        ax = sheet.panels[0, 0]
+        for locus in loci.response.T:
+            ax.plot(locus.real, -locus.imag, color=PALE, zorder=1)
+            ax.plot(locus.real, locus.imag, color=INK, zorder=2)
+        turn = np.linspace(0.0, 2.0 * math.pi, 200)
+        ax.plot(np.cos(turn), np.sin(turn), color=NEUTRAL, dashes=(4.0, 3.0), label="unit circle")
+        ax.plot([-1.0], [0.0], color=PASSIVE, marker="P", ls="none", label="-1")
+        handles = ax.get_legend_handles_labels()[0]
+        if not math.isinf(loci.gain_margin):
+            text = f"gain margin {loci.gain_margin:.3g}"
+            handles += ax.plot([-1.0 / loci.gain_margin], [0.0], color=STABLE, marker="o", ls="none", label=text)
+        across = SIDE * (sheet.width.inches - BESIDE) / sheet.heights[0]
+        ax.set_xlim(-across, across)
+        ax.set_ylim(-SIDE, SIDE)
+        ax.set_aspect("equal", adjustable="box")
+        panel(ax, x="real part", y="imaginary part")
+        sheet.legend(0, handles)
+        sheet.title(title)
+    return Drawing(sheet)
+
+
+def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
+    """Draw the stiffness of a wall over its damping, up to which it is passive, and stable."""
+    with style.look(width):
+        sheet = style.figure([2.6], width=width)
+        ax, B = sheet.panels[0, 0], region.wall_damping
+        curves = [(region.passive, PASSIVE, "passive to every operator")]
+        if region.stable is not None:
+            curves.insert(0, (region.stable, STABLE, "stable when nobody holds it"))
+        top = max(float(values.max()) for values, _, _ in curves)
+        wide = region.stable is not None and B[0] > 0.0
+        if wide:
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+        bottom = top * 10.0**-DECADES if wide else 0.0
+        for values, colour, label in curves:
+            height = np.maximum(values, bottom)
+            ax.fill_between(B, bottom, height, color=colour, alpha=style.BAND, lw=0.0)
+            ax.plot(B, height, color=colour, label=label)
+        ax.set_xlim(B[0], B[-1])
+        ax.set_ylim(bottom, 1.5 * top if wide else 1.08 * top)
+        if not top > 0.0:
+            ax.text(0.5, 0.5, "no wall is passive", transform=ax.transAxes, ha="center", color=NOTE)
+        panel(ax, x="damping of the wall $B$ [N s/m]", y="stiffness $K$ [N/m]")
+        sheet.legend(0)
+        sheet.title(title)
+    return Drawing(sheet)
+
+
+POINTS = 20  # along a key
+GAIN_POINTS = 30  # along a gain
+MOST_MARGIN = 4.0  # margin at which colours end
+MARGINS = (1.3, 2.0, 3.0)
+SHARES = ("some hands", "half of the hands", "95 % of the hands", "all hands")
+TONES = ("#f6ecc9", "#d8cb94", "#97967a", "#4d5a6b")  # of those, light to dark
+COLOURS = {"internal": INTERNAL, "external": EXTERNAL}
+DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, (1.2, 1.4))}
+
+
+def plot(answer: OperatorCertificate, path: str | PathLike[str] | None = None, width: str = "screen") -> Sheet:
+    """Draw `operators_sheet`, and write it where a path is given."""
+    drawing = operators_sheet(answer, width)
+    if path is not None:
+        style.save(drawing, path)
+    return drawing
+
+
+def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
+    """Draw the region of hands over the first two keys, or one, and beside it the share of hands above each margin."""
+    region = answer.region(answer.operators.keys[:2], POINTS)
+    with style.look(width):
+        stacked = width == "column"
+        drawing = style.figure(
+            [HEIGHT, HEIGHT] if stacked else [HEIGHT], columns=1 if stacked else 2, width=width, share_x=False,
+            share_y=False,
+        )  # fmt: skip
+        first, second = drawing.panels.ravel()
+        _draw_region(first, region, answer, drawing)
+        _draw_margins(second, answer, drawing)
+        drawing.legend(1 if stacked else 0)
+        drawing.title(plain(f"{answer.scene}: stable in {answer.share.count} of {answer.share.total} hands drawn"))
+    return drawing
+
+
+def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
+    """Draw in how many hands each pair of gains is stable, and where the scene's own are."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    region = answer.gains(GAIN_POINTS)
+    with style.look(width):
+        drawing = style.figure([HEIGHT * 1.15], width=width)
+        ax, weight = drawing.panels[0, 0], drawing.width.weight
+        half = 0.5 / max(region.hands, 1)
+        levels = [half, 0.5, max(min(0.95, 1.0 - 2.0 * half), 0.6), 1.0 - half]
+        ax.contourf(region.external, region.internal, region.share.T, levels=[*levels, 2.0], colors=TONES)
+        lines = ax.contour(
+            region.external, region.internal, region.share.T, levels=levels, colors=INK, linewidths=0.8 * weight
+        )
+        lines.set_linestyle("solid")
+        (mark,) = ax.plot(*region.present, "o", color=INK, mfc="white", ms=6.0 * weight, ls="none", label="the scene's")
+        panel(ax, x="$k_{ep}$, external [N/m]", y="$k_{ip}$, internal [N/m]")
+        patches = [Patch(color=tone, label=f"stable in {name}") for name, tone in zip(SHARES, TONES, strict=True)]
+        drawing.legend(0, [*reversed(patches), Line2D([], [], color="none", label=f"{region.hands} hands"), mark])
+        drawing.title(plain(f"{answer.scene}: gains and hands"))
+    return drawing
+
+
+def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, drawing: Sheet) -> None:
+    """Draw margins over two keys as a map with the limit's contour, over one as a curve."""
+    weight = drawing.width.weight
+    margin = np.minimum(region.margin, MOST_MARGIN)
+    keys = [each.key for each in region.ranges]
+    if len(keys) == 1:
+        ax.plot(region.values[0], margin, color=INK)
+        ax.axhline(1.0, color=NEUTRAL, lw=0.8 * weight)
+        ax.fill_between(region.values[0], 0.0, 1.0, color=NEUTRAL, alpha=style.BAND, lw=0.0)
+        ax.set_ylim(0.0, 1.08 * float(margin.max()))
+        panel(ax, x=label(keys[0]), y="least margin")
+    else:
+        x, y = region.values
+        ax.contourf(
+            x, y, margin.T, levels=np.linspace(0.0, MOST_MARGIN, 17), cmap="cividis", vmin=0.0, vmax=MOST_MARGIN
+        )
+        drawn = ax.contour(x, y, margin.T, levels=MARGINS, colors="white", linewidths=0.6 * weight)
+        ax.clabel(drawn, fontsize=drawing.width.text - 1.0, fmt="%.3g")
+        if (region.margin < 1.0).any():
+            ax.contourf(x, y, margin.T, levels=[0.0, 1.0], colors="none", hatches=["///"])
+            if (region.margin >= 1.0).any():
+                ax.contour(x, y, margin.T, levels=[1.0], colors="white", linewidths=2.2 * weight)
+        ax.plot(
+            *(answer.worst.values[key] for key in keys), "v", color="white", mec=INK, ms=7.0 * weight, clip_on=False
+        )
+        panel(ax, x=label(keys[0]), y=label(keys[1]), title="least margin; hatched: not stable; triangle: worst")
+    for axis, each in zip((ax.set_xscale, ax.set_yscale), region.ranges, strict=False):
+        if each.is_logarithmic:
+            axis("log")
+    _plain_ticks(ax, region)
+
+
+def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
+    """Number logarithmic axes of less than two decades by plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis, each in zip((ax.xaxis, ax.yaxis), region.ranges, strict=False):
+        if each.is_logarithmic:
+            axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None:
+    """Draw the share of hands whose margin is at least what the abscissa says, mode by mode."""
+    weight = drawing.width.weight
+    most = 1.0
+    for mode in answer.modes:
+        margins = np.sort(answer.margins(mode))
+        finite = margins[np.isfinite(margins)]
+        if not finite.size:
+            continue
+        most = max(most, float(np.quantile(finite, 0.9)))
+        share = 100.0 * (1.0 - np.arange(len(margins)) / len(margins))
+        colour = COLOURS.get(mode.split()[0], NOTE)
+        ax.step(margins, share, where="pre", color=colour, ls=DASHES.get(mode, "-"), label=mode)
+    ax.axvline(1.0, color=NEUTRAL, lw=0.8 * weight)
+    ax.set_xlim(0.0, min(1.1 * most, 20.0))
+    ax.set_ylim(0.0, 103.0)
+    panel(ax, x="margin", y="hands with that margin or more [%]")
+
+
+def label(key: str) -> str:
+    """Write a key with its unit, in words where it has some."""
+    name, unit = NAMES.get(key, plain(key)), unit_of(key)
+    return f"{name} [{unit}]" if unit else name

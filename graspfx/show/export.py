@@ -1,0 +1,432 @@
+"""Recordings, batches and linearisations for other programs: names and units, xarray, pandas, CSV, python-control."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from math import prod
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.stability.loop import open_loop
+from graspfx.errors import InputError, MissingPackageError, RecordingError, UnknownNameError
+from graspfx.loop.recording.header import conclusion, description
+from graspfx.loop.recording.layout import Column, Layout
+from graspfx.loop.recording.places import placing, recording_path, require_vacancy
+from graspfx.loop.recording.record import Recording
+
+if TYPE_CHECKING:
+    import xarray
+
+    from graspfx.batch.batch import Batch
+
+UNITS = {
+    "viscosity": "N s/m",
+    "rotational_viscosity": "N m s/rad",
+    "mass": "kg",
+    "period": "s",
+    "duration": "s",
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "friction": "N s/m",
+    "squeeze": "m",
+    "radius": "m",
+}
+NAMES = {
+    "object.viscosity": "viscosity of the object $b_v$",
+    "object.mass": "mass of the object $m_v$",
+    "object.rotational_viscosity": "rotational viscosity of the object",
+    "period": "sampling period $T$",
+    "finger.*.device.mass": "mass of a device $m$",
+    "finger.*.device.damping": "damping of a device $b$",
+    "finger.*.device.friction": "damping of a device $b$",
+    "finger.*.hand.stiffness": "stiffness of a finger",
+    "finger.*.hand.damping": "damping of a finger",
+    "coupling.external.damping": "$k_{ed}$",
+    "coupling.internal.damping": "$k_{id}$",
+}
+NO_UNIT = ("coupling.friction",)  # though others of the last name have one
+
+
+def label_of(key: str) -> str:
+    """Name a key with its unit, as far as it has a name and one."""
+    unit = unit_of(key)
+    return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
+
+
+def unit_of(key: str) -> str:
+    """Tell the unit of a key's numbers; empty where none is sure."""
+    last = key.rsplit(".", 1)[-1]
+    return "" if key in NO_UNIT else UNITS.get(last, "")
+
+
+ENERGIES = {  # attributes of a recording by finger that are no columns of it
+    "internal_energy": "work done so far on the fingertip by the displayed force's internal part",
+    "external_energy": "work done so far on the fingertip by the displayed force's external part",
+}
+
+
+class Quantity(NamedTuple):
+    """One quantity of all ticks: its array (N, ...), the names of its dimensions without time, its unit and meaning."""
+
+    name: str
+    values: NDArray[Any]
+    dimensions: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
+    """Give what is added up over a recording, by its name; empty where it cannot be told."""
+    values = {name: _derived(recording, name) for name in ENERGIES}
+    return {name: each for name, each in values.items() if each is not None}
+
+
+def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = None) -> Iterator[Quantity]:
+    """List the columns of a recording, those of its objects together, and what follows from them.
+
+    A column `objects/NAME/position` is `object_position` with a dimension `object`; an object that lacks a column which
+    another has gets NaN.
+
+    Args:
+        recording: all of it, or a part.
+        works: `works_of` the whole in the rows of a part, as it is added up from the beginning.
+    """
+    layout = recording.layout
+    for column in layout.columns.values():
+        if not column.name.startswith("objects/"):
+            yield Quantity(
+                column.name.replace("/", "_"),
+                _stored(recording, column),
+                column.dimensions,
+                column.unit,
+                column.meaning,
+            )
+    for column in layout.derived:
+        if (values := _derived(recording, column.name)) is not None:
+            yield Quantity(column.name, values, column.dimensions, column.unit, column.meaning)
+    for name, meaning in ENERGIES.items():
+        values = _derived(recording, name) if works is None else works.get(name)
+        if values is not None:
+            yield Quantity(name, values, ("finger",), "J", meaning)
+    for part, column in parts_of_objects(layout).items():
+        values = np.stack([_of_object(recording, name, part, column) for name in layout.objects], axis=1)
+        yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)
+
+
+def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
+    """Give one of the `quantities` in some rows, of which nothing else is read than what it follows from."""
+    columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
+    if name in ENERGIES:  # added up from the beginning
+        return np.asarray(_derived(recording, name))[first:stop]
+    if name in columns:
+        return _typed(recording.read(columns[name].name, first, stop), columns[name])
+    for part, like in parts_of_objects(recording.layout).items():
+        if object_name(part) == name:
+            own = (recording.layout.columns.get(f"objects/{thing}/{part}") for thing in recording.layout.objects)
+            nothing = np.full((stop - first, *like.shape), np.nan)
+            return np.stack(
+                [nothing if each is None else _typed(recording.read(each.name, first, stop), each) for each in own],
+                axis=1,
+            )
+    step = recording.store.step
+    pieces = (recording.part(k, min(k + step, stop)) for k in range(first, stop, step))
+    return np.concatenate([getattr(each, name) for each in pieces] or [getattr(recording.part(0, 0), name)])
+
+
+def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
+    """Name the entries along each dimension, time apart."""
+    return {**layout.scales, "object": layout.objects}
+
+
+def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
+    """List what objects' columns are called below their names, as in `energy/work`, with the first of each."""
+    parts: dict[str, Column] = {}
+    for column in layout.columns.values():
+        if column.name.startswith("objects/"):
+            parts.setdefault(column.name.split("/", 2)[2], column)
+    return parts
+
+
+def object_name(part: str) -> str:
+    """Name the quantity of all objects that a part of one object's columns belongs to."""
+    return "object_" + part.replace("/", "_")
+
+
+def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """List a quantity's columns (N,) one by one, as `finger_force.thumb.x`."""
+    shape = quantity.values.shape[1:]
+    flat = quantity.values.reshape(len(quantity.values), prod(shape))
+    for k, place in enumerate(np.ndindex(*shape)):
+        entries = (names[name][i] for name, i in zip(quantity.dimensions, place, strict=True))
+        yield ".".join([quantity.name, *entries]), flat[:, k]
+
+
+def _stored(recording: Recording, column: Column) -> NDArray[Any]:
+    return _typed(recording.array(column.name), column)
+
+
+def _typed(values: NDArray[Any], column: Column) -> NDArray[Any]:
+    return np.not_equal(values, 0.0) if column.kind == "bool" else values.astype(column.kind)
+
+
+def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
+    try:
+        values: NDArray[Any] | None = getattr(recording, name, None)
+    except RecordingError:  # of an earlier format, which does not say how
+        return None
+    return values
+
+
+def _of_object(recording: Recording, name: str, part: str, like: Column) -> NDArray[Any]:
+    own = recording.layout.columns.get(f"objects/{name}/{part}")
+    return np.full((len(recording), *like.shape), np.nan) if own is None else _stored(recording, own)
+
+
+def recording_dataset(recording: Recording) -> xarray.Dataset:
+    """Convert a recording; its docstring is that of `Recording.to_xarray`."""
+    xr = _package("xarray", "Recording.to_xarray")
+    labels = coordinates(recording.layout)
+    first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
+    variables = (
+        {name: _lazy(xr, recording, each) for name, each in first.items()}
+        if recording.is_stored
+        else {each.name: _variable(xr, ("time", *each.dimensions), each) for each in quantities(recording)}
+    )
+    used = {name for variable in variables.values() for name in variable.dims}
+    scales = {name: list(entries) for name, entries in labels.items() if name in used}
+    time = xr.Variable("time", recording.time, {"units": "s"})
+    attributes: dict[str, Any] = {**description(recording.layout, recording.header), **conclusion(recording.outcome)}
+    attributes["faults"] = "\n".join(map(str, recording.faults))
+    data: xarray.Dataset = xr.Dataset(variables, {"time": time, **scales}, attributes)
+    return data
+
+
+def _package(name: str, wanted_by: str, extra: str = "data") -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise MissingPackageError.of_extra(name, wanted_by, extra) from error
+
+
+def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
+    return xr.Variable(dimensions, quantity.values, {"units": quantity.unit, "long_name": quantity.meaning})
+
+
+def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
+    """Make a variable whose numbers are read from the disk, or computed from what is, when they are asked for."""
+    from xarray.backends import BackendArray
+    from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+    class Stored(BackendArray):
+        shape, dtype = (len(recording), *first.values.shape[1:]), first.values.dtype
+
+        def __getitem__(self, key: Any) -> Any:
+            return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
+
+        def _read(self, key: tuple[Any, ...]) -> Any:
+            rows, rest = key[0], key[1:]
+            places = range(*rows.indices(len(recording))) if isinstance(rows, slice) else range(rows, rows + 1)
+            low, high = (min(places), max(places) + 1) if len(places) else (0, 0)
+            values = rows_of(recording, first.name, low, high)
+            chosen = slice(None, None, places.step) if isinstance(rows, slice) else 0
+            return values[(chosen, *rest)]
+
+    about = {"units": first.unit, "long_name": first.meaning}
+    return xr.Variable(("time", *first.dimensions), LazilyIndexedArray(Stored()), about)
+
+
+class Labels(NamedTuple):
+    """Labelled arrays, as xarray and netCDF have them.
+
+    Attributes:
+        variables: by name, the names of the dimensions, the values, and attributes as `units`.
+        coordinates: likewise; one that is named as a dimension has its entries.
+        attributes: of the whole.
+    """
+
+    variables: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
+    coordinates: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
+    attributes: dict[str, Any]
+
+
+def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
+    """Convert a batch; its docstring is that of `Batch.to_xarray`.
+
+    Args:
+        batch: the batch.
+        labels: its own if not given.
+    """
+    xr = _package("xarray", "Batch.to_xarray")
+    if labels is None:
+        labels = batch_labels(batch)
+    variables, scales = (
+        {name: xr.Variable(*each) for name, each in part.items()} for part in (labels.variables, labels.coordinates)
+    )
+    data: xarray.Dataset = xr.Dataset(variables, scales, labels.attributes)
+    return data
+
+
+def batch_labels(batch: Batch) -> Labels:
+    """Label the arrays of a batch."""
+    grid, scales = grid_of(batch)
+    names = {} if batch.layout is None else coordinates(batch.layout)
+    meaning = {"long_name": "tick of the first fault; -1: none"}
+    variables: dict[str, Any] = {"fault_tick": (grid, batch.fault_tick, meaning)}
+    for quantity, by_name in batch.measures.items():
+        column = batch.column(quantity)
+        for name, values in by_name.items():
+            unit = "1" if name in ("growth", "unstable") else column.unit
+            about = {"units": unit, "long_name": f"{name} of {quantity}: {column.meaning}"}
+            variables[f"{quantity}_{name}".replace("/", "_")] = ((*grid, *column.dimensions), values, about)
+    if batch.recordings is not None:
+        variables |= _stacked(batch, grid)
+        scales["time"] = (("time",), batch.recordings.flat[0].time, {"units": "s"})
+    if batch.summaries is not None:
+        variables |= {name: (grid, values, {}) for name, values in summary_numbers(batch).items()}
+    used = {name for dimensions, _, _ in variables.values() for name in dimensions}
+    scales |= {name: ((name,), list(entries), {}) for name, entries in names.items() if name in used}
+    attributes = {"scene": batch.scene, "notes": list(batch.notes), "build_time": batch.build_time}
+    return Labels(variables, scales, {**attributes, "run_time": batch.run_time})
+
+
+def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Name a batch's axes, and give the values of each key along its own; with `zip` all keys have one, `variant`."""
+    together = len(batch.values) > len(batch.shape)
+    axes = ("variant",) if together else tuple(batch.values)
+    scales: dict[str, Any] = {}
+    for k, (key, values) in enumerate(batch.values.items()):
+        alone = values if together else np.moveaxis(values, k, 0).reshape(values.shape[k], -1)[:, 0]
+        plain = [each if isinstance(each, str | int | float) else repr(each) for each in alone.tolist()]
+        unit = unit_of(key)
+        scales[key] = ((axes[0 if together else k],), plain, {"units": unit} if unit else {})
+    return axes, scales
+
+
+def summary_numbers(batch: Batch) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Collect what is one number in every summary, of the grid's shape; None is NaN."""
+    summaries = [] if batch.summaries is None else batch.summaries.ravel().tolist()
+    numbers = {}
+    for name in summaries[0]:
+        values = [each.get(name) for each in summaries]
+        if any(isinstance(value, int | float) for value in values) and all(
+            value is None or isinstance(value, int | float) for value in values
+        ):
+            numbers[name] = np.array([np.nan if each is None else each for each in values]).reshape(batch.shape)
+    return numbers
+
+
+def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
+    tables = [
+        {each.name: each for each in quantities(one)}
+        for one in ([] if batch.recordings is None else batch.recordings.ravel().tolist())
+    ]
+    first = tables[0]
+    shapes = {name: each.values.shape for name, each in first.items()}
+    if any({name: each.values.shape for name, each in table.items()} != shapes for table in tables):
+        raise InputError("keep", "recordings", "recordings of the same columns and length", "convert them one by one")
+    return {
+        name: (
+            (*grid, "time", *each.dimensions),
+            np.array([table[name].values for table in tables]).reshape(*batch.shape, *each.values.shape),
+            {"units": each.unit, "long_name": each.meaning},
+        )
+        for name, each in first.items()
+    }
+
+
+BLOCK = 1000  # rows that are written at once
+
+
+def recording_frame(recording: Recording) -> Any:
+    """Convert a recording; its docstring is that of `Recording.to_frame`."""
+    pandas = _package("pandas", "Recording.to_frame")
+    frame = pandas.DataFrame(dict(_columns(recording)), index=pandas.Index(recording.time, name="time"))
+    frame.attrs = {"scene": recording.header.scene, "units": {each.name: each.unit for each in quantities(recording)}}
+    return frame
+
+
+def batch_frame(batch: Batch) -> Any:
+    """Convert a batch; its docstring is that of `Batch.to_frame`."""
+    pandas = _package("pandas", "Batch.to_frame")
+    plain = {key: np.asarray(values, dtype=object).ravel() for key, values in batch.values.items()}
+    columns: dict[str, Any] = {
+        key: [each if isinstance(each, str | float) else repr(each) for each in values] for key, values in plain.items()
+    }
+    columns["fault_tick"] = batch.fault_tick.ravel()
+    for quantity, by_name in batch.measures.items():
+        column = batch.column(quantity)
+        for name, values in by_name.items():
+            flat = values.reshape(len(batch), *values.shape[len(batch.shape) :])
+            each = Quantity(f"{quantity}.{name}", flat, column.dimensions, column.unit, column.meaning)
+            columns |= dict(components(each, {} if batch.layout is None else coordinates(batch.layout)))
+    if batch.summaries is not None:
+        columns |= {name: values.ravel() for name, values in summary_numbers(batch).items()}
+    return pandas.DataFrame(columns)
+
+
+def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a recording; its docstring is that of `Recording.to_csv`."""
+    place = recording_path(path, "path")
+    if not place.name:
+        raise InputError("path", str(path), "the path of a file, such as recording.csv")
+    if not overwrite:
+        require_vacancy([place])
+    with placing(place) as draft, draft.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(csv_lines(recording))
+
+
+def csv_lines(recording: Recording) -> Iterator[str]:
+    """Write the lines of a CSV file, RFC 4180: numbers by the shortest digits that read back the same.
+
+    Names of fingers and objects have no commas or quotes.
+    """
+    together, first = works_of(recording), 0
+    for part in recording.parts() if len(recording) else [recording]:
+        late = {name: values[first : first + len(part)] for name, values in together.items()}
+        table = {"time": part.time, **dict(_columns(part, late))}
+        if not first:
+            yield ",".join(table) + "\r\n"
+        first += len(part)
+        columns = [values.astype(np.int8) if values.dtype == bool else values for values in table.values()]
+        for k in range(0, len(part), BLOCK):
+            block = [values[k : k + BLOCK].tolist() for values in columns]
+            yield "".join(",".join(map(repr, row)) + "\r\n" for row in zip(*block, strict=True))
+
+
+def _columns(
+    recording: Recording, works: Mapping[str, NDArray[Any]] | None = None
+) -> Iterator[tuple[str, NDArray[Any]]]:  # fmt: skip
+    names = coordinates(recording.layout)
+    for quantity in quantities(recording, works):
+        yield from components(quantity, names)
+
+
+LOOPS = ("closed", "open")
+
+
+def to_control(linear: Linearisation, loop: str = "closed") -> Any:
+    """Convert a linearisation; its docstring is that of `Linearisation.to_control`."""
+    control = _package("control", "Linearisation.to_control", "control")
+    if loop not in LOOPS:
+        raise UnknownNameError("loop", str(loop), LOOPS)
+    m, r = linear.coordinates
+    opened = open_loop(linear)
+    forces = [f"f[{i}]" for i in range(m)]
+    if loop == "open":
+        return control.StateSpace(
+            opened.A, opened.B, -opened.C, np.zeros((m, m)), linear.period, remove_useless_states=False,
+            inputs=[f"u[{i}]" for i in range(m)], outputs=[f"minus {name}" for name in forces], name="opened loop",
+        )  # fmt: skip
+    motion = np.zeros((m + r, len(opened.A)))
+    motion[:m, :m], motion[m:, 2 * m : 2 * m + r] = np.eye(m), np.eye(r)
+    C = np.vstack([motion, opened.C])
+    names = [*(f"x[{i}]" for i in range(m)), *(f"q[{j}]" for j in range(r)), *forces]
+    return control.StateSpace(
+        opened.A + opened.B @ opened.C, opened.hand, C, np.zeros((len(C), m)), linear.period,
+        remove_useless_states=False, inputs=[f"hand[{i}]" for i in range(m)], outputs=names, name="grasp",
+    )  # fmt: skip

@@ -1,0 +1,318 @@
+"""Who runs a sweep's chunks: this process, threads, processes, any executor or a cluster; and what if workers die."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from importlib import import_module
+from multiprocessing import connection, get_context, parent_process
+from threading import Thread
+from typing import Any
+
+import numpy as np
+
+from graspfx.environment import processors
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.progress import unheard, waiting
+from graspfx.sweeps.chunk import Chunk, ChunkResult, SceneOrder, SweepError, run_chunk
+
+FORM = (
+    "none, 'threads:N', 'processes:N', 'local:N' or 'tcp://HOST:PORT' for a cluster of dask, "
+    "an executor of concurrent.futures or a client of dask"
+)
+OWN = "127.0.0.1:0"  # where pages of a cluster on this machine are: on no network, at any port
+PATIENCE = 10.0  # [s] for a scheduler to answer
+DEATHS = 3  # of workers before dask says of a chunk that it kills them
+DEPTH = 2  # chunks for each worker that are handed out at a time
+TRIES = 2  # of a chunk alone, before it is said to kill its worker
+KILLS = "the process that ran it was killed or crashed, each time it was tried"
+BORN_DEAD = (
+    "worker processes die before they begin: a script that sweeps in processes must do so below "
+    '`if __name__ == "__main__":`, as each of them reads the script again'
+)
+SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
+
+
+class Crew:
+    """A crew that takes one call after the other, and gives a future of each.
+
+    Args:
+        executor: that runs them; None for this process, which runs each when it comes.
+        workers: how many run at a time.
+        threads: that each call may have; None for as many as its process decides.
+        anew: makes another executor when a process of this one has died; None where its owner has to.
+    """
+
+    def __init__(
+        self,
+        executor: Executor | None,
+        workers: int,
+        threads: int | None = None,
+        anew: Callable[[], Executor] | None = None,
+    ) -> None:
+        self.executor, self.workers, self.threads, self._anew = executor, max(1, workers), threads, anew
+
+    @property
+    def mends(self) -> bool:
+        """Whether the crew goes on when a process of it has died."""
+        return self._anew is not None
+
+    def submit(self, call: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Begin a call, or in this process make it."""
+        if self.executor is not None:
+            return self.executor.submit(call, *arguments)
+        future: Future[Any] = Future()
+        with unheard():
+            try:
+                future.set_result(call(*arguments))
+            except Exception as error:  # noqa: BLE001 - it is raised again by whoever asks the future
+                future.set_exception(error)
+        return future
+
+    def mend(self) -> None:
+        """Take new processes for those that have died."""
+        if self._anew is not None:
+            end(self.executor)
+            self.executor = self._anew()
+
+
+@contextmanager
+def crew_of(executor: Any) -> Iterator[Crew]:
+    """Give the crew that an argument stands for; what is made for it ends with the block.
+
+    Args:
+        executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N for as many as there are
+            processors if left out); an executor of `concurrent.futures`, or a client of dask.
+
+    Raises:
+        InputError: something else.
+        MissingPackageError: no distributed, for a cluster.
+    """
+    with ExitStack() as stack:
+        crew = _crew(stack, executor)
+        try:
+            yield crew
+        except BaseException:
+            if crew.mends:
+                end(crew.executor)
+            raise
+        if crew.mends and crew.executor is not None:
+            crew.executor.shutdown()
+
+
+def _crew(stack: ExitStack, executor: Any) -> Crew:
+    if executor is None:
+        return Crew(None, 1)
+    if isinstance(executor, str):
+        kind, _, count = executor.partition(":")
+        if executor.startswith(SCHEMES):
+            return _cluster(stack, executor, 0)
+        if kind not in ("threads", "processes", "local") or not (not count or (count.isdecimal() and int(count) > 0)):
+            raise InputError("executor", executor, FORM)
+        number = int(count) if count else processors()
+        if kind == "local":
+            return _cluster(stack, "", number)
+        if kind == "threads":
+            return Crew(stack.enter_context(ThreadPoolExecutor(number)), number, threads=1)
+        return Crew(_processes(number), number, anew=lambda: _processes(number))
+    if isinstance(executor, Executor):
+        number = getattr(executor, "_max_workers", None) or processors()
+        threads = 1 if isinstance(executor, ThreadPoolExecutor) else None
+        return Crew(executor, number, threads=threads)
+    if callable(getattr(executor, "get_executor", None)) and callable(getattr(executor, "nthreads", None)):
+        return _of_client(executor)
+    raise InputError("executor", executor, FORM)
+
+
+# Processes ------------------------------------------------------------------------------------------------------------
+
+
+def _processes(count: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=follow_parent)
+
+
+def follow_parent() -> None:
+    """End this process with the one that made it, also where that is killed; Ctrl-C is for that one."""
+    with suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: Any) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+def end(executor: Executor | None) -> None:
+    """End an executor's processes at once, whatever they do."""
+    if executor is None:
+        return
+    processes = list((getattr(executor, "_processes", None) or {}).values())
+    executor.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+
+
+# Clusters -------------------------------------------------------------------------------------------------------------
+
+
+def _cluster(stack: ExitStack, address: str, count: int) -> Crew:
+    """Reach the scheduler of a cluster, or make one of some processes on this machine, with a thread each."""
+    try:
+        distributed: Any = import_module("distributed")
+        dask: Any = import_module("dask")
+    except ImportError as error:
+        raise MissingPackageError.of_extra("distributed", "a cluster", "cluster") from error
+    if address:
+        with waiting(f"reaching {address}"):
+            try:
+                return _of_client(stack.enter_context(distributed.Client(address, timeout=PATIENCE)))
+            except OSError as error:
+                expected = "the address of a scheduler of dask that answers, as `dask scheduler` prints it"
+                raise InputError("executor", address, expected, str(error).split("\n")[0]) from error
+    stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}))
+    with waiting("starting workers"):
+        cluster = distributed.LocalCluster(
+            n_workers=count, threads_per_worker=1, processes=True, silence_logs=50,
+            dashboard_address=OWN, worker_dashboard_address=OWN,
+        )  # fmt: skip
+        return _of_client(stack.enter_context(distributed.Client(stack.enter_context(cluster))))
+
+
+def _of_client(client: Any) -> Crew:
+    return Crew(client.get_executor(pure=False), sum(client.nthreads().values()), threads=1)
+
+
+# Chunks handed out ----------------------------------------------------------------------------------------------------
+
+
+class ChunkLoop:
+    """Runs chunks, and gives each whole result as it comes.
+
+    Args:
+        crew: that runs them.
+        order: what they are chunks of.
+        finish: takes a chunk and its result.
+        note: takes a sentence on what went wrong on the way.
+    """
+
+    def __init__(
+        self,
+        crew: Crew,
+        order: SceneOrder,
+        finish: Callable[[Chunk, ChunkResult], None],
+        note: Callable[[str], None],
+    ) -> None:
+        self.crew, self.order, self.finish, self.note = crew, order, finish, note
+        self.content = order.bytes
+        self.alive = False  # whether workers have done anything yet
+
+    def run(self, chunks: Iterable[Chunk]) -> None:
+        """Run chunks until none is left.
+
+        Raises:
+            SweepError: workers cannot do it at all, or an executor that is not ours is broken.
+        """
+        left, flying = deque(chunks), dict[Future[Any], Chunk]()
+        most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
+        try:
+            while left or flying:
+                while left and len(flying) < most:
+                    chunk = left.popleft()
+                    flying[self._submit(chunk)] = chunk
+                ready, _ = wait(list(flying), return_when=FIRST_COMPLETED)
+                dead: list[Chunk] = []
+                for future in ready:
+                    chunk, result = flying.pop(future), self._result(future)
+                    if result is None:
+                        dead.append(chunk)
+                    else:
+                        self.finish(chunk, result)
+                if dead:
+                    self._bury(dead, flying)
+        finally:
+            for future in flying:
+                future.cancel()
+
+    def _submit(self, chunk: Chunk) -> Future[Any]:
+        try:
+            return self.crew.submit(run_chunk, self.content, chunk, self.crew.threads)
+        except BrokenExecutor as error:
+            future: Future[Any] = Future()
+            future.set_exception(error)
+            return future
+
+    def _result(self, future: Future[Any]) -> ChunkResult | None:
+        """Wait for the result of a chunk; None where its worker died."""
+        try:
+            result: ChunkResult = future.result()
+        except BrokenExecutor as error:
+            if not self.crew.mends:
+                text = "a process of the executor died, which ends it: sweep again with another, or 'processes:N'"
+                raise SweepError(f"{text}, which goes on by itself") from error
+            return None
+        except CancelledError as error:
+            raise SweepError("the executor or the cluster was closed before the sweep was over") from error
+        except Exception as error:
+            if type(error).__name__ != "KilledWorker":  # of dask, after some tries of its own
+                raise
+            return None
+        self.alive = True
+        return result
+
+    def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
+        """Mend a crew of ours; one of the chunks that ran killed a process, so that each of them is tried alone."""
+        tries = 0  # dask has tried
+        if self.crew.mends:
+            dead += flying.values()
+            flying.clear()
+            self.crew.mend()
+            self._require_life()
+            tries = TRIES if len(dead) > 1 else TRIES - 1
+        for chunk in dead:
+            self.finish(chunk, self._alone(chunk, tries))
+
+    def _require_life(self) -> None:
+        """Tell a chunk that kills workers from workers that cannot begin.
+
+        Raises:
+            SweepError: they cannot.
+        """
+        try:
+            self.alive = self.alive or self.crew.submit(partial(int, 1)).result() == 1
+        except BrokenExecutor as error:
+            raise SweepError(BORN_DEAD) from error
+
+    def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
+        """Run a chunk with no other beside it; one that kills its workers in halves, and a variant is a failure."""
+        for _ in range(tries):
+            result = self._result(self._submit(chunk))
+            if result is not None:
+                return result
+            self.crew.mend()
+        if not told:
+            self.note(f"a process died of one of {len(chunk)} variants: they are tried in parts")
+        whole = ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
+        if len(chunk) == 1:
+            whole.failures[0] = KILLS
+            self.note(f"variant {chunk.members[0]}: {KILLS}")
+            return whole
+        for places in np.array_split(np.arange(len(chunk)), 2):
+            whole.include(places, self._alone(chunk.part(places), 1, told=True))
+        return whole

@@ -1,0 +1,430 @@
+"""The folder of a sweep: what it is a sweep of, a netCDF file for each chunk, and one for all of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx import __version__, log
+from graspfx.assembly.provenance import brief, by_name, file_changes, scene_changes
+from graspfx.card import counted
+from graspfx.environment import to_path
+from graspfx.errors import InputError, RecordingError
+from graspfx.loop.recording.places import claim, make_folder, sync_folder
+from graspfx.show.export import Labels
+from graspfx.sweeps.chunk import ChunkResult, SweepError
+from graspfx.sweeps.swept_values import VariantGrid
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+MANIFEST, CHUNKS, FINAL, LOCK = "sweep.json", "chunks", "sweep.nc", ".lock"
+DRAFT = ".draft"  # ending of a file that is being written
+FORMAT = 2  # of the folder: from 2 on chunks are netCDF
+RESULTS = 1  # counts changes of what the numbers in a sweep's files mean
+FEW = 6  # values that are listed one by one
+SEAL = b"graspfx sha256 "
+LENGTH = len(SEAL) + 65  # bytes of the last line
+LEAST = 4096  # numbers of a variable that is packed
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+
+
+class SweepFolder:
+    """Files of a sweep in a folder that this process has for itself.
+
+    Args:
+        path: of the folder, which is there.
+        manifest: what sweep.json says.
+        removal: what was removed to begin anew, in words; empty for nothing.
+    """
+
+    def __init__(self, path: Path, manifest: Mapping[str, Any], removal: str = "") -> None:
+        self.path, self.manifest, self.removal = path, dict(manifest), removal
+        self.damaged: list[Path] = []
+
+    @property
+    def identity(self) -> str:
+        """The digest of all that the results depend on."""
+        return str(self.manifest["identity"])
+
+    @property
+    def size(self) -> int:
+        """Variants in a chunk; the last may have fewer."""
+        return int(self.manifest["chunk"])
+
+    @property
+    def final(self) -> Path:
+        """The file of all results."""
+        return self.path / FINAL
+
+    def save(self, number: int, result: ChunkResult, dimensions: Mapping[str, tuple[str, ...]]) -> None:
+        """Write the file of a chunk.
+
+        Args:
+            number: of the chunk.
+            result: of its variants.
+            dimensions: names of the axes of each of the result's arrays, without that of variants.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
+        variables: dict[str, Any] = {
+            name: (("variant", *dimensions[name]), values, {}) for name, values in result.arrays.items()
+        }
+        variables["failure"] = (("variant",), np.array(result.failures, dtype=object), {})
+        attributes = {"identity": self.identity, "chunk": number, "notes": json.dumps(result.notes)}
+        body = netcdf(Labels(variables, {}, {**attributes, "seconds": result.seconds}))
+        write_whole(self._place(number), body + _seal(body))
+
+    def load(self, number: int, blank: ChunkResult) -> ChunkResult | None:
+        """Read a chunk into the result of variants that have not run; None where it is not there, or is damaged."""
+        place = self._place(number)
+        try:
+            content = place.read_bytes()
+        except OSError:
+            return None
+        try:
+            self._read(content, number, blank)
+        except (ValueError, LookupError, OSError, RuntimeError) as error:
+            log.info("%s: %s", place, error)
+            self.damaged.append(place)
+            return None
+        return blank
+
+    def _place(self, number: int) -> Path:
+        return self.path / CHUNKS / f"{number:06d}.nc"
+
+    def _read(self, content: bytes, number: int, blank: ChunkResult) -> None:
+        import h5py
+
+        body = content[:-LENGTH]
+        if content[-LENGTH:] != _seal(body):
+            raise ValueError("its bytes are not what was written")
+        with h5py.File(BytesIO(body), "r") as file:
+            if (file.attrs["identity"], file.attrs["chunk"]) != (self.identity, number):
+                raise ValueError("it is another sweep's, or another chunk")
+            for name, values in blank.arrays.items():
+                if file[name].shape != values.shape:
+                    raise ValueError("its arrays have other shapes")
+                values[...] = file[name][()]
+            blank.failures = file["failure"].asstr()[()].tolist()
+            blank.notes, blank.seconds = tuple(json.loads(file.attrs["notes"])), float(file.attrs["seconds"])
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the file of all results is there, can be read with sums that check, and is this sweep's."""
+        import h5py
+
+        from graspfx.loop.recording.file import require_contained
+
+        try:
+            with h5py.File(self.final, "r") as file:
+                require_contained(file, self.final)
+                for data in file.values():
+                    data[()]
+                return bool(file.attrs.get("identity") == self.identity)
+        except (OSError, RuntimeError, LookupError, ValueError):
+            return False
+
+    def finish(self, labels: Labels) -> None:
+        """Write the file of all results.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
+        write_whole(self.final, netcdf(labels))
+
+
+def _seal(body: bytes) -> bytes:
+    return SEAL + sha256(body).hexdigest().encode() + b"\n"
+
+
+def write_whole(place: Path, content: bytes) -> None:
+    """Write a file beside its place, make the disk keep it, and move it there: it is there whole or not at all.
+
+    Raises:
+        RecordingError: the disk does not take it.
+    """
+    draft = place.with_name(f".{place.name}{DRAFT}")
+    try:
+        with draft.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(place)
+    except OSError as error:
+        with suppress(OSError):  # where the disk is full its bytes are wanted
+            draft.unlink()
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}: what is done so far stays") from error
+    sync_folder(place.parent)
+
+
+# The folder -----------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def open_folder(
+    path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool
+) -> Iterator[SweepFolder]:
+    """Have a folder for a sweep, for oneself alone within the block; what is done of the same sweep is there.
+
+    Args:
+        path: of the folder, which is made if need be.
+        parts: all that the results depend on.
+        size: variants in a chunk, where the sweep is new.
+        resume: whether a sweep that is there, if it is the same, goes on.
+        overwrite: whether the sweep that is there is removed, whatever it is.
+
+    Raises:
+        SweepError: another sweep is there, the same one without `resume`, or another process is at it.
+        RecordingError: the folder or a file in it cannot be written.
+    """
+    make_folder(path)
+    try:
+        file = claim(path / LOCK)
+    except RecordingError:
+        text = f"{path}: another process is at this sweep; wait for its end, or choose another --out"
+        raise SweepError(text) from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
+    _locks.add(file)
+    try:
+        yield _folder(path, parts, size, resume=resume, overwrite=overwrite)
+    finally:
+        _locks.discard(file)
+        file.close()
+
+
+def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool) -> SweepFolder:
+    identity, removal = identity_of(parts), _remove(path) if overwrite else ""
+    there = manifest_of(path)
+    if there is None and (results := _results(path)):
+        text = f"{path}: has {results} of a sweep, but no {MANIFEST} that can be read"
+        raise SweepError(f"{text}; choose another --out, or begin again with --overwrite (overwrite=True)")
+    if there is None:
+        about = {"format": FORMAT, "identity": identity, "chunk": size, "created": now(), "parts": dict(parts)}
+        write_whole(path / MANIFEST, json.dumps(about, indent=1).encode())
+        make_folder(path / CHUNKS)
+        return SweepFolder(path, about, removal)
+    if there["identity"] != identity:
+        lines = _differences(there.get("parts", {}), parts)
+        more = f"; and {len(lines) - 5} more differences" if len(lines) > 5 else ""
+        text = f"{path}: is the folder of another sweep: {'; '.join(lines[:5])}{more}"
+        raise SweepError(f"{text}. Choose another --out, or write over it with --overwrite (overwrite=True)")
+    if not resume:
+        done = len(_chunks(path))
+        how = "go on with --resume (resume=True), or begin again with --overwrite (overwrite=True)"
+        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this very sweep; {how}")
+    make_folder(path / CHUNKS)
+    for draft in (path / CHUNKS).glob(f".*{DRAFT}"):
+        with suppress(OSError):
+            draft.unlink()
+    return SweepFolder(path, there)
+
+
+def manifest_of(path: Path) -> dict[str, Any] | None:
+    """Read what a folder is a sweep of; None where it says nothing that can be read.
+
+    Raises:
+        SweepError: it is of another format.
+    """
+    try:
+        about: dict[str, Any] = json.loads((path / MANIFEST).read_bytes())
+        kind = about["format"], str(about["identity"]), str(about["created"])
+        if int(about["chunk"]) < 1:
+            return None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if kind[0] != FORMAT:
+        how = "choose another --out, or begin again with --overwrite (overwrite=True)"
+        raise SweepError(f"{path}: is a sweep of format {kind[0]}, this GraspFX reads {FORMAT}; {how}")
+    return about
+
+
+def _chunks(path: Path) -> list[Path]:
+    """List the files of chunks, those of format 1 (npz) too, and no others."""
+    return [each for kind in ("nc", "npz") for each in (path / CHUNKS).glob(f"{'[0-9]' * 6}.{kind}")]
+
+
+def _results(path: Path) -> str:
+    """Say which results of a sweep a folder has; empty for none."""
+    count = len(_chunks(path))
+    names = [counted(count, "chunk")] * bool(count) + [FINAL] * (path / FINAL).is_file()
+    return " and ".join(names)
+
+
+def _remove(path: Path) -> str:
+    """Remove the files of a sweep, and nothing else; that which says what they are goes last. Say what that was."""
+    try:
+        there = manifest_of(path)
+        title = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
+    except SweepError:
+        title = "a sweep of another format"
+    results = _results(path)
+    try:
+        for each in (*_chunks(path), path / FINAL, path / MANIFEST):
+            each.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written over; {error.strerror}") from error
+    return f"{path}: {title} was removed to begin again, with {results}" if results else ""
+
+
+def folder_of(out: object) -> Path:
+    """Take the path of a sweep's folder.
+
+    Raises:
+        InputError: no path, or that of a file.
+    """
+    path = to_path("out", out, "the path of a folder")
+    if path.is_file():
+        raise InputError("out", str(path), "the path of a folder", "there is a file of that name")
+    return path
+
+
+def now() -> str:
+    """Write the time in UTC."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+_locks: set[Any] = set()  # of folders that this process has
+
+
+def _let_go() -> None:
+    for file in _locks:
+        with suppress(OSError):
+            file.close()
+    _locks.clear()
+
+
+if hasattr(os, "register_at_fork"):  # a worker that a pool forks would have the lock for as long as it lives
+    os.register_at_fork(after_in_child=_let_go)
+
+
+# What it is a sweep of ------------------------------------------------------------------------------------------------
+
+
+def identity_of(parts: Mapping[str, Any]) -> str:
+    """Digest what a sweep is made of."""
+    return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def sweep_parts(
+    scene: Scene,
+    variants: VariantGrid,
+    duration: float,
+    measure: Sequence[str],
+    statistics: Sequence[str],
+    files: Mapping[str, str],
+    engines: Mapping[str, str],
+) -> dict[str, Any]:
+    """List all that the results of a sweep depend on, as data that JSON writes."""
+    lists = {key: [_written(each) for each in items] for key, items in variants.lists.items()}
+    return {
+        "scene": json.loads(json.dumps(scene.to_dict())),
+        "files": by_name(files),
+        "variants": {key: _brief(items) for key, items in lists.items()},
+        "values": sha256(json.dumps([lists, list(variants.shape), variants.numbers.tolist()]).encode()).hexdigest(),
+        "shape": list(variants.shape),
+        "sample": [variants.sample, variants.seed] if variants.sample else [],
+        "measure": list(measure),
+        "statistics": list(statistics),
+        "duration": duration,
+        "version": [__version__, RESULTS, *(" ".join(each) for each in engines.items())],
+    }
+
+
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """Say in which ways a sweep is another one than that of a folder."""
+    lines = [
+        *scene_changes(there.get("scene", {}), here["scene"]),
+        *file_changes(there.get("files", {}), here["files"]),
+    ]
+    values, here_values = there.get("variants", {}), here["variants"]
+    for key in dict.fromkeys([*values, *here_values]):
+        one, two = values.get(key, "not swept"), here_values.get(key, "not swept")
+        if one != two:
+            lines.append(f"{key}: {one} there, {two} here")
+    for name in ("shape", "sample", "measure", "statistics", "duration", "version"):
+        if there.get(name) != here[name]:
+            lines.append(f"{name}: {brief(there.get(name))} there, {brief(here[name])} here")
+    return lines or ["its values are not the same to the last digit, or in another order"]
+
+
+def _written(value: Any) -> Any:
+    """Write a value as JSON has it; of another kind as Python writes it."""
+    try:
+        return json.loads(json.dumps(value))
+    except (TypeError, ValueError):
+        return repr(value)
+
+
+def _brief(items: Sequence[Any]) -> str:
+    if len(items) <= FEW:
+        return ", ".join(brief(each) for each in items)
+    return f"{len(items)} values from {brief(items[0])} to {brief(items[-1])}"
+
+
+# NetCDF 4, which is HDF5 with scales: xarray, netCDF4, MATLAB, Julia and R read it ------------------------------------
+
+
+def netcdf(labels: Labels) -> bytes:
+    """Write labelled arrays as the bytes of a file."""
+    import h5py
+
+    content = BytesIO()
+    with h5py.File(content, "w", libver=("earliest", "v110"), track_order=True) as file:
+        scales = _scales(file, labels)
+        auxiliary = [name for name in labels.coordinates if name not in scales]
+        for name, (dimensions, values, about) in {**labels.coordinates, **labels.variables}.items():
+            data = file[name] if name in scales else _variable(file, name, np.asarray(values))
+            for key, text in about.items():
+                data.attrs[key] = text
+            if name in scales:
+                continue
+            for axis, dimension in enumerate(dimensions):
+                data.dims[axis].attach_scale(scales[dimension])
+            if auxiliary and name in labels.variables:
+                data.attrs["coordinates"] = " ".join(auxiliary)
+        for key, value in labels.attributes.items():
+            file.attrs[key] = "\n".join(value) if isinstance(value, list) else value
+    return content.getvalue()
+
+
+def _scales(file: Any, labels: Labels) -> dict[str, Any]:
+    """Make a scale for each dimension: with its entries where there are, else one that only counts."""
+    sizes: dict[str, int] = {}
+    for dimensions, values, _ in (*labels.coordinates.values(), *labels.variables.values()):
+        sizes |= dict(zip(dimensions, np.shape(values), strict=True))
+    scales = {}
+    for name, size in sizes.items():
+        if name in labels.coordinates:
+            scales[name] = _variable(file, name, np.asarray(labels.coordinates[name][1]))
+            scales[name].make_scale(name)
+        else:
+            scales[name] = file.create_dataset(name, (size,), np.float32)
+            scales[name].make_scale(f"{NO_VARIABLE}{size:10d}")
+    for number, scale in enumerate(scales.values()):
+        scale.attrs["_Netcdf4Dimid"] = np.int32(number)
+    return scales
+
+
+def _variable(file: Any, name: str, values: Any) -> Any:
+    import h5py
+
+    if values.dtype.kind in "UO":
+        data = file.create_dataset(name, values.shape, h5py.string_dtype())
+        data[...] = values.astype(object)
+        return data
+    packing: Mapping[str, Any] = {"compression": "gzip", "shuffle": True} if values.size > LEAST else {}
+    packing = {**packing, "fletcher32": True} if values.size and values.ndim else packing
+    fill = {"fillvalue": np.nan} if values.dtype.kind == "f" else {}
+    return file.create_dataset(name, data=values, **packing, **fill)

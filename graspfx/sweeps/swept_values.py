@@ -1,0 +1,254 @@
+"""Values of swept keys, and the variants that they make: a grid, lists taken together, or a Latin hypercube."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.arguments import count
+from graspfx.batch.grid import as_array, grid
+from graspfx.errors import InputError
+from graspfx.scene.budget import excess
+from graspfx.scene.overrides import toml_value
+
+MOST = 10_000_000  # values of a range, and variants of a sample
+FORM = "FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas, as in object.viscosity=0.8:1.5:15"
+BOTH_ENDS = "both ends are among the values; a single value stands alone, as in object.viscosity=0.8"
+GOLDEN = 0.6180339887498949
+Values = Sequence[Any] | NDArray[Any]
+IndexArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Range:
+    """A range of numbers, both ends among them.
+
+    Args:
+        first, last: its ends.
+        count: values that a grid has of it; 0 where only a sample can be drawn.
+        log: whether ratios are even, and not differences.
+    """
+
+    first: float
+    last: float
+    count: int = 0
+    log: bool = False
+
+    def grid(self) -> NDArray[np.float64]:
+        """Give evenly spaced values."""
+        return (
+            self.at(np.linspace(0.0, 1.0, self.count)) if self.log else np.linspace(self.first, self.last, self.count)
+        )
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Give the values at shares of the way from the first to the last."""
+        if self.log:
+            values = np.exp(math.log(self.first) + share * (math.log(self.last) - math.log(self.first)))
+            values = np.where(share == 0.0, self.first, values)
+            return np.asarray(np.where(share == 1.0, self.last, values))
+        return self.first + share * (self.last - self.first)
+
+
+def read_over(text: str) -> tuple[str, Range | list[Any]]:
+    """Read KEY=RANGE or KEY=V1,V2,... of a command line.
+
+    Raises:
+        InputError: anything else.
+    """
+    key, equals, values = text.partition("=")
+    if not key.strip() or not equals or not values.strip():
+        raise InputError("--over", text, f"KEY={FORM}")
+    return key.strip(), read_values(values.strip(), "--over")
+
+
+def read_values(text: str, argument: str) -> Range | list[Any]:
+    """Read a range, or values with commas, each TOML, or text where it is none.
+
+    Raises:
+        InputError: neither.
+    """
+    span = _range(text, argument)
+    if span is not None:
+        return span
+    if fault := excess(f"value = [{text}]"):
+        raise InputError(argument, text, FORM, fault.message)
+    try:
+        values: list[Any] = toml_value(f"[{text}]", argument)
+    except tomllib.TOMLDecodeError:
+        if any(letter in text for letter in "[]{}\"'"):
+            raise InputError(argument, text, FORM, "no value of a list is whole TOML, or a word") from None
+        values = [_value(part.strip(), argument) for part in text.split(",")]
+    if not values:
+        raise InputError(argument, text, FORM)
+    return values
+
+
+def as_values(key: str, values: Any) -> Range | Values:
+    """Take what stands for a key's values: a list or an array, a range, or the text of one.
+
+    Raises:
+        InputError: neither.
+    """
+    if isinstance(values, str):
+        return read_values(values, f"values[{key!r}]")
+    if isinstance(values, Range | np.ndarray):
+        return values
+    if isinstance(values, bytes | Mapping) or not hasattr(values, "__iter__"):
+        raise InputError(f"values[{key!r}]", values, "a list of values, or a range as in '20:70:25'")
+    return list(values)
+
+
+def _range(text: str, argument: str) -> Range | None:
+    first, *rest = (part.strip() for part in text.split(":"))
+    log = len(rest) > 1 and rest[-1] == "log"
+    numbers = rest[: len(rest) - log]
+    if not 1 <= len(rest) <= 3:
+        return None
+    try:
+        low, high = float(first), float(rest[0])
+    except ValueError:
+        return None
+    try:
+        (size,) = map(int, numbers[1:] or "0")
+    except ValueError:
+        do = "COUNT is a whole number; a text of this form stands in quotes"
+        raise InputError(argument, text, FORM, do) from None
+    if not (math.isfinite(low) and math.isfinite(high)) or size > MOST or (len(numbers) == 2 and size < 1):
+        raise InputError(argument, text, f"FROM:TO:COUNT with finite ends and from 1 to {MOST:,} values")
+    if low == high and size != 1:
+        raise InputError(argument, text, "FROM:TO:COUNT with two different ends", BOTH_ENDS)
+    if low != high and size == 1:
+        raise InputError(argument, text, "FROM:TO:COUNT with a COUNT of two or more", BOTH_ENDS)
+    if log and min(low, high) <= 0.0:
+        raise InputError(argument, text, "FROM:TO:COUNT:log with ends above zero")
+    return Range(low, high, size, log)
+
+
+def _value(text: str, argument: str) -> Any:
+    try:
+        return toml_value(text, argument)
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+@dataclass(frozen=True)
+class VariantGrid:
+    """All variants of a sweep.
+
+    Attributes:
+        shape: of the grid, or (N,) of variants whose values go together.
+        lists: by key, the values that there are.
+        numbers: of the value that each key has in each variant, (V, keys).
+        sample: as it was asked for, empty for none.
+        seed: of the sample.
+    """
+
+    shape: tuple[int, ...]
+    lists: dict[str, list[Any]]
+    numbers: IndexArray
+    sample: str = ""
+    seed: int = 0
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys, in order."""
+        return list(self.lists)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Values by key, of the grid's shape: that of each variant; numbers as floats where all are."""
+        return {
+            key: as_array(self.lists[key])[self.numbers[:, k]].reshape(self.shape) for k, key in enumerate(self.lists)
+        }
+
+    def overrides(self, variant: int) -> dict[str, Any]:
+        """Give the values of one variant, by key."""
+        return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
+
+    def part(self, members: IndexArray) -> tuple[dict[str, list[Any]], IndexArray]:
+        """Give the values that some variants have, by key, and the numbers of each variant's among them."""
+        numbers = np.empty((len(members), len(self.lists)), dtype=np.intp)
+        lists = {}
+        for k, (key, items) in enumerate(self.lists.items()):
+            used, choice = np.unique(self.numbers[members, k], return_inverse=True)
+            numbers[:, k] = choice.ravel()
+            lists[key] = [items[n] for n in used.tolist()]
+        return lists, numbers
+
+
+def scattered(count: int, size: int) -> list[IndexArray]:
+    """Deal numbers below a count to parts of a size, each from all over, and sorted.
+
+    Whatever part is done first shows the whole; and as each has most values of every key, the same entries vary in all
+    of them, for which the same programs are compiled. The order is that of the fractions of k times the golden ratio.
+    """
+    order = np.argsort(np.arange(count) * GOLDEN % 1.0, kind="stable")
+    return [np.sort(order[first : first + size]) for first in range(0, count, size)]
+
+
+def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -> VariantGrid:
+    """Make the variants of a sweep.
+
+    Args:
+        values: by dotted key, a list, a range, or the text of one.
+        zip: take the keys' first values together, then their second ones, ...
+        sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations.
+        seed: of the sample.
+
+    Raises:
+        InputError: no values, lists of different lengths with `zip`, a range without a count in a grid, a seed that is
+            no whole number from zero.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
+    spans = {str(key): as_values(str(key), each) for key, each in values.items()}
+    if sample:
+        if zip:
+            raise InputError("zip", zip, "no zip with a sample: its values go together already")
+        seed = count("seed", seed)
+        return VariantGrid(*grid(_sampled(spans, _size(sample), seed), zip=True), sample=sample, seed=seed)
+    lists: dict[str, Values] = {}
+    for key, each in spans.items():
+        if isinstance(each, Range) and not each.count:
+            text = f"{each.first:g}:{each.last:g}"
+            raise InputError(f"values[{key!r}]", text, "FROM:TO:COUNT", "a range without a count is for sample='lhs:N'")
+        lists[key] = each.grid() if isinstance(each, Range) else each
+    size = np.prod([float(len(each)) for each in lists.values()])
+    if not zip and size > MOST:
+        raise InputError("values", f"{size:.3g} variants", f"at most {MOST:,}", "draw a sample of them: lhs:N")
+    return VariantGrid(*grid(lists, zip=zip))
+
+
+def _size(sample: str) -> int:
+    kind, _, size = str(sample).partition(":")
+    if kind != "lhs" or not size.isdecimal() or not 1 <= int(size) <= MOST:
+        raise InputError("sample", sample, f"lhs:N, a Latin hypercube of N variants, from 1 to {MOST:,}")
+    return int(size)
+
+
+def _sampled(spans: Mapping[str, Range | Values], size: int, seed: int) -> dict[str, Values]:
+    """Draw a Latin hypercube: anywhere in a range, and each value of a list as often as the others."""
+    from scipy.stats import qmc
+
+    if not spans:
+        raise InputError("values", {}, "at least one key, with a range or a list of values each")
+    shares = qmc.LatinHypercube(len(spans), seed=np.random.default_rng(seed)).random(size)
+    drawn: dict[str, Values] = {}
+    for (key, each), share in zip(spans.items(), shares.T, strict=True):
+        if isinstance(each, Range):
+            drawn[key] = each.at(share)
+        else:
+            items = each.tolist() if isinstance(each, np.ndarray) else list(each)
+            if not items:
+                raise InputError(f"values[{key!r}]", items, "at least one value")
+            drawn[key] = [items[k] for k in np.minimum((share * len(items)).astype(int), len(items) - 1).tolist()]
+    return drawn

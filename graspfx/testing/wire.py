@@ -1,0 +1,386 @@
+"""Emulators of hardware behind drivers: they show what the motors hold, and fail on demand.
+
+The emulator of a built-in driver stands in the driver's folder, in `emulator.py`; its name leads there from here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import random
+import select
+import subprocess
+import threading
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from shutil import rmtree, which
+from tempfile import mkdtemp
+from types import MappingProxyType, ModuleType
+from typing import Any, Literal, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.loop.realtime.pacing import Clock as Clock
+from graspfx.loop.realtime.pacing import WallClock as WallClock
+from graspfx.resource import Resource
+from graspfx.system import pseudo_terminal
+
+_DRIVERS = {
+    "DiyWire": "haply-2diy",
+    "EventWire": "mouse",
+    "ForceDimensionWire": "force-dimension",
+    "InverseWire": "haply-inverse",
+    "OpenHapticsWire": "open-haptics",
+    "RigWire": "rig",
+    "ScreenWire": "touch-screen",
+}
+
+__all__ = ["FAILURES", "Failure", "SerialWire", "Wire", *_DRIVERS]
+
+FloatArray = NDArray[np.float64]
+Page = TypeVar("Page", bound=ctypes.Structure)
+Failure = Literal["late", "drop", "flip", "cut", "garbage", "wrong-id", "unplugged", "blocked"]
+"""Names of the ways in which an emulator fails."""
+
+FAILURES: tuple[Failure, ...] = get_args(Failure)
+"""All names of `Failure`."""
+NUMBERS: Mapping[Failure, float] = MappingProxyType(
+    {"late": 0.004, "drop": 2.0, "flip": 0.5, "cut": -1.0, "garbage": 20.0}
+)
+"""The number of a failure where none is given."""
+
+IDLE = 0.001  # between two calls of `SerialWire.tick` [s]
+MOST = 4096  # bytes at a time
+SMALL = 1e-6  # step of an angle, for a difference [rad]
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
+
+
+def __getattr__(name: str) -> Any:
+    """Load the emulator of a driver when it is first used."""
+    if name not in _DRIVERS:
+        raise AttributeError(f"module 'graspfx.testing.wire' has no attribute {name!r}")
+    globals()[name] = getattr(emulator(_DRIVERS[name]), name)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def emulator(driver: str) -> ModuleType:
+    """Import the emulator of a driver: `emulator.py` in its folder."""
+    return import_module(f"{plugins.load('devices', driver).__name__}.emulator")
+
+
+class Wire(Resource):
+    """An emulator of hardware: it answers a driver, shows what the motors hold, and fails on demand.
+
+    It is a context manager: inside `with`, `settings` are those of the driver's `connect` that lead to it.
+
+    Args:
+        clock: of the hardware, and of the conformance kit on it; the machine's if it is left out.
+
+    Attributes:
+        kinds: the failures that this hardware can have.
+        limit: the largest torque of each motor [N m], or of a library the largest force [N].
+        checksum: whether a changed bit is seen by who receives it.
+        slowness: seconds in which a second of the hardware's own clock goes by.
+    """
+
+    kinds: frozenset[Failure] = frozenset(FAILURES)
+    limit: float
+    checksum = True
+    slowness = 1.0
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self.clock: Clock = clock or WallClock()
+        self.failure: Failure | None = None
+        self.number = 0.0
+
+    @property
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Settings of `connect` that lead here, such as the port."""
+
+    @property
+    @abstractmethod
+    def torque(self) -> FloatArray:
+        """Torques that the motors hold now, (m,) [N m]; of a library that takes forces, those [N]."""
+
+    @property
+    def position(self) -> FloatArray | None:
+        """The fingertips as they are, (k, d) [m]; None if the emulator does not know the mechanism."""
+        return None
+
+    @property
+    def force(self) -> FloatArray | None:
+        """Forces of the motors at the fingertips, (k, d) [N]; None if the emulator does not know the mechanism."""
+        return None
+
+    @abstractmethod
+    def move(self) -> None:
+        """Put every finger a few millimetres away from home, and leave it there."""
+
+    @abstractmethod
+    def home(self) -> None:
+        """Put every finger where it was when the wire was made: where a device may be opened."""
+
+    def fail(self, kind: Failure, number: float | None = None) -> None:
+        """Have the wire fail from now on, until `heal`.
+
+        Args:
+            kind: "late": answers come `number` seconds late; "drop": one answer in `number` is lost; "flip": a bit is
+                changed in an answer with the probability `number`; "cut": of an answer `number` bytes come through, or
+                with -1 as many as the count of answers says, so that in time every byte is the last; "garbage":
+                `number` random bytes before every answer; "wrong-id": answers are another device's; "unplugged": the
+                cable is out; "blocked": the board neither reads nor answers, and its motors go on.
+            number: of the failure; NUMBERS has the one where it is left out.
+
+        Raises:
+            InputError: a kind that this hardware cannot have.
+        """
+        if kind not in self.kinds:
+            raise InputError("kind", kind, f"one of {', '.join(sorted(self.kinds))}")
+        self.number = NUMBERS.get(kind, 0.0) if number is None else float(number)
+        self.failure = kind
+        self._change()
+
+    def heal(self) -> None:
+        """End the failure; a cable that was out is plugged in again, under the same settings."""
+        self.failure = None
+        self._change()
+
+    @abstractmethod
+    def _change(self) -> None:
+        """Pass the failure on to where it happens."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Take the bench down; returns also when it is called again."""
+
+
+class Damage:
+    """A failure of a line, answer by answer; the same seed does the same to the same answers.
+
+    Attributes:
+        kind: of the failure, None for a line that is whole.
+        number: of the failure, as in `Wire.fail`.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self.kind: Failure | None = None
+        self.number = 0.0
+        self._random, self._answers = random.Random(seed), 0
+
+    def apply(self, answer: bytes) -> Iterator[tuple[float, bytes]]:
+        """Give what comes out of the line for an answer, each part with its delay [s]."""
+        self._answers += 1
+        match self.kind:
+            case "late":
+                yield self.number, answer
+            case "drop":
+                if self._answers % max(1, round(self.number)):
+                    yield 0.0, answer
+            case "flip":
+                out = bytearray(answer)
+                if self._random.random() < self.number:
+                    out[self._random.randrange(len(out))] ^= 1 << self._random.randrange(8)
+                yield 0.0, bytes(out)
+            case "cut":
+                count = self._answers % len(answer) if self.number < 0.0 else round(self.number)
+                yield 0.0, answer[:count]
+            case "garbage":
+                yield 0.0, self._random.randbytes(round(self.number)) + answer
+            case "wrong-id":
+                yield 0.0, bytes([answer[0] ^ 0x55]) + answer[1:]
+            case "unplugged" | "blocked":
+                return
+            case _:
+                yield 0.0, answer
+
+
+class Plug:
+    """The name of a port that stays while what is behind it comes and goes, as that of a device plugged in again.
+
+    Attributes:
+        folder: for whatever else belongs to the emulator.
+        port: the name of the port.
+    """
+
+    def __init__(self) -> None:
+        self.folder = Path(mkdtemp(prefix="graspfx-wire-"))
+        self.port = str(self.folder / "port")
+
+    def lead(self, terminal: str) -> None:
+        """Have the port lead to this terminal."""
+        self.pull()
+        (self.folder / "port").symlink_to(terminal)
+
+    def pull(self) -> None:
+        """Have the port lead nowhere."""
+        (self.folder / "port").unlink(missing_ok=True)
+
+    def remove(self) -> None:
+        """Delete the folder."""
+        rmtree(self.folder, ignore_errors=True)
+
+
+class SerialWire(Wire):
+    """A board on a serial line: a class made from it says what it answers, in `receive`.
+
+    It runs in a thread of its own, and starts when it is made. `settings` are the port alone. On a clock that is given
+    it has neither thread nor port: it works in `exchange` alone, and in no other time than that clock's.
+
+    Args:
+        seed: of the damage that failures do.
+        clock: of the board; the machine's if it is left out.
+    """
+
+    def __init__(self, seed: int = 0, clock: Clock | None = None) -> None:
+        super().__init__(clock)
+        self._damage, self._plug = Damage(seed), Plug()
+        self._lock = threading.Lock()  # of the terminal's descriptors
+        self._late: list[tuple[float, bytes]] = []
+        self._unread = b""
+        self._master = self._slave = -1
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=type(self).__name__, daemon=True)
+        self._has_port = clock is None
+        if self._has_port:
+            self._insert()
+            self._thread.start()
+
+    @abstractmethod
+    def receive(self, data: bytes) -> Iterable[bytes]:
+        """Take bytes as they come, however they are cut, and give the answers to them, one frame each."""
+
+    def tick(self) -> None:
+        """Do what a board does by itself, such as a watchdog: called at least every millisecond."""
+
+    def exchange(self, data: bytes = b"") -> bytes:
+        """Give the board bytes, on a clock that was given, and take what has come out of it by now."""
+        self._unread += data
+        return b"".join(self._turn())
+
+    @property
+    def port(self) -> str:
+        """Name of the serial port, the same after the cable was out."""
+        return self._plug.port
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"port": self.port}
+
+    def _change(self) -> None:
+        with self._lock:
+            if self.failure == "unplugged":
+                self._pull()
+            elif self._master < 0 and self._has_port:
+                self._insert()
+            self._damage.number, self._damage.kind = self.number, self.failure
+
+    def close(self) -> None:
+        if not self._closed.is_set():
+            self._closed.set()
+            if self._has_port:
+                self._thread.join()
+            with self._lock:
+                self._pull()
+            self._plug.remove()
+
+    def _insert(self) -> None:
+        self._master, self._slave = pseudo_terminal.pair()  # its own end of the slave, so that the line stays
+        self._plug.lead(os.ttyname(self._slave))
+
+    def _pull(self) -> None:
+        if self._master >= 0:
+            os.close(self._slave)
+            os.close(self._master)
+        self._master = self._slave = -1
+        self._plug.pull()
+        self._late.clear()
+
+    def _serve(self) -> None:
+        while not self._closed.is_set():
+            self._unread += self._heard()
+            with self._lock:
+                for part in self._turn():
+                    if self._master >= 0:
+                        with suppress(OSError):
+                            os.write(self._master, part)
+
+    def _turn(self) -> Iterator[bytes]:
+        """Let the board read, answer and work for itself; give what comes out of it."""
+        if self._unread and self._damage.kind != "blocked":
+            for answer in self.receive(self._unread):
+                now = self.clock.now()
+                self._late += [(now + delay, part) for delay, part in self._damage.apply(answer) if part]
+            self._unread = b""
+        now = self.clock.now()
+        while self._late and self._late[0][0] <= now:
+            yield self._late.pop(0)[1]
+        self.tick()
+
+    def _heard(self) -> bytes:
+        """Wait for bytes, for `IDLE` at most."""
+        wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
+        with self._lock:
+            master = self._master
+        if master < 0 or self._damage.kind == "blocked":
+            self.clock.sleep(IDLE)
+            return b""
+        with suppress(OSError, ValueError):  # pulled meanwhile
+            if select.select([master], [], [], wait)[0]:
+                return os.read(master, MOST)
+            pseudo_terminal.release(self._slave)  # a dead user's claim goes with it, as a board's does
+        return b""
+
+
+def compiler() -> str | None:
+    """Find the C compiler of this machine, gcc or what calls itself cc; None where there is none."""
+    return which("gcc") or which("cc")
+
+
+def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
+    """Call the C compiler with these arguments, in a folder, for a product.
+
+    Raises:
+        MissingPackageError: there is no compiler.
+        RuntimeError: it refuses the source; the text is what it says.
+    """
+    program = compiler()
+    if program is None:
+        raise MissingPackageError("gcc", "an emulator in C", "install a C compiler")
+    call = [program, *STRICT, *arguments, "-o", str(product)]
+    answer = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
+    if answer.returncode:
+        raise RuntimeError(f"{' '.join(call)}:\n{answer.stderr}")
+    return product
+
+
+def shared_page(kind: type[Page], file: Path) -> Page:
+    """Write a structure of zeros into a file and map it: other programs that map the file see the same."""
+    file.write_bytes(bytes(ctypes.sizeof(kind)))
+    with file.open("r+b") as opened:
+        return kind.from_buffer(mmap.mmap(opened.fileno(), 0))
+
+
+def tip_force(place: Callable[[FloatArray], FloatArray], angles: FloatArray, torque: FloatArray) -> FloatArray:
+    """Compute f of J'f = tau, (d,) [N], by virtual work: J = dp/dq is taken by differences.
+
+    Args:
+        place: the fingertip (d,) [m] by the angles of the joints (d,) [rad].
+        angles: where the joints are.
+        torque: at the joints, (d,) [N m].
+    """
+    steps = SMALL * np.eye(len(angles))
+    J = np.array([(place(angles + step) - place(angles - step)) / (2.0 * SMALL) for step in steps]).T
+    force: FloatArray = np.linalg.solve(J.T, torque)
+    return force
