@@ -19,11 +19,11 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.scene_guards import guards_of
 from graspfx.assembly.wiring import outside_faults, placing_faults
 from graspfx.compile.memory import ROOM, Memory, within, without
+from graspfx.loop.columns import Layout, chosen_layout
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.played import Playback
-from graspfx.loop.recording.layout import Layout, chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo
 

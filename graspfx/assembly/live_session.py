@@ -17,8 +17,8 @@ from graspfx.errors import InputError
 from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.two_parts import Split
+    from graspfx.recording.header import Header
+    from graspfx.recording.split import Split
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -17,10 +17,10 @@ from graspfx.system.child_process import is_possible
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.layout import Layout
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.columns import Layout
     from graspfx.loop.servo import Servo
+    from graspfx.recording.header import Header
+    from graspfx.recording.recorder import Recorder
 
 
 class Pace(Protocol):

@@ -17,11 +17,12 @@ from graspfx.assembly.run_header import split_rules
 from graspfx.assembly.session import Session
 from graspfx.card import Card
 from graspfx.errors import InputError
+from graspfx.loop.columns import RunFault
 from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import Letter
-from graspfx.loop.recording.header import MARK, SPLIT, Header, RunFault
-from graspfx.loop.recording.record import Recording
 from graspfx.loop.update import Update
+from graspfx.recording.header import MARK, SPLIT, Header
+from graspfx.recording.record import Recording
 
 ENDLESS = 1 << 53  # ticks
 LOOK = 0.05  # between two looks at signals and faults of the recording [s]

@@ -20,12 +20,13 @@ from graspfx.assembly.run_header import header_of, split_rules
 from graspfx.assembly.steering import Steering
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
+from graspfx.loop.columns import REST
 from graspfx.loop.played import PHASES, Playback
-from graspfx.loop.recording.header import OF_THE_RUN, REST, SPLIT, KeyChange
-from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Difference, Recording, compared, differences
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.recording.header import OF_THE_RUN, SPLIT, KeyChange
+from graspfx.recording.record import Difference, Recording, compared, differences
+from graspfx.recording.recorder import Recorder
 from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
 

@@ -21,13 +21,13 @@ from graspfx.assembly.run_header import source_name
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.columns import chosen_layout
 from graspfx.loop.realtime.lifecycle import require_simulations
-from graspfx.loop.recording.layout import chosen_layout
-from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder, Sink
 from graspfx.numeric import number
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder, Sink
 from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def run(
     file = None
     with ExitStack() as stack, plugins.unchanged():
         if out is not None:
-            from graspfx.loop.recording.sink import FileSink
+            from graspfx.recording.recorder import FileSink
         pace = pace_of(stack, parts, layout, ticks, real_time=real_time)
         header = pace.header
         sinks: list[Sink] = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.assembly.engine_versions import engines_of
 from graspfx.assembly.resolve import Parts
 from graspfx.loop.parts import GraspedPart
-from graspfx.loop.recording.header import Header, machine, now, versions
+from graspfx.recording.header import Header, machine, now, versions
 
 if TYPE_CHECKING:
     from graspfx.scene.source import Source

@@ -26,16 +26,15 @@ from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.columns import RunFault, Selection, chosen_layout
 from graspfx.loop.realtime.lifecycle import require_simulations
-from graspfx.loop.recording.header import SPLIT, Header, RunFault
-from graspfx.loop.recording.history import by_name
-from graspfx.loop.recording.layout import Selection, chosen_layout
-from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.two_parts import RowSplit, Split
 from graspfx.loop.update import Update
 from graspfx.numeric import number
+from graspfx.recording.files import NAME, make_folder, part_of, recording_path, require_vacancy_of
+from graspfx.recording.header import SPLIT, Header
+from graspfx.recording.record import Recording, by_name
+from graspfx.recording.recorder import Recorder, Sink
+from graspfx.recording.split import RowSplit, Split
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -110,7 +109,7 @@ class Session(Carded):
             whole = self.servo.layout
             selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
             if out is not None:
-                from graspfx.loop.recording.sink import FileSink
+                from graspfx.recording.recorder import FileSink
 
                 sinks.append(
                     FileSink(

@@ -32,8 +32,8 @@ from graspfx.show.picture.viewpoint import best_view
 from graspfx.show.style import FINGERS
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.columns import Layout
+    from graspfx.recording.header import Header
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.recording.header import conclusion, description
+from graspfx.recording.header import conclusion, description
 from graspfx.show.key_names import unit_of
 from graspfx.show.quantities import Quantity, coordinates, quantities, rows_of
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import xarray
 
     from graspfx.batch.batch import Batch
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:

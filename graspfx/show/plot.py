@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
-from graspfx.loop.recording.history import History
+from graspfx.recording.record import Recording
 from graspfx.show import style
 from graspfx.show.brief import brief_rows
 from graspfx.show.panels import Curve, Row, View, rows, views
@@ -22,7 +22,7 @@ from graspfx.show.thin import thinned
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
@@ -103,7 +103,7 @@ def sheet(
             recordings of earlier formats, which do not say how forces divide.
     """
     for each in recordings:
-        if not isinstance(each, History):
+        if not isinstance(each, Recording):
             raise InputError("recordings", each, "a recording", "plot draws whole recordings: rec.plot(other, ...)")
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.layout import Column, Layout
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.columns import Column, Layout
+from graspfx.recording.record import Recording
 
 ENERGIES = {  # attributes of a recording by finger that are no columns of it
     "internal_energy": "work done so far on the fingertip by the displayed force's internal part",

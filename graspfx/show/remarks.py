@@ -13,7 +13,7 @@ from graspfx.cones.problem import SLIDE
 from graspfx.coupling.fade import BAND
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FELL = 1e-3  # [m]: an object that is put down sinks less
 MOST_TOUCHES = 10  # of one finger: a hand does not close as often in a run

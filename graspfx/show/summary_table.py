@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.show.table import ASCII, RULES, Column, lines
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 MOST_CHANGES = 8  # in mid-run that are printed
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.recording.places import placing, recording_path, require_vacancy
+from graspfx.recording.files import placing, recording_path, require_vacancy
 from graspfx.show.labelled import summary_numbers
 from graspfx.show.quantities import Quantity, components, coordinates, quantities, works_of
 
 if TYPE_CHECKING:
     from graspfx.batch.batch import Batch
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 BLOCK = 1000  # rows that are written at once
 

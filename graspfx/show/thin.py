@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

@@ -17,8 +17,7 @@ import numpy as np
 from graspfx import log
 from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
-from graspfx.loop.recording.checks import LENGTH, WHOLE, seal
-from graspfx.loop.recording.places import claim, make_folder, sync_folder
+from graspfx.recording.files import LENGTH, WHOLE, claim, make_folder, seal, sync_folder
 from graspfx.sweeps.chunk import ChunkResult
 from graspfx.sweeps.identity import differences, identity_of
 from graspfx.sweeps.scene_order import SweepError

@@ -10,8 +10,8 @@ from graspfx.assembly.late_simulations import require_prompt_simulations
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run import ticks_of, warn_of_axes
 from graspfx.errors import InputError, SceneError
+from graspfx.loop.columns import Layout
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.recording.layout import Layout
 from graspfx.sweeps.chunk import column_of
 from graspfx.sweeps.variant_grid import VariantGrid
 

@@ -74,7 +74,7 @@ def is_whole(path: Path, identity: str) -> bool:
     """Tell whether a file of results is there, can be read with sums that check, and is this sweep's."""
     import h5py
 
-    from graspfx.loop.recording.file import require_contained
+    from graspfx.recording.file import require_contained
 
     try:
         with h5py.File(path, "r") as file:

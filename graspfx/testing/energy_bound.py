@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from graspfx.objects import integrators as body
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.history import ObjectMotion
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import ObjectMotion, Recording
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

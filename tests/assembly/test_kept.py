@@ -18,7 +18,7 @@ from graspfx.assembly.resolve import resolve
 from graspfx.assembly.scene_cache import KeptTable, _read, _written, cached, place
 from graspfx.assembly.scene_memory import SEPARATOR, SceneMemory, _canonical
 from graspfx.compile import cache
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.scene.load import load
 from graspfx.scene.table_memory import remembering
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from graspfx.errors import LONGEST_KEY, closest
-from graspfx.loop.recording.layout import Layout, columns_of
+from graspfx.loop.columns import Layout, columns_of
 from graspfx.scene.tables.scene_table import SceneTable
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.process.orders import LETTER
 from graspfx.loop.realtime.ring import SLOTS, Ring, Word
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.recorder import Recorder
 
 FloatArray = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from graspfx.show.picture.described import (
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

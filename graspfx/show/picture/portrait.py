@@ -36,7 +36,7 @@ from graspfx.show.style import EXTERNAL, INK, INTERNAL, plain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
