@@ -279,7 +279,7 @@ class Layout:
         """Bytes that a row takes when a run ends: in the part, and in the file with the two forces and the time."""
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
-    @property
+    @cached_property
     def derived(self) -> tuple[Column, ...]:
         """Variables that follow from a row: the displayed force where it is no column, `forces`, and displacements."""
         columns = (self._column(each) for each in DERIVED if self._has(each))
@@ -311,7 +311,7 @@ class Layout:
         used = {name for column in self.columns.values() for name in column.dimensions}
         return {name: entries for name, entries in self._entries.items() if name in used}
 
-    @property
+    @cached_property
     def _entries(self) -> Mapping[str, tuple[str, ...]]:
         return {
             "finger": self.fingers,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Column, Layout, RunFault
 from graspfx.progress import waiting
-from graspfx.recording.files import has_digest, recording_file, seal, sync_folder
+from graspfx.recording.files import PIECE, has_digest, recording_file, seal, sync_folder
 from graspfx.recording.header import (
     Header,
     Outcome,
@@ -122,46 +122,56 @@ def _write(
                 block = rows.read(first, min(first + size, len(rows)), slice(0, layout.width))
                 times = header.every * np.arange(first, first + len(block), dtype=np.float64) * header.period
                 parts = {"time": times, **RowSplit(block, layout, splits, first).derived([f.name for f in forces])}
-                for name, (data, where) in variables.items():
-                    values = _as_stored(parts.get(name, block[:, where]), data.dtype)
-                    values = values.reshape(len(block), *data.shape[1:])
-                    if compression == "none":
-                        _write_chunk(data, first, values, size)
-                    else:
-                        data[first : first + len(block)] = values
+                for name, variable in variables.items():
+                    variable.write(first, parts.get(name, block[:, variable.where]))
                 stream.require()
                 done(first + len(block))
             file.flush()
             stream.require()
-            apart = _chunks([data for data, _ in variables.values()])
+            apart = _chunks([variable.data for variable in variables.values()])
         stream.seal(apart)
         stream.finish(sync=sync)
     finally:
         stream.close()
 
 
-def _as_stored(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Convert numbers of a row to those of a file.
+class Variable:
+    """A data set that is written chunk by chunk, with the checksum that HDF5 would take most of its time for.
 
-    Raises:
-        NotWhole: they would not come back to the same bits.
+    Args:
+        data: the data set.
+        where: of its numbers in a row.
+        direct: whether chunks are written as they stand in the file, not by way of HDF5's filters.
     """
-    if kind == NUMBER:
-        return values
-    with np.errstate(invalid="ignore"):
-        stored = values.astype(kind)
-    if not np.array_equal(stored.astype(NUMBER).view(np.int64), np.ascontiguousarray(values).view(np.int64)):
-        raise NotWhole
-    return stored
 
+    def __init__(self, data: Any, where: slice, *, direct: bool) -> None:
+        self.data, self.where = data, where
+        size = math.prod(data.chunks or (0,)) * data.dtype.itemsize
+        self._content = np.zeros(size + 4, np.uint8) if direct else None
 
-def _write_chunk(data: Any, first: int, values: NDArray[Any], size: int) -> None:
-    """Write rows of a variable as HDF5 would, with the checksum behind them, which is most of what HDF5 takes."""
-    count = size * values[:1].size * values.itemsize
-    content = (np.empty if len(values) == size else np.zeros)(count + 4, np.uint8)
-    content[: values.nbytes].view(values.dtype).reshape(values.shape)[...] = values
-    content[count:] = np.frombuffer(fletcher32(content[:count]).to_bytes(4, "little"), np.uint8)
-    data.id.write_direct_chunk((first, *(0 for _ in values.shape[1:])), content)
+    def write(self, first: int, values: NDArray[Any]) -> None:
+        """Write the rows of a chunk (r, w); behind the last ones are zeros.
+
+        Raises:
+            NotWhole: numbers would not come back to the same bits.
+        """
+        kind, shape = self.data.dtype, (len(values), *self.data.shape[1:])
+        if kind != NUMBER:
+            with np.errstate(invalid="ignore"):
+                stored = values.astype(kind)
+            whole = np.ascontiguousarray(values)
+            if not np.array_equal(stored.astype(NUMBER).view(np.int64), whole.view(np.int64)):
+                raise NotWhole
+            values = stored
+        if self._content is None:
+            self.data[first : first + len(values)] = values.reshape(shape)
+            return
+        payload, total = self._content[:-4], self._content[-4:]
+        used = math.prod(shape) * kind.itemsize
+        payload[:used].view(kind).reshape(values.shape)[...] = values
+        payload[used:] = 0
+        total[:] = np.frombuffer(fletcher32(payload).to_bytes(4, "little"), np.uint8)
+        self.data.id.write_direct_chunk((first, *(0 for _ in shape[1:])), self._content)
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
@@ -197,17 +207,17 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
 
 def _make_variables(
     file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
-) -> dict[str, tuple[Any, slice]]:
-    """Make the data sets of the time, the columns and the two forces, with units and scales; give their places too."""
+) -> dict[str, Variable]:
+    """Make the data sets of the time, the columns and the two forces, with units and scales."""
     count, size = shape
     time = Column("time", slice(0, 0), (), (), "s", "")
     scales: dict[str, Any] = {}
-    variables: dict[str, tuple[Any, slice]] = {}
+    variables: dict[str, Variable] = {}
     for column in (time, *layout.columns.values(), *forces):
         kind = NUMBER if plain else column.stored
         chunked = storage | {"chunks": (size, *column.shape)} if count else {}
         data = file.create_dataset(column.name, (count, *column.shape), kind, **chunked)
-        variables[column.name] = data, column.where
+        variables[column.name] = Variable(data, column.where, direct="compression" not in storage)
         data.attrs["units"] = column.unit
         if column is time:
             scales["time"] = data
@@ -353,9 +363,11 @@ class Stream:
         rest = data
         while rest:
             rest = rest[self._file.write(rest) :]
-        back = bytearray(len(data))
-        if self._pull(self._place, memoryview(back)) < len(data) or back != data:
-            raise OSError(f"{self._path} does not hold what was written")
+        for k in range(0, len(data), PIECE):
+            part = data[k : k + PIECE]
+            back = bytearray(len(part))
+            if self._pull(self._place + k, memoryview(back)) < len(part) or back != part:
+                raise OSError(f"{self._path} does not hold what was written")
 
     def _pull(self, place: int, buffer: memoryview) -> int:
         self._file.seek(place)

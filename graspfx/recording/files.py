@@ -24,7 +24,7 @@ LONGEST_NAME = 4096  # bytes of a file that stands for a link
 WHOLE, PARTS, CHUNKS = b"graspfx sha256 ", b"graspfx parts  ", b"graspfx chunks "
 LENGTH = len(WHOLE) + 64 + 1  # bytes of the last line, with 64 digits
 NUMBERS = 16  # bytes of a number before it: of stretches that it leaves out, and of where these are
-PIECE = 1 << 20  # bytes read at once
+PIECE = 1 << 17  # bytes read at once
 
 
 def make_folder(path: str | PathLike[str]) -> Path:

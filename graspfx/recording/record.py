@@ -379,7 +379,7 @@ class Recording(Carded):
     @cached_property
     def internal_displacement(self) -> FloatArray:
         """Rest of e = p - c, by which the fingers squeeze, (N, n, d) [m]; as `external_force`."""
-        return np.asarray(self._divided("internal_displacement"))
+        return self.finger_position - self.contact_position - self.external_displacement
 
     def _divided(self, name: str) -> FloatArray | None:
         """Read a variable that stands beside the rows of a file, or compute it part by part; None without moments."""

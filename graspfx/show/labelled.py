@@ -63,7 +63,7 @@ def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
         def _read(self, key: tuple[Any, ...]) -> Any:
             rows, rest = key[0], key[1:]
             places = range(*rows.indices(len(recording))) if isinstance(rows, slice) else range(rows, rows + 1)
-            low, high = (min(places), max(places) + 1) if len(places) else (0, 0)
+            low, high = (min(places[0], places[-1]), max(places[0], places[-1]) + 1) if places else (0, 0)
             values = rows_of(recording, first.name, low, high)
             chosen = slice(None, None, places.step) if isinstance(rows, slice) else 0
             return values[(chosen, *rest)]

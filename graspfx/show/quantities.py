@@ -73,18 +73,17 @@ def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[A
     if name in ENERGIES:  # added up from the beginning
         return np.asarray(_derived(recording, name))[first:stop]
     if name in columns:
-        return _typed(recording.read(columns[name].name, first, stop), columns[name])
+        return columns[name].typed(recording.read(columns[name].name, first, stop))
     for part, like in parts_of_objects(recording.layout).items():
         if object_name(part) == name:
             own = (recording.layout.columns.get(f"objects/{thing}/{part}") for thing in recording.layout.objects)
             nothing = np.full((stop - first, *like.shape), np.nan)
             return np.stack(
-                [nothing if each is None else _typed(recording.read(each.name, first, stop), each) for each in own],
+                [nothing if each is None else each.typed(recording.read(each.name, first, stop)) for each in own],
                 axis=1,
             )
-    step = recording.store.step
-    pieces = (recording.part(k, min(k + step, stop)) for k in range(first, stop, step))
-    return np.concatenate([getattr(each, name) for each in pieces] or [getattr(recording.part(0, 0), name)])
+    source = recording if (first, stop) == (0, len(recording)) else recording.part(first, stop)
+    return np.asarray(getattr(source, name))
 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
@@ -116,11 +115,7 @@ def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iter
 
 
 def _stored(recording: Recording, column: Column) -> NDArray[Any]:
-    return _typed(recording.array(column.name), column)
-
-
-def _typed(values: NDArray[Any], column: Column) -> NDArray[Any]:
-    return np.not_equal(values, 0.0) if column.kind == "bool" else values.astype(column.kind)
+    return column.typed(recording.array(column.name))
 
 
 def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
