@@ -123,7 +123,7 @@ def _write(
                 times = header.every * np.arange(first, first + len(block), dtype=np.float64) * header.period
                 parts = {"time": times, **RowSplit(block, layout, splits, first).derived([f.name for f in forces])}
                 for name, variable in variables.items():
-                    variable.write(first, parts.get(name, block[:, variable.where]))
+                    variable.write(first, parts[name] if name in parts else block[:, variable.where])
                 stream.require()
                 done(first + len(block))
             file.flush()
@@ -145,33 +145,30 @@ class Variable:
     """
 
     def __init__(self, data: Any, where: slice, *, direct: bool) -> None:
-        self.data, self.where = data, where
-        size = math.prod(data.chunks or (0,)) * data.dtype.itemsize
-        self._content = np.zeros(size + 4, np.uint8) if direct else None
+        self.data, self.where, self._direct = data, where, direct
+        shape = data.chunks or (0, *data.shape[1:])
+        self._content = np.zeros(math.prod(shape) * data.dtype.itemsize + 4, np.uint8)
+        self._values = self._content[:-4].view(data.dtype).reshape(shape)
 
     def write(self, first: int, values: NDArray[Any]) -> None:
-        """Write the rows of a chunk (r, w); behind the last ones are zeros.
+        """Write the rows of a chunk (r, ...); behind the last ones are zeros.
 
         Raises:
             NotWhole: numbers would not come back to the same bits.
         """
-        kind, shape = self.data.dtype, (len(values), *self.data.shape[1:])
-        if kind != NUMBER:
-            with np.errstate(invalid="ignore"):
-                stored = values.astype(kind)
-            whole = np.ascontiguousarray(values)
-            if not np.array_equal(stored.astype(NUMBER).view(np.int64), whole.view(np.int64)):
+        part = self._values[: len(values)]
+        with np.errstate(invalid="ignore"):
+            np.copyto(part, values.reshape(part.shape), casting="unsafe")
+        if part.dtype != NUMBER:
+            back, whole = part.astype(NUMBER).view(np.int64), np.ascontiguousarray(values).view(np.int64)
+            if not np.array_equal(back.ravel(), whole.ravel()):
                 raise NotWhole
-            values = stored
-        if self._content is None:
-            self.data[first : first + len(values)] = values.reshape(shape)
+        if not self._direct:
+            self.data[first : first + len(part)] = part
             return
-        payload, total = self._content[:-4], self._content[-4:]
-        used = math.prod(shape) * kind.itemsize
-        payload[:used].view(kind).reshape(values.shape)[...] = values
-        payload[used:] = 0
-        total[:] = np.frombuffer(fletcher32(payload).to_bytes(4, "little"), np.uint8)
-        self.data.id.write_direct_chunk((first, *(0 for _ in shape[1:])), self._content)
+        self._values[len(part) :] = 0
+        self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
+        self.data.id.write_direct_chunk((first, *(0 for _ in self.data.shape[1:])), self._content)
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:

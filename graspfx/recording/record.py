@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError, RecordingError, UnknownNameError, closest
-from graspfx.loop.columns import REST, Layout, RunFault
+from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
 from graspfx.recording.files import NAME
 from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcome
 from graspfx.recording.rows import MemoryRows, RowStore, Window
@@ -126,17 +126,14 @@ def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
 
 
 class Stored(Generic[Typed]):
-    """A column of the table as an attribute: its numbers of the kind that it has, or None in a scene without it.
-
-    Args:
-        text: what the attribute's documentation says.
-    """
-
-    def __init__(self, text: str) -> None:
-        self.__doc__ = text
+    """A column of the table as an attribute: its numbers of the kind that it has, or None in a scene without it."""
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
+        own = [each for each in (*OF_FINGERS, *OF_OBJECTS) if each.name == name]
+        shapes = " or ".join(f"({', '.join(['N', *each.dimensions.split()])}) [{each.unit}]" for each in own)
+        meaning = " or ".join(each.meaning for each in own)
+        absent = "" if own[0].when in ("", "always") else "; None in a scene without it"
+        self._name, self.__doc__ = name, f"{shapes}: {meaning}{absent}."
 
     @overload
     def __get__(self, noun: None, owner: type) -> Self: ...
@@ -272,6 +269,11 @@ class Recording(Carded):
         values = self.optional(column)
         return None if values is None else self.layout.columns[column].typed(values)
 
+    def whole_numbers(self, column: str) -> NDArray[np.int8] | None:
+        """Give a column of whole numbers; None if the scene has no such quantity."""
+        values = self.optional(column)
+        return None if values is None else values.astype(np.int8)
+
     def require(self, *columns: str) -> None:
         """Require that columns, if the scene has them, are recorded.
 
@@ -290,45 +292,25 @@ class Recording(Carded):
         """Times of the rows, (N,) [s]: tick x T."""
         return self.header.every * np.arange(self.start, self.start + len(self), dtype=np.float64) * self.header.period
 
-    finger_position = Stored[FloatArray]("Positions as the devices report them, (N, n, d) [m].")
-    finger_velocity = Stored[FloatArray]("Velocities as the devices report or estimate them, (N, n, d) [m/s].")
-    contact_position = Stored[FloatArray](
-        "c of e = p - c, on the surface; of a ball, of which p is the centre, a radius before it; (N, n, d) [m]."
-    )
-    finger_force = Stored[FloatArray]("On the object, (N, n, d) [N]: the wrench is G times it, always.")
-    law_force = Stored[FloatArray | None](
-        "Forces of eq. (4) on the object before limits, (N, n, d) [N]; None where nothing limits them."
-    )
-    saturated = Stored[BoolArray | None](
-        """Whether a finger's force stands at its limit, (N, n); None where nothing limits it.
-
-        Others of the same object may differ from `law_force` too, for one law couples them.
-        """
-    )
-    finger_moment = Stored[FloatArray | None]("On the object, (N, n, 3) [N m]; None for fingers that exert none.")
-    touching = Stored[BoolArray]("(N, n).")
-    status = Stored[NDArray[np.int8] | None](
-        "0 free, 1 stick, 2 slide, (N, n); None in a scene without a coefficient of friction."
-    )
-    gap = Stored[FloatArray | None]("Distance to the surface, negative inside, (N, n) [m]; None for attached contacts.")
-    true_position = Stored[FloatArray | None](
-        "Positions of simulated fingertips, (N, n, d) [m]; None for real devices."
-    )
-    device_energy = Stored[FloatArray]("Work done so far on each fingertip by `displayed_force`, (N, n) [J].")
-    wall = Stored[FloatArray | None]("Times of the ticks on the wall's clock since that of the first, (N,) [s].")
-    late = Stored[FloatArray | None]("Times by which the ticks began after their deadlines, (N,) [s].")
-    io = Stored[FloatArray | None]("Times that the devices took to be asked and read, and to be written, (N, 2) [s].")
-    skipped = Stored[IntArray | None]("Periods that were left out before each tick, (N,).")
-    fresh = Stored[BoolArray | None]("Whether each finger's reading brought a new sample, (N, n).")
-    largest_force = Stored[FloatArray | None](
-        """Largest forces that devices told they could display where they were read, (N, n) [N]; infinite without.
-
-        None also where no device's limit depends on where it stands.
-        """
-    )
-    switches = Stored[IntArray | None](
-        "Switches of each device as bits, (N, devices), in the order of `layout.devices`; None where none has any."
-    )
+    finger_position = Stored[FloatArray]()
+    finger_velocity = Stored[FloatArray]()
+    contact_position = Stored[FloatArray]()
+    finger_force = Stored[FloatArray]()
+    law_force = Stored[FloatArray | None]()
+    saturated = Stored[BoolArray | None]()
+    finger_moment = Stored[FloatArray | None]()
+    touching = Stored[BoolArray]()
+    status = Stored[NDArray[np.int8] | None]()
+    gap = Stored[FloatArray | None]()
+    true_position = Stored[FloatArray | None]()
+    device_energy = Stored[FloatArray]()
+    wall = Stored[FloatArray | None]()
+    late = Stored[FloatArray | None]()
+    io = Stored[FloatArray | None]()
+    skipped = Stored[IntArray | None]()
+    fresh = Stored[BoolArray | None]()
+    largest_force = Stored[FloatArray | None]()
+    switches = Stored[IntArray | None]()
 
     @property
     def raw(self) -> Mapping[str, IntArray | FloatArray]:
@@ -732,27 +714,15 @@ class ObjectMotion(Carded):
         """Give one of the object's columns, None if the scene has no such quantity."""
         return self._recording.typed(self._at + column)
 
-    position = Stored[FloatArray]("Positions of its centre, (N, d) [m].")
-    velocity = Stored[FloatArray]("Velocities of its centre, (N, d) [m/s].")
-    orientation = Stored[FloatArray | None](
-        "Angles (N,) [rad] in a plane, quaternions x y z w (N, 4) in space, or None on a line."
-    )
-    angular_velocity = Stored[FloatArray | None]("Angular velocities, (N,) or (N, 3) [rad/s], or None on a line.")
-    wrench = Stored[FloatArray]("Wrenches of the fingers on the object about its centre, (N, w) [N, N m].")
-    law = Stored[NDArray[np.int8] | None](
-        "Law that the elastic force satisfies, (N,), 0 Coulomb's, 1 the associated one; None without a coefficient."
-    )
-    residual = Stored[FloatArray | None]("Residuals of that law, (N,) [N]; None without a coefficient.")
-    scale = Stored[FloatArray | None](
-        """Shares of the law's forces that a safety chain left, (N, 4); None without [safety].
-
-        By the soft start; by trust in readings and speeds; lambda, of what squeezes only; and the least of a finger's
-        whole force.
-        """
-    )
-    tank = Stored[FloatArray | None](
-        "Energy that a safety chain pays for stiffness with, (N,) [J]; None without a chain."
-    )
+    position = Stored[FloatArray]()
+    velocity = Stored[FloatArray]()
+    orientation = Stored[FloatArray | None]()
+    angular_velocity = Stored[FloatArray | None]()
+    wrench = Stored[FloatArray]()
+    law = Stored[NDArray[np.int8] | None]()
+    residual = Stored[FloatArray | None]()
+    scale = Stored[FloatArray | None]()
+    tank = Stored[FloatArray | None]()
 
     def _card(self) -> Card:
         rows = []

@@ -102,7 +102,7 @@ class DataSetRows(RowStore):
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
         parts = [(place, data) for place, data in self._data if place.start < where.stop and where.start < place.stop]
         if len(parts) == 1 and parts[0][0] == where:
-            return self._values(parts[0][1], first, stop).reshape(max(stop - first, 0), -1)
+            return self._values(parts[0][1], first, stop).reshape(max(stop - first, 0), where.stop - where.start)
         whole = np.empty((max(stop - first, 0), where.stop - where.start))
         for place, data in parts:
             low, high = max(place.start, where.start), min(place.stop, where.stop)
