@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.split import Split as Split
     from graspfx.grasp.touch import unilateral_force as unilateral_force
-    from graspfx.loop.recording.record import Recording as Recording
+    from graspfx.recording.record import Recording as Recording
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.show import style as style
@@ -52,7 +52,7 @@ _HOMES = {
     "Impedance": "graspfx.grasp.impedance",
     "OperatorCertificate": "graspfx.certificate.certify_operators",
     "PointCoupling": "graspfx.grasp.point_coupling",
-    "Recording": "graspfx.loop.recording.record",
+    "Recording": "graspfx.recording.record",
     "Report": "graspfx.certificate.report",
     "Scene": "graspfx.scene.model",
     "RealTimeSession": "graspfx.assembly.real_time_session",

@@ -20,12 +20,12 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire, outside_faults, placing_faults
 from graspfx.compile.memory import ROOM, Memory, within, without
 from graspfx.errors import DeviceError
+from graspfx.loop.columns import Layout, chosen_layout
 from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.hand import join
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.loop.played import Playback
-from graspfx.loop.recording.layout import Layout, chosen_layout
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo, SteerablePlant
 from graspfx.objects.surroundings import Meeting, Member

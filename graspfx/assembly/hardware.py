@@ -20,9 +20,9 @@ from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.row_taker import RowTaker
+    from graspfx.loop.columns import RowTaker
     from graspfx.loop.servo import Servo
+    from graspfx.recording.header import Header
 
 FloatArray = NDArray[np.float64]
 

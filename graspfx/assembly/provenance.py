@@ -17,9 +17,9 @@ from graspfx.assembly.resolve import Parts
 from graspfx.environment import to_path
 from graspfx.errors import GraspFXError
 from graspfx.loop.parts import GraspedPart
-from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.plugins import BUILT_IN, Group
+from graspfx.recording.header import Header, machine, now, versions
 from graspfx.scene.source import texts_in
 
 if TYPE_CHECKING:

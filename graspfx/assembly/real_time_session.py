@@ -19,15 +19,16 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.session import Session
 from graspfx.card import Card
 from graspfx.errors import InputError
+from graspfx.loop.columns import RunFault
 from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import SLOTS, Letter, Phase, Ring, Word
-from graspfx.loop.recording.header import MARK, SPLIT, Header, RunFault
-from graspfx.loop.recording.record import Recording
 from graspfx.loop.servo import Update
+from graspfx.recording.header import MARK, SPLIT, Header
+from graspfx.recording.record import Recording
 from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.two_parts import Split
+    from graspfx.recording.split import Split
     from graspfx.scene.model import Scene
 
 

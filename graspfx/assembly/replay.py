@@ -19,11 +19,12 @@ from graspfx.assembly.resolve import resolve
 from graspfx.assembly.session import Session
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
+from graspfx.loop.columns import REST
 from graspfx.loop.played import PHASES, Playback
-from graspfx.loop.recording.header import OF_THE_RUN, REST, Header, KeyChange
-from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Difference, Recording, compared, differences
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.recording.header import OF_THE_RUN, Header, KeyChange
+from graspfx.recording.record import Difference, Recording, compared, differences
 from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
 

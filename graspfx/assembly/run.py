@@ -19,11 +19,11 @@ from graspfx.assembly.session import Session
 from graspfx.errors import InputError
 from graspfx.loop.realtime import pacing
 from graspfx.loop.realtime.pacing import Clock, Pacer, WallClock
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.numeric import number
 from graspfx.progress import waiting
+from graspfx.recording.header import Header
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder
 from graspfx.scene.tables.reading import Readable
 from graspfx.system.child_process import is_possible
 

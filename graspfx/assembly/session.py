@@ -28,16 +28,15 @@ from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.columns import Layout, RunFault, Selection, chosen_layout
 from graspfx.loop.realtime.lifecycle import require_simulations
-from graspfx.loop.recording.header import SPLIT, Header, RunFault
-from graspfx.loop.recording.history import by_name
-from graspfx.loop.recording.layout import Layout, Selection, chosen_layout
-from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.two_parts import RowSplit, Split
 from graspfx.loop.servo import Update
 from graspfx.numeric import number
+from graspfx.recording.files import NAME, make_folder, part_of, recording_path, require_vacancy_of
+from graspfx.recording.header import SPLIT, Header
+from graspfx.recording.record import Recording, by_name
+from graspfx.recording.recorder import Recorder, Sink
+from graspfx.recording.split import RowSplit, Split
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -123,7 +122,7 @@ class Session(Carded):
             header, sinks = self._start(stack, parts, keys), list[Sink]()
             self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
             if out is not None:
-                from graspfx.loop.recording.sink import FileSink
+                from graspfx.recording.recorder import FileSink
 
                 file, packed = make_folder(out) / NAME, scene.record.compression
                 sinks.append(FileSink(file, layout, header, overwrite=overwrite, compression=packed))

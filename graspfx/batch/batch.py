@@ -24,9 +24,9 @@ from graspfx.batch.variants import Variants
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.loop.recording.layout import Column, Layout
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.columns import Column, Layout
 from graspfx.progress import waiting
+from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:
     import pandas

@@ -24,10 +24,10 @@ from graspfx.batch.statistics import statistic
 from graspfx.batch.variants import Variants
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
-from graspfx.loop.recording.header import Header, Outcome, RunFault
-from graspfx.loop.recording.layout import Selection, chosen_layout
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.columns import RunFault, Selection, chosen_layout
 from graspfx.progress import waiting
+from graspfx.recording.header import Header, Outcome
+from graspfx.recording.record import Recording
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:

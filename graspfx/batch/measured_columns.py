@@ -14,8 +14,8 @@ from graspfx.batch.groups import Group
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import UnknownNameError
-from graspfx.loop.recording.layout import Column, Layout
-from graspfx.loop.recording.two_parts import RowSplit
+from graspfx.loop.columns import Column, Layout
+from graspfx.recording.split import RowSplit
 
 FloatArray = NDArray[np.float64]
 

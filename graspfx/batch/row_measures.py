@@ -12,7 +12,7 @@ from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.single_runs import taking
 from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, statistic, take
 from graspfx.errors import MissingPackageError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

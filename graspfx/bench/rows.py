@@ -11,7 +11,7 @@ from typing import Any
 
 from graspfx.bench.timing import TIMED, Row
 from graspfx.environment import processors
-from graspfx.loop.recording.header import machine, now, versions
+from graspfx.recording.header import machine, now, versions
 
 PACKAGES = ("scipy", "llvmlite", "numba", "jax", "clarabel", "control", "trimesh", "coal", "mujoco", "pybullet")
 

@@ -17,10 +17,10 @@ from graspfx.assembly.run import open as open_session
 from graspfx.bench.rows import error_text, front, time_text
 from graspfx.bench.timing import TIMED, Row
 from graspfx.errors import GraspFXError, InputError
-from graspfx.loop.recording.growth import growths
-from graspfx.loop.recording.record import Recording
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.progress import waiting
+from graspfx.recording.growth import growths
+from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -19,7 +19,7 @@ from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limi
 from graspfx.certificate.recorded import recording_of
 from graspfx.certificate.rest import NotGraspingError
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
 

@@ -34,9 +34,9 @@ from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
 from graspfx.loop.parts import GraspedPart
-from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
 from graspfx.objects.dynamics_table import dynamics_of
+from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.part_tables import Object
 

@@ -15,9 +15,9 @@ from graspfx.certificate.rest import NotGraspingError, Place, about, restless
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
+from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

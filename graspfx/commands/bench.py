@@ -11,8 +11,8 @@ from graspfx.commands.arguments import add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.loop.recording.places import make_folder, placing
 from graspfx.progress import waiting
+from graspfx.recording.files import make_folder, placing
 
 if TYPE_CHECKING:
     from graspfx.bench.timing import Row

@@ -78,7 +78,7 @@ def execute(options: Namespace) -> int:
 def _operators(options: Namespace) -> int:
     """Certify over a set of operators, and draw it where a folder is named."""
     from graspfx.certificate.certify_operators import SAMPLES, certify_operators
-    from graspfx.loop.recording.places import make_folder, placing
+    from graspfx.recording.files import make_folder, placing
     from graspfx.scene.load import load
     from graspfx.show.certificate_figures import gains_sheet, operators_sheet
     from graspfx.show.style import save

@@ -100,7 +100,7 @@ def _subjects(kind: str) -> Iterator[str]:
         yield from (str(path) for path in Path().glob("*.toml"))
     if "RECORDING" in kind:
         from graspfx.commands.destination import OUT
-        from graspfx.loop.recording.places import NAME
+        from graspfx.recording.files import NAME
 
         yield from (str(path.parent) for path, _ in zip(sorted(OUT.glob(f"*/{NAME}")), range(MOST), strict=False))
         yield from (str(path) for path in Path().glob("*.h5"))

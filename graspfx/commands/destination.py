@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from graspfx.commands.output import note
-from graspfx.loop.recording.places import LATEST, make_folder, new_folder, require_vacancy, require_vacancy_of
+from graspfx.recording.files import LATEST, make_folder, new_folder, require_vacancy, require_vacancy_of
 
 OUT = Path("out")
 REMEDY = "choose another --out, or write over it with --overwrite"

@@ -12,10 +12,10 @@ from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_json, require_place
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import placing
 from graspfx.machine.finding import Finding
 from graspfx.machine.system_checks import machine_kind, system_findings
 from graspfx.progress import waiting
+from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.loop.device import Features

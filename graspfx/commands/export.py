@@ -9,7 +9,7 @@ from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_file, file_in, require_room
 from graspfx.commands.output import SUCCESS, name_files, require_place, say_source
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.loop.recording.places import placing
+from graspfx.recording.files import placing
 
 ENDINGS = {"csv": ".csv", "nc": ".nc", "bag": ".bag", "mcap": ".mcap", "db3": ".db3"}
 FORMATS = ENDINGS | {"rosbag": ".mcap"}
@@ -27,8 +27,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.loop.recording.places import make_folder, recording_file
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.files import make_folder, recording_file
+    from graspfx.recording.record import Recording
 
     source = recording_file(options.recording)
     kind = _format(options)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.places import PART, is_part, part_of, placing
 from graspfx.progress import waiting
+from graspfx.recording.files import PART, is_part, part_of, placing
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.scene.model import Scene
 
 SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130

@@ -10,12 +10,12 @@ from graspfx.commands.arguments import add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_file, destination, file_in, require_room
 from graspfx.commands.output import name_files, note, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
-from graspfx.loop.recording.places import NAME, is_part, make_folder, placing, recording_file
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME, is_part, make_folder, placing, recording_file
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.header import Header
+    from graspfx.recording.record import Recording
 
 
 PICTURE = "picture"
@@ -55,7 +55,7 @@ def execute(options: Namespace) -> int:
 
 
 def _draw_recording(source: Path, options: Namespace) -> int:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
     if options.overrides:
         raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{source} has been run")

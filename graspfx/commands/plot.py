@@ -25,8 +25,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.loop.recording.places import make_folder, recording_file
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.files import make_folder, recording_file
+    from graspfx.recording.record import Recording
     from graspfx.show.summary_table import BRIEF, ROWS, print_summary
 
     paths = [recording_file(path) for path in options.recordings]

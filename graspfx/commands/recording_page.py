@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from graspfx.commands.output import name_files, require_place, say_faults, say_source
 from graspfx.commands.picture import scene_folder
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file, require_vacancy
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME, is_part, make_folder, recording_file, require_vacancy
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 
 def add_html(parser: ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable[
     file = _file_of(subject)
     if options.html is not None:
         _require_room(options)
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
     recording = Recording.load(file)
     say_source(subject, file, recording)

@@ -12,7 +12,7 @@ from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_destination, require_room_of
 from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_json, say_source
-from graspfx.loop.recording.places import NAME, make_folder, recording_file
+from graspfx.recording.files import NAME, make_folder, recording_file
 
 if TYPE_CHECKING:
     from graspfx.assembly.replay import Replay
@@ -31,7 +31,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     from graspfx.assembly.replay import replayed_with
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
     source, out = recording_file(options.recording), options.out
     if out is not None:

@@ -23,8 +23,8 @@ from graspfx.commands.output import (
     say_faults,
 )
 from graspfx.loop.realtime.process import NAMES as SIGNALS
-from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

@@ -11,8 +11,8 @@ from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import UnknownNameError
-from graspfx.loop.recording.places import placing
 from graspfx.progress import waiting
+from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep
@@ -89,7 +89,7 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
     """Draw the diagrams that --plot names, of the scene's loop at rest; the Z-width is that of its first device."""
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
-    from graspfx.loop.recording.places import make_folder
+    from graspfx.recording.files import make_folder
     from graspfx.show import certificate_figures
     from graspfx.show.style import plain
 
@@ -117,7 +117,7 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
 
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
-    from graspfx.loop.recording.places import make_folder
+    from graspfx.recording.files import make_folder
     from graspfx.show.certificate_figures import limits_figure
 
     picture = folder / picture_name("stability", options)

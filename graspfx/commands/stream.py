@@ -15,8 +15,8 @@ from graspfx.commands.destination import add_destination, require_room_of
 from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import FAULTS, SUCCESS, doubts, name_files, note, warn_of_hardware
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun

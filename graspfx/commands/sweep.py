@@ -13,7 +13,7 @@ from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.destination import OUT, add_destination, destination
 from graspfx.commands.output import INTERRUPTED, SUCCESS, name_files, note, print_json, require_place
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import placing
+from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.sweeps.sweep_result import SweepResult

@@ -13,8 +13,8 @@ from graspfx.commands.destination import add_destination, require_room, require_
 from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import SUCCESS, WRONG, doubts, name_files, note
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
+from graspfx.recording.files import NAME
 from graspfx.system import terminal_input
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from time import perf_counter
 from graspfx.commands.arguments import add_operators, add_scene
 from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
-from graspfx.loop.recording.places import make_folder, placing
 from graspfx.progress import waiting
+from graspfx.recording.files import make_folder, placing
 
 EXAMPLE = """  graspfx tune paper-waving --maximise internal.stiffness --subject-to "margin >= 1.3, grip >= 1.2"
   graspfx tune mug --over internal.stiffness=100:3000 --operators 'hand.*.arm.stiffness=50:1000'"""

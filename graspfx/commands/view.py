@@ -14,8 +14,8 @@ from graspfx.commands.interrupt import interruptible
 from graspfx.commands.output import SUCCESS, WRONG, doubts, note, warn_of_hardware
 from graspfx.commands.recording_page import add_html, is_recording, show_recording, write_run
 from graspfx.errors import InputError
-from graspfx.loop.recording.places import new_folder
 from graspfx.progress import waiting
+from graspfx.recording.files import new_folder
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

@@ -12,7 +12,7 @@ from graspfx.live.scenery import scenery
 from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.words_on_page import PAGE_STYLE
-from graspfx.loop.recording.header import SPLIT, KeyChange
+from graspfx.recording.header import SPLIT, KeyChange
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun

@@ -9,7 +9,7 @@ import numpy as np
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 Share = Literal["internal", "external"]
 SHARES: dict[str, Share] = {"coupling.internal.stiffness": "internal", "coupling.external.stiffness": "external"}

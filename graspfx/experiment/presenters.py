@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from graspfx.errors import GraspFXError, RecordingError
-from graspfx.loop.recording.places import NAME
+from graspfx.recording.files import NAME
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun

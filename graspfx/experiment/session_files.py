@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from graspfx.errors import InputError, RecordingError
-from graspfx.loop.recording.places import make_folder, new_folder, obstacle, sync_folder
+from graspfx.recording.files import make_folder, new_folder, obstacle, sync_folder
 from graspfx.resource import Resource
 from graspfx.system.file_lock import lock
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FIRST, SECOND = "first", "second"  # answers to the question in which of two intervals there was more
 
@@ -62,7 +62,7 @@ class Presentation:
 
     def load(self) -> list[Recording]:
         """Load the recordings of the intervals."""
-        from graspfx.loop.recording.record import Recording
+        from graspfx.recording.record import Recording
 
         return [Recording.load(path) for path in self.recordings]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import Header, KeyChange, Outcome
-from graspfx.loop.recording.history import History
-from graspfx.loop.recording.layout import Layout
+from graspfx.loop.columns import Layout
+from graspfx.recording.header import Header, KeyChange, Outcome
+from graspfx.recording.record import Recording
 from graspfx.show.modes import Modes, directions, modes
 from graspfx.show.picture.instant import apart_on_a_line, lifted
 from graspfx.show.style import CONTACTS
@@ -78,7 +78,7 @@ class Frames(Sequence[Frame]):
         apart: by how much fingers on a line are set apart across it [m], `Scenery.apart`.
     """
 
-    def __init__(self, history: History, apart: float = 0.0) -> None:
+    def __init__(self, history: Recording, apart: float = 0.0) -> None:
         self.history, self.layout = history, history.layout
         self._across = apart * apart_on_a_line(len(self.layout.fingers))
 
@@ -250,9 +250,9 @@ def frame_of(
 
 def history_of(
     rows: FloatArray, layout: Layout, header: Header, *, changes: Sequence[KeyChange] = (), tick: int = 0
-) -> History:
+) -> Recording:
     """Name the columns of rows (r, width), the first of which is of a tick; they are not to be written to any more."""
-    return History(rows, layout, header, Outcome(changes=tuple(changes)), start=tick // header.every)
+    return Recording(rows, layout, header, Outcome(changes=tuple(changes)), start=tick // header.every)
 
 
 def quaternions(turn: FloatArray | None, count: int) -> FloatArray:

@@ -17,11 +17,11 @@ from graspfx.errors import InputError, message
 from graspfx.live.conductor import Conductor
 from graspfx.live.guides import Guide, guided_scene, guides_of
 from graspfx.live.letting_go import Release
+from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
-from graspfx.loop.recording.header import Header, RunFault
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.places import NAME, recording_path, require_vacancy_of
-from graspfx.loop.recording.two_parts import Split
+from graspfx.recording.files import NAME, recording_path, require_vacancy_of
+from graspfx.recording.header import Header
+from graspfx.recording.split import Split
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from graspfx.live.run_look import RunLook
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
-    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.columns import Layout
 
 RATE = 100.0  # rows a second
 COLUMNS = ("finger_position", "finger_force", "touching")  # of every run

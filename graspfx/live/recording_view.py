@@ -18,7 +18,7 @@ from graspfx.live.view.strip_charts import EVERY, SECONDS, StripCharts
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FRAME = 1.0 / 30.0  # from a frame to the next [s]
 IDLE = 0.25  # between two looks for pages [s]

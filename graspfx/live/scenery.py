@@ -31,8 +31,8 @@ from graspfx.show.picture.surfaces import Surface, surface
 from graspfx.show.style import FINGERS
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.columns import Layout
+    from graspfx.recording.header import Header
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import GraspedObject
+from graspfx.loop.columns import Layout
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.fitting import PLAIN, Fitting
 from graspfx.loop.plant import Hand, Plant, unaltered
-from graspfx.loop.recording.layout import Layout
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.objects.guest import Guest
 

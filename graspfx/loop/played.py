@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.device import Device, Features, LimitedDevice
 from graspfx.loop.device_exchange import Port
 from graspfx.loop.fitting import Fitting
 from graspfx.loop.parts import DeviceWiring, PlantWiring
-from graspfx.loop.recording.record import Recording
 from graspfx.loop.safety.trust import DEADMAN
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +21,22 @@ FloatArray = NDArray[np.float64]
 ROWS = 4096  # of a recording that are read at once
 Phase = Literal["read", "write", "after"]  # of a tick, in which a fault came
 PHASES: tuple[Phase, ...] = ("write", "read", "after")
+
+
+class Played(Protocol):
+    """Rows of a run that can be played: a `Recording`."""
+
+    @property
+    def layout(self) -> Layout: ...
+
+    @property
+    def faults(self) -> tuple[RunFault, ...]: ...
+
+    def __len__(self) -> int: ...
+
+    def read(self, column: str, first: int, stop: int) -> FloatArray:
+        """Give a column of the layout in the rows from one up to another."""
+        ...
 
 
 class PlayedDevice:
@@ -93,11 +109,11 @@ class Playback:
         phase: of the tick of the first fault in which it is enacted, if the replay has none by then.
     """
 
-    def __init__(self, recording: Recording, largest: Recording | None, phase: Phase) -> None:
+    def __init__(self, recording: Played, largest: Played | None, phase: Phase) -> None:
         self._recording, self._phase = recording, phase
         columns = recording.layout.columns
         names = [name for name in ("fresh", "skipped", "switches", "true_position") if name in columns]
-        self._sources = dict.fromkeys(("finger_position", "finger_velocity", *names), recording)
+        self._sources: dict[str, Played] = dict.fromkeys(("finger_position", "finger_velocity", *names), recording)
         if "largest_force" in columns or largest is not None:
             self._sources["largest_force"] = largest or recording
         self._fault = recording.faults[0] if recording.faults else None

@@ -14,6 +14,7 @@ from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.arena import Arena
+from graspfx.loop.columns import Layout, RowTaker, RunFault
 from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name
 from graspfx.loop.energy.observer import Observer
@@ -27,9 +28,6 @@ from graspfx.loop.played import Playback
 from graspfx.loop.realtime.lifecycle import require_simulations, why_python
 from graspfx.loop.realtime.pacing import Pacer, SoftEnd, WallClock
 from graspfx.loop.realtime.readings import GUARDS, Guards
-from graspfx.loop.recording.header import RunFault
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.world import CHUNK, FOREIGN, NATIVE, ServoState, latch
 

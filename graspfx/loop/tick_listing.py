@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -28,8 +28,6 @@ from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop import step
 from graspfx.loop.arena import Arena
 from graspfx.loop.engine import Interpreted
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.servo import Servo
 
 FloatArray = NDArray[np.float64]
@@ -109,6 +107,29 @@ class Used:
         return frozenset(call.name for _, call in self.root.walk() if _is_stage(call))
 
 
+class _Rows:
+    """Rows of the ticks that are watched, which nobody reads."""
+
+    def __init__(self, ticks: int, width: int) -> None:
+        self._rows, self._ticks = np.empty((ticks, width)), 0
+
+    @property
+    def row(self) -> FloatArray:
+        return np.asarray(self._rows[max(self._ticks, 1) - 1])
+
+    def space(self) -> tuple[FloatArray, int, int]:
+        return self._rows, self._ticks, len(self._rows) - self._ticks
+
+    def take(self, count: int) -> None:
+        self._ticks += count
+
+    def drain(self) -> None: ...
+
+    def fault(self, k: int, message: str) -> None: ...
+
+    def change(self, k: int, values: Mapping[str, Any]) -> None: ...
+
+
 def used(servo: Servo, ticks: int = TICKS) -> Used:
     """Run ticks of a servo interpreted, and find what ran of the step; it has to be at its beginning.
 
@@ -124,8 +145,8 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
                 while not engine.run(k, 1, k):  # up to its devices' writing, and from there on
                     pass
     else:
-        with Recorder(servo.layout, Header(servo.period), block=ticks) as recorder, watch:
-            servo.run(ticks, recorder)
+        with watch:
+            servo.run(ticks, _Rows(ticks, servo.layout.width))
     return Used(ticks, watch.root, tuple(_skipped(arena, watch.root)))
 
 

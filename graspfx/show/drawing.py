@@ -12,7 +12,7 @@ from graspfx.show import style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.show.picture.portrait import Forces
     from graspfx.show.sheet import Sheet
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import open_loop
 from graspfx.errors import InputError, MissingPackageError, RecordingError, UnknownNameError
-from graspfx.loop.recording.header import conclusion, description
-from graspfx.loop.recording.layout import Column, Layout
-from graspfx.loop.recording.places import placing, recording_path, require_vacancy
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.columns import Column, Layout
+from graspfx.recording.files import placing, recording_path, require_vacancy
+from graspfx.recording.header import conclusion, description
+from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:
     import xarray
@@ -124,18 +124,17 @@ def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[A
     if name in ENERGIES:  # added up from the beginning
         return np.asarray(_derived(recording, name))[first:stop]
     if name in columns:
-        return _typed(recording.read(columns[name].name, first, stop), columns[name])
+        return columns[name].typed(recording.read(columns[name].name, first, stop))
     for part, like in parts_of_objects(recording.layout).items():
         if object_name(part) == name:
             own = (recording.layout.columns.get(f"objects/{thing}/{part}") for thing in recording.layout.objects)
             nothing = np.full((stop - first, *like.shape), np.nan)
             return np.stack(
-                [nothing if each is None else _typed(recording.read(each.name, first, stop), each) for each in own],
+                [nothing if each is None else each.typed(recording.read(each.name, first, stop)) for each in own],
                 axis=1,
             )
-    step = recording.store.step
-    pieces = (recording.part(k, min(k + step, stop)) for k in range(first, stop, step))
-    return np.concatenate([getattr(each, name) for each in pieces] or [getattr(recording.part(0, 0), name)])
+    source = recording if (first, stop) == (0, len(recording)) else recording.part(first, stop)
+    return np.asarray(getattr(source, name))
 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
@@ -167,11 +166,7 @@ def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iter
 
 
 def _stored(recording: Recording, column: Column) -> NDArray[Any]:
-    return _typed(recording.array(column.name), column)
-
-
-def _typed(values: NDArray[Any], column: Column) -> NDArray[Any]:
-    return np.not_equal(values, 0.0) if column.kind == "bool" else values.astype(column.kind)
+    return column.typed(recording.array(column.name))
 
 
 def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
@@ -231,7 +226,7 @@ def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
         def _read(self, key: tuple[Any, ...]) -> Any:
             rows, rest = key[0], key[1:]
             places = range(*rows.indices(len(recording))) if isinstance(rows, slice) else range(rows, rows + 1)
-            low, high = (min(places), max(places) + 1) if len(places) else (0, 0)
+            low, high = (min(places[0], places[-1]), max(places[0], places[-1]) + 1) if places else (0, 0)
             values = rows_of(recording, first.name, low, high)
             chosen = slice(None, None, places.step) if isinstance(rows, slice) else 0
             return values[(chosen, *rest)]

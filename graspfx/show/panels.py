@@ -15,8 +15,7 @@ from graspfx.show.modes import Modes, directions, mean, modes
 from graspfx.show.style import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.history import ObjectMotion
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import ObjectMotion, Recording
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, RecordingError
-from graspfx.loop.recording.history import History
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show import style
 from graspfx.show.modes import Modes
 from graspfx.show.panels import ALL, MM, Curve, Row, View, curve, pushes, rows, views
@@ -23,7 +22,7 @@ from graspfx.show.style import BAND, HAIR, INK, NEUTRAL, NOTE, PUSHES, SQUEEZE, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
@@ -210,7 +209,7 @@ def sheet(
             recordings of earlier formats, which do not say how forces divide.
     """
     for each in recordings:
-        if not isinstance(each, History):
+        if not isinstance(each, Recording):
             raise InputError("recordings", each, "a recording", "plot draws whole recordings: rec.plot(other, ...)")
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError, RecordingError, UnknownNameError
-from graspfx.loop.recording.places import placing, recording_path, require_vacancy
+from graspfx.recording.files import placing, recording_path, require_vacancy
 from graspfx.show.picture.instant import lifted
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from graspfx.cones.problem import SLIDE
 from graspfx.coupling.fade import BAND
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 BOLD, PLAIN = "\033[1m", "\033[0m"
 RULES = "┃│━╇"  # between the cells of the head, between those of a row, the line below the head, its crossings

@@ -28,10 +28,10 @@ from graspfx.batch.row_measures import measures_of_recording
 from graspfx.batch.variants import ForeignPartsError, Variants
 from graspfx.environment import granted, processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
-from graspfx.loop.recording.growth import growths
-from graspfx.loop.recording.layout import Column, Layout
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.vibration import vibration
+from graspfx.loop.columns import Column, Layout
+from graspfx.recording.growth import growths
+from graspfx.recording.record import Recording
+from graspfx.recording.vibration import vibration
 from graspfx.scene.source import Source
 
 if TYPE_CHECKING:

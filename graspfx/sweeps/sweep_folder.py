@@ -19,7 +19,7 @@ from graspfx.assembly.provenance import brief, by_name, file_changes, scene_chan
 from graspfx.card import counted
 from graspfx.environment import to_path
 from graspfx.errors import InputError, RecordingError
-from graspfx.loop.recording.places import claim, make_folder, sync_folder
+from graspfx.recording.files import claim, make_folder, sync_folder
 from graspfx.show.export import Labels
 from graspfx.sweeps.chunk import ChunkResult, SweepError
 from graspfx.sweeps.swept_values import VariantGrid
@@ -124,7 +124,7 @@ class SweepFolder:
         """Whether the file of all results is there, can be read with sums that check, and is this sweep's."""
         import h5py
 
-        from graspfx.loop.recording.file import require_contained
+        from graspfx.recording.file import require_contained
 
         try:
             with h5py.File(self.final, "r") as file:

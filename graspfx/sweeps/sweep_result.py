@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from graspfx.loop.recording.layout import Column
+    from graspfx.loop.columns import Column
     from graspfx.scene.model import Scene
     from graspfx.show.drawing import Drawing
     from graspfx.show.variant_figures import Margins

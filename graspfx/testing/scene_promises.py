@@ -16,12 +16,11 @@ from graspfx.objects import integrators as body
 from graspfx.testing.promise import Promise
 
 if TYPE_CHECKING:
+    from graspfx.loop.columns import Layout
     from graspfx.loop.device import Device
-    from graspfx.loop.recording.history import ObjectMotion
-    from graspfx.loop.recording.layout import Layout
-    from graspfx.loop.recording.record import Recording
-    from graspfx.loop.recording.recorder import Recorder
     from graspfx.loop.servo import Servo
+    from graspfx.recording.record import ObjectMotion, Recording
+    from graspfx.recording.recorder import Recorder
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -298,8 +297,8 @@ def _check_together(scene: Scene, recording: Recording) -> None:
     """Run two servos at once, tick by tick in turns, and listen to the devices of both."""
     from graspfx.assembly.build import build
     from graspfx.loop.parts import DeviceWiring
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.recording.header import Header
+    from graspfx.recording.recorder import Recorder
 
     ticks = min(len(recording), TOGETHER)
     with ExitStack() as stack:

@@ -23,9 +23,8 @@ from graspfx.loop import engine as engines
 from graspfx.loop import servo as servos
 from graspfx.loop.realtime import lifecycle
 from graspfx.loop.realtime.pacing import decay_ticks
-from graspfx.loop.recording import recorder as recorders
-from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
+from graspfx.recording import recorder as recorders
 from tests.support import foreign_parts
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
@@ -79,7 +78,7 @@ def test_the_order_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     noting(hardware, "look_again", "arm")
     noting(Servo, "run", "run")
     noting(Servo, "rest", "rest")
-    noting(sink.FileSink, "close", "files")
+    noting(recorders.FileSink, "close", "files")
     noting(Fake, "close", "close")
     gx.run(cart(file), real_time=True, out=tmp_path / "out")
     assert events == ["programs", "rehearsal", "open", "settle", "arm", "run", "rest", "files", "close"]
@@ -386,18 +385,18 @@ def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytes
     """The error of the disk ends the run; by then every device had been stopped."""
     file, stops = driver(tmp_path), list[int]()
 
-    def write(self: sink.FileSink, *arguments: Any) -> None:
+    def write(self: recorders.FileSink, *arguments: Any) -> None:
         raise RecordingError("no space left on the disk")
 
-    whole = sink.FileSink.close
+    whole = recorders.FileSink.close
 
-    def close(self: sink.FileSink, outcome: Any) -> None:
+    def close(self: recorders.FileSink, outcome: Any) -> None:
         stops.append(fakes(file)[-1].index("stop"))
         whole(self, outcome)
 
     monkeypatch.setattr(recorders, "SECOND", 0.0)
-    monkeypatch.setattr(sink.FileSink, "write", write)
-    monkeypatch.setattr(sink.FileSink, "close", close)
+    monkeypatch.setattr(recorders.FileSink, "write", write)
+    monkeypatch.setattr(recorders.FileSink, "close", close)
     with pytest.raises(RecordingError, match="no space left"):
         gx.run(cart(file, -0.0245), real_time=True, out=tmp_path / "out")
     assert stops

@@ -17,7 +17,7 @@ from graspfx.assembly import meshes
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.scene_cache import SEPARATOR, KeptTable, SceneMemory, _canonical, _read, _written, cached, place
 from graspfx.compile import cache
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.scene.load import load
 from graspfx.scene.table_memory import remembering
 

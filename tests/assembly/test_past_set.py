@@ -14,8 +14,8 @@ from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.header import Header
+from graspfx.recording.recorder import Recorder
 from tests.support.steering import KEP, KID, KIP
 
 

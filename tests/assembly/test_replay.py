@@ -23,7 +23,7 @@ from graspfx.assembly.resolve import resolve
 from graspfx.assembly.steering import Steering
 from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.loop.realtime.pacing import decay_ticks
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.recorder import Recorder
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver
 from tests.support.servo_wires import BUSY, PRESSED, board, boards_scene, settled
 from tests.support.waiting import wait_until

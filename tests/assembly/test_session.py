@@ -9,7 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, RecordingError, UnknownNameError
-from graspfx.loop.recording.places import NAME
+from graspfx.recording.files import NAME
 
 ENGINES = ("interpreted", "compiled", "auto")
 LINE = "reference-1dof"

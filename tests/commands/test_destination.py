@@ -14,7 +14,7 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.commands.destination import OUT
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.places import LATEST
+from graspfx.recording.files import LATEST
 
 ROOT = Path(__file__).parents[2]
 RUN = ["run", "reference-1dof", "--duration", "0.05"]

@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 
 @pytest.fixture(name="run")

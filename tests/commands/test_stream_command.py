@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.screen import touch_address
 
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")

@@ -16,7 +16,7 @@ from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.presenters import RealTime, Showing
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.trial_table import read_table
-from graspfx.loop.recording.part import PartWriter
+from graspfx.recording.part import PartWriter
 from tests.support.experiments import PLAIN, experiment, table_of
 
 

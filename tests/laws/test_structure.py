@@ -11,8 +11,8 @@ from graspfx.assembly.build import build
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.header import Header
+from graspfx.recording.recorder import Recorder
 from graspfx.surfaces.closed_form.proxy import MESH
 from graspfx.surfaces.triangles import mesh_tree
 

@@ -9,8 +9,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.live.frame import STATES, Frames, frame_of, quaternions
-from graspfx.loop.recording.header import Outcome
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.header import Outcome
+from graspfx.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.optional import require
 from tests.support.played import SECONDS, played

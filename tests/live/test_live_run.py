@@ -18,7 +18,7 @@ from graspfx.assembly.process.orders import PausingPacer
 from graspfx.errors import InputError, RecordingError, SceneError
 from graspfx.live.guides import guided_scene
 from graspfx.live.live_run import LiveRun
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
 from tests.support.hardware import VirtualClock
 from tests.support.parts import script

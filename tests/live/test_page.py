@@ -15,8 +15,8 @@ from graspfx.live.frame import Frames
 from graspfx.live.page.document import write_page
 from graspfx.live.page.packing import RESOLUTION
 from graspfx.live.scenery import SLAB, recorded_scenery
-from graspfx.loop.recording.header import KeyChange
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.header import KeyChange
+from graspfx.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, Pixels
 from tests.support.played import SECONDS, played

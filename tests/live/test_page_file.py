@@ -21,8 +21,8 @@ from graspfx.live.page.listed_values import value_at, values_of
 from graspfx.live.page.packing import RESOLUTION, packed
 from graspfx.live.page.played_frames import motion_of
 from graspfx.live.page.story import story_of
-from graspfx.loop.recording.header import KeyChange, Outcome
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.header import KeyChange, Outcome
+from graspfx.recording.record import Recording
 from tests.support.played import SECONDS, played
 from tests.support.recordings import waving
 

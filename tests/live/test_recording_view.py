@@ -9,7 +9,7 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.style import INTERNAL
 from tests.support.chromium import Browser, Pixels
 from tests.support.played import played

@@ -12,7 +12,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.live.touch.touch_run import TouchRun
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.screen.touch_address import gate_for, listen, url
 from graspfx.show.style import EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page

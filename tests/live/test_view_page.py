@@ -15,7 +15,7 @@ import graspfx as gx
 from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
 from graspfx.live.view.live_view import LiveView
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, Pixels
 from tests.support.view_page import PLAIN, serving

@@ -15,7 +15,7 @@ from graspfx.bench.timing import is_installed
 from graspfx.certificate.plan import limits_inside, plan
 from graspfx.coupling.limit import is_inside
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from tests.support import foreign_parts
 from tests.support.engines import recorded, same
 from tests.support.optional import require

@@ -18,8 +18,8 @@ from graspfx.compile import native
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.engine import Compiled, machine_codes
 from graspfx.loop.foreign import foreign, looked_ahead
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.header import Header
+from graspfx.recording.recorder import Recorder
 from tests.support import foreign_parts
 from tests.support.engines import TICKS, dressed, recorded, same
 from tests.support.optional import require

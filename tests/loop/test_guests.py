@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.assembly.build import build
 from graspfx.loop.parts import BodyGroup, guest_of
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody, pybullet
+from graspfx.recording.header import Header
+from graspfx.recording.recorder import Recorder
 from graspfx.spatial import Vector
 from tests.support.carriers import require
 

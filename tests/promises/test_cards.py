@@ -125,7 +125,8 @@ def test_a_recording_names_faults_and_changes() -> None:
         session.step(3)
         recording = session.recording
     assert "tick 3: coupling.internal.stiffness = 60" in repr(recording)
-    from graspfx.loop.recording.header import Outcome, RunFault
+    from graspfx.loop.columns import RunFault
+    from graspfx.recording.header import Outcome
 
     broken = gx.Recording(recording.rows, recording.layout, recording.header,
                           Outcome(tuple(RunFault(k, f"<b>fault {k}") for k in range(5)), None, False))  # fmt: skip

@@ -13,7 +13,7 @@ import graspfx as gx
 from graspfx import environment, plugins
 from graspfx.__main__ import main
 from graspfx.errors import Fault, GraspFXError, InputError, RecordingError, SceneError
-from graspfx.loop.recording.header import KeyChange
+from graspfx.recording.header import KeyChange
 from tests.support import foreign_parts
 
 BASE = (plugins.shelf("scenes") / "reference-1dof.toml").read_text(encoding="utf-8")

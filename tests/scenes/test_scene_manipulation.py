@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.assembly.build import build
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects.floor.floor import FloorBody
+from graspfx.recording.header import Header
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder
 from tests.support.carriers import CARRIERS, require
 
 FloatArray = NDArray[np.float64]

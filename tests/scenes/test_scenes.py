@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
 from tests.support.optional import require
 

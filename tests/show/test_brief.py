@@ -11,7 +11,7 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.plot import sheet
 from graspfx.show.style import EXTERNAL, INTERNAL, arranged
 from graspfx.show.summary_table import BRIEF, ROWS

@@ -17,7 +17,7 @@ from matplotlib.image import imread
 import graspfx as gx
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.panels import _axes_worth_showing
 from graspfx.show.plot import figure, sheet
 from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, arranged

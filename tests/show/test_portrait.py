@@ -16,7 +16,7 @@ from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.picture.instant import instant
 from graspfx.show.picture.painter import Camera, Layer, Painter, corner_normals
 from graspfx.show.picture.portrait import arrows, head, picture, portrait

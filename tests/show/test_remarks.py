@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.summary_table import remarks
 from tests.support.recordings import layout, recording
 

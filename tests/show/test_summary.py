@@ -8,10 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from graspfx.loop.recording.header import Outcome, RunFault
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.summary import Sizes
-from graspfx.loop.recording.vibration import vibration
+from graspfx.loop.columns import RunFault
+from graspfx.recording.header import Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.summary import Sizes
+from graspfx.recording.vibration import vibration
 from graspfx.show.summary_table import ROWS, columns, lines, print_summary
 from tests.support.recordings import PERIOD, layout, recording, waving
 

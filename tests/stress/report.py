@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from graspfx.loop.recording.header import machine
+from graspfx.recording.header import machine
 from tests.support.families import FAMILIES, Family
 
 PAGE = Path("docs/stress.md")

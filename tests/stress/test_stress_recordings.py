@@ -16,7 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.checks import seal
+from graspfx.recording.files import seal
 from tests.support.families import efforts, family
 from tests.support.recordings import layout, recording, rows
 
@@ -33,7 +33,7 @@ warnings.simplefilter("error")
 from pathlib import Path
 import numpy as np
 from graspfx.errors import GraspFXError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 whole = bytearray(Path("whole.h5").read_bytes())
 rng = np.random.default_rng({seed})
 for case in range({cases}):
@@ -242,7 +242,7 @@ def test_spoilt_attributes_and_data(name: str, tmp_path: Path) -> None:
 def test_spoilt_blocks_of_format_4(name: str, tmp_path: Path) -> None:
     base, change = OF_FORMAT_4[name]
     path = tmp_path / "r.h5"
-    path.write_bytes((ROOT / "tests" / "loop" / "recording" / "formats" / f"{base}.h5").read_bytes())
+    path.write_bytes((ROOT / "tests" / "recording" / "formats" / f"{base}.h5").read_bytes())
     require_refusal(path, change, is_elsewhere=name == "rows in another file")
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import graspfx as gx
 from graspfx.assembly.build import build
 from graspfx.errors import SceneError
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.header import Header
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder
 from tests.support.varied_scenes import varied_table
 
 TICKS = 60

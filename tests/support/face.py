@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import graspfx as gx
+from graspfx.recording.record import Stored
 from graspfx.testing import wire
 
 HEAD = """# The Python face
@@ -104,7 +105,7 @@ def members(noun: type) -> Iterator[tuple[str, str]]:
     for each in reversed(own):
         seen |= {name: value for name, value in vars(each).items() if not name.startswith(("_", "model_"))}
     for name, value in sorted(seen.items()):
-        getter = getattr(value, "fget", None) or getattr(value, "func", None)
+        getter = value if isinstance(value, Stored) else getattr(value, "fget", None) or getattr(value, "func", None)
         if getter is not None:
             yield name, _sentence(getter)
         elif inspect.isfunction(value) or isinstance(value, classmethod):

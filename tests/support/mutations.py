@@ -23,7 +23,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 PLACES = {  # where mistakes are made, and the tests that run first
     "kernels": ("graspfx/coupling", "graspfx/cones", "graspfx/grasp", "graspfx/objects", "graspfx/surfaces"),
-    "recordings": ("graspfx/loop/recording",),
+    "recordings": ("graspfx/recording",),
     "certificate": ("graspfx/certificate", "graspfx/analysis"),
     "safety": ("graspfx/loop/safety", "graspfx/loop/energy"),
 }

@@ -18,10 +18,10 @@ from graspfx.compile.kernel import source_function
 from graspfx.loop.realtime.beat import Reach, beat
 from graspfx.loop.realtime.native_loop import NativeLoop
 from graspfx.loop.realtime.pacing import FREE, Pacer
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.servo import Servo
+from graspfx.recording.header import Header
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder
 from tests.support.hardware import VirtualClock
 from tests.support.scripted_devices import DRIVER
 

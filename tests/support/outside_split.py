@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from graspfx.loop.recording.header import RunFault
-from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.columns import RunFault
+from graspfx.recording.recorder import FileSink
 from tests.support.recordings import header, layout, rows
 
 ROOT = Path(__file__).parents[2]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.recording.header import Header, Outcome
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.columns import Layout
+from graspfx.recording.header import Header, Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import Recorder
 
 FloatArray = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
-from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.planes import FloorState
+from graspfx.recording.recorder import Recorder
 from graspfx.spatial import Quaternion, Vector, exponential
 
 STEP = 1e-7  # [m], [m/s]

@@ -15,8 +15,8 @@ from graspfx.compile.kernel import kernel, source_function
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.sample import conclude
 from graspfx.errors import InputError
-from graspfx.loop.recording.record import Recording
 from graspfx.loop.step import couple_objects
+from graspfx.recording.record import Recording
 from graspfx.testing import ConformanceError, check_scene
 from graspfx.testing.scene_promises import _check_recording, _check_wrench
 

@@ -15,8 +15,8 @@ from graspfx.assembly.bodies import Stock
 from graspfx.assembly.wiring import AUTOMATIC, connect
 from graspfx.compile.memory import within
 from graspfx.errors import LONGEST_KEY, GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.loop.columns import Layout, columns_of
 from graspfx.loop.device import Features, lacking
-from graspfx.loop.recording.layout import Layout, columns_of
 from graspfx.scene.tables.part_tables import Device
 from graspfx.scene.tables.scene_table import SceneTable
 

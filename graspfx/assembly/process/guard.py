@@ -25,7 +25,7 @@ from graspfx.loop.realtime.pacing import Clock, WallClock
 from graspfx.loop.realtime.process import GUARD
 from graspfx.loop.realtime.readings import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.recorder import Recorder
 from graspfx.system import process_end
 from graspfx.system.scheduling import set_fifo
 

@@ -31,7 +31,7 @@ from graspfx.system.process_end import ASK, KILL, die_with_parent
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
-    from graspfx.loop.recording.header import Header
+    from graspfx.recording.header import Header
 
 
 def main(line_: int, ring_: int) -> None:

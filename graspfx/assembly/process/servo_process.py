@@ -27,9 +27,9 @@ from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
-    from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.layout import Layout
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.columns import Layout
+    from graspfx.recording.header import Header
+    from graspfx.recording.recorder import Recorder
 
 
 FloatArray = NDArray[np.float64]

@@ -14,8 +14,8 @@ from typing import Any
 import graspfx
 from graspfx.errors import InputError
 from graspfx.live.page.story import story_of
-from graspfx.loop.recording.places import placing, recording_path, require_vacancy
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.files import placing, recording_path, require_vacancy
+from graspfx.recording.record import Recording
 
 FOLDER = Path(__file__).parent
 SCRIPTS = ("numbers.js", "space.js", "chart.js", "page.js")  # in this order

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 GAINS = {  # of eq. (4), by their keys
     "coupling.external.stiffness": ("external stiffness, kep", "N/m"),

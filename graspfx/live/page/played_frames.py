@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.live.frame import Frames
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int8]

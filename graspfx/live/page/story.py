@@ -17,7 +17,7 @@ from graspfx.live.page.listed_values import values_of
 from graspfx.live.page.packing import RESOLUTION, packed, packed_solid
 from graspfx.live.page.played_frames import Motion, motion_of
 from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from graspfx.show.modes import Modes
 from graspfx.show.panels import pushes
 from graspfx.show.picture import painter, portrait

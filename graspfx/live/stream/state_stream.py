@@ -16,7 +16,7 @@ from graspfx.live.frame import Frames, history_of
 from graspfx.live.scenery import Scenery, scenery
 from graspfx.live.stream.state_message import hello_message, state_message
 from graspfx.live.touch.goal_walk import GoalWalk
-from graspfx.loop.recording.header import SPLIT, KeyChange
+from graspfx.recording.header import SPLIT, KeyChange
 from graspfx.screen.stream_orders import StreamOrder
 from graspfx.screen.stream_server import Bounds, StreamServer
 

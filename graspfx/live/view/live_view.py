@@ -21,7 +21,7 @@ from graspfx.live.view.page_server import Server, page_server
 from graspfx.live.view.replay_on_page import ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
-from graspfx.loop.recording.header import SPLIT, KeyChange
+from graspfx.recording.header import SPLIT, KeyChange
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:

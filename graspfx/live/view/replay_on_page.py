@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.live.frame import Frames
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:
     import viser

@@ -11,9 +11,9 @@ from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Floats, Record, floats, size_for, size_of
 from graspfx.errors import abbreviate
+from graspfx.loop.columns import Layout
 from graspfx.loop.device import Device, RawDevice, SwitchedDevice
 from graspfx.loop.realtime.pacing import ClockState
-from graspfx.loop.recording.layout import Layout
 
 FloatArray = NDArray[np.float64]
 

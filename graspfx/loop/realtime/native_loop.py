@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graspfx.compile.records import size_for
 from graspfx.errors import DeviceError
 from graspfx.loop.arena import Arena
+from graspfx.loop.columns import RowTaker, RunFault
 from graspfx.loop.device_calls import FRESH, REPEAT, Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import ZERO, DeviceExchange, DevicePort, call_of
 from graspfx.loop.engine import Compiled
@@ -22,8 +23,6 @@ from graspfx.loop.realtime.pacing import DRIVEN, PACED, Pacer, SoftEnd
 from graspfx.loop.realtime.process import Exits, Interruption
 from graspfx.loop.realtime.readings import NO_ASK, NO_READ, NO_WRITE, Guards, patience, reading_text
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
-from graspfx.loop.recording.header import RunFault
-from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.system import scheduling
 
 IntArray = NDArray[np.int64]

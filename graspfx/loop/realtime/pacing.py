@@ -16,8 +16,7 @@ import numpy as np
 
 from graspfx.compile.kernel import keep_lowerings, kernel, source_function
 from graspfx.compile.records import Floats, Record, floats, size_of
-from graspfx.loop.recording.header import REST
-from graspfx.loop.recording.row_taker import RowTaker
+from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
 FREE, PACED, DRIVEN = range(3)  # at once; by absolute deadlines; by the thread that calls

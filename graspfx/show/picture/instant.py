@@ -14,7 +14,7 @@ from graspfx.errors import GraspFXError, InputError, RecordingError, abbreviate
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 Table = Mapping[str, Any]

@@ -22,7 +22,7 @@ from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, plain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.loop.recording.record import Recording
+    from graspfx.recording.record import Recording
     from graspfx.show.picture.painter import Painter
     from graspfx.show.sheet import Sheet
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solveh_banded
 
-from graspfx.loop.recording.vibration import roughness as smooth_rest
+from graspfx.recording.vibration import roughness as smooth_rest
 
 
 def roughness(x, q):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 from tests.support.logged import LoggedRun
 from tests.support.waiting import wait_until
 

@@ -16,6 +16,7 @@ from graspfx.assembly.process import guard as relays
 from graspfx.assembly.process.guard import Relay
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import DeviceError, InputError, RecordingError, SceneError, UnknownNameError
+from graspfx.loop.columns import Layout
 from graspfx.loop.realtime.pacing import Lateness
 from graspfx.loop.realtime.ring import (
     NOTES,
@@ -30,9 +31,8 @@ from graspfx.loop.realtime.ring import (
     unpack_error,
     write_letter,
 )
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.header import Header
+from graspfx.recording.recorder import Recorder
 
 
 @pytest.fixture

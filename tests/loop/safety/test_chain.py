@@ -15,12 +15,12 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.limit import limit
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import conclude, couple
-from graspfx.loop.recording.record import Recording
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
 from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.safety_state import Pace
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.objects.body import fill_body
+from graspfx.recording.record import Recording
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
 from tests.support.engines import recorded, same

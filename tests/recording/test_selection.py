@@ -10,8 +10,8 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError, SceneError, UnknownNameError
-from graspfx.loop.recording.layout import Selection, chosen_layout
-from graspfx.loop.recording.record import Recording
+from graspfx.loop.columns import Selection, chosen_layout
+from graspfx.recording.record import Recording
 from tests.support.recordings import layout, rows
 
 SECONDS = 0.6  # 120 ticks

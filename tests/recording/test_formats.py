@@ -16,19 +16,18 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop.recording import header as headers
-from graspfx.loop.recording import layout as layouts
-from graspfx.loop.recording.checks import LENGTH
-from graspfx.loop.recording.header import FORMAT, Outcome, RunFault
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.places import NAME
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
+from graspfx.loop import columns as layouts
+from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording import header as headers
+from graspfx.recording.files import LENGTH, NAME
+from graspfx.recording.header import FORMAT, Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
 from tests.support.families import efforts
 from tests.support.recordings import header, layout, rows
 
-ROOT = Path(__file__).parents[3]
-FORMATS = ROOT / "tests" / "loop" / "recording" / "formats"
+ROOT = Path(__file__).parents[2]
+FORMATS = ROOT / "tests" / "recording" / "formats"
 
 EXPECTED = {  # by the reader of that time: rows, numbers in a row, and the digest of the rows
     "1-energy": (6, 46, "c79811691000302f308743ad301c5ad2e8a328c30ce879705da09aa4fd08483e"),
@@ -172,7 +171,7 @@ import h5py
 import numpy as np
 from pathlib import Path
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 name, cases, rng = sys.argv[1], int(sys.argv[2]), np.random.default_rng(int(sys.argv[3]))
 whole = Path(name).read_bytes()
 first = Recording.load(name)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.recording.vibration import roughness
+from graspfx.recording.vibration import roughness
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -10,9 +10,9 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.places import NAME
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.rows import BlockRows, DataSetRows
+from graspfx.recording.files import NAME
+from graspfx.recording.record import Recording
+from graspfx.recording.rows import BlockRows, DataSetRows
 from graspfx.show.export import csv_lines
 from tests.support.parts import made, script, values
 from tests.support.recordings import header
@@ -31,7 +31,7 @@ def test_a_change_in_a_block_of_format_4_is_an_error_where_that_is_read(tmp_path
     other = Recording.load(tmp_path / "changed.h5")
     assert other.part(0, 2).rows.tobytes() == rec.rows[:2].tobytes()
     assert other.part(4, 6).rows.tobytes() == rec.rows[4:].tobytes()
-    for read in (lambda: other.rows, lambda: other.finger_force, lambda: other.part(1, 3)):
+    for read in (lambda: other.rows, lambda: other.finger_force, lambda: other.part(1, 3).rows):
         with pytest.raises(RecordingError, match=r"its bytes were changed since .* rows from 2 up to 4"):
             read()
 
@@ -47,7 +47,7 @@ def test_a_change_in_a_chunk_is_an_error_where_that_is_read(tmp_path: Path) -> N
     other = Recording.load(tmp_path)
     assert isinstance(other.store, DataSetRows)
     assert other.finger_force.tobytes() == rec.finger_force.tobytes()
-    for read in (lambda: other.rows, lambda: other.gap, lambda: other.part(9, 10)):
+    for read in (lambda: other.rows, lambda: other.gap, lambda: other.part(9, 10).gap):
         with pytest.raises(RecordingError, match="its bytes were changed since it was written"):
             read()
 

@@ -1,4 +1,4 @@
-"""The columns of a recording: one table of all that a row may hold, and which of it a scene has and records."""
+"""Columns of a recorded row: one declared table, which of it a scene has, and the face of whoever takes rows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import prod
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,48 @@ ENTRIES = {  # along the dimensions that all recordings have alike
     "call": ("read", "write"),
     "share": ("soft", "trust", "squeeze", "outer"),
 }
+REST = "rest"  # as the key of a change: from its tick on forces decay, as the run ends by itself ("end") or by "stop"
+
+
+class RunFault(NamedTuple):
+    """A fault at a tick; from there on every force is zero."""
+
+    tick: int
+    message: str
+
+    def __str__(self) -> str:
+        return f"tick {self.tick}: {self.message}"
+
+
+class RowTaker(Protocol):
+    """A taker of rows tick by tick: `Recorder` in the servo's own process, `RingRecorder` where another one records."""
+
+    @property
+    def row(self) -> FloatArray:
+        """The last row that a tick wrote."""
+        ...
+
+    def space(self) -> tuple[FloatArray, int, int]:
+        """Give rows (r, width), the place in them of the next tick, and for how many ticks there is room.
+
+        The tick at place r writes row r; with a row every m ticks, row r / m if m divides r.
+        """
+        ...
+
+    def take(self, count: int) -> None:
+        """Keep what that many ticks more have written."""
+
+    def drain(self) -> None:
+        """Pass on what is full; called between ticks."""
+
+    def fault(self, k: int, message: str) -> None:
+        """Note a fault of tick k."""
+
+    def change(self, k: int, values: Mapping[str, Any]) -> None:
+        """Note that keys of the scene have these values from tick k on."""
+
+
+# The table ------------------------------------------------------------------------------------------------------------
 
 
 class Declared(NamedTuple):
@@ -38,9 +80,9 @@ class Declared(NamedTuple):
         meaning: what it is.
         filled: who fills it: "sample" (the coupling's sample of a grasp), "servo" (the tick around it), "observer" (the
             ledger of energies), "safety" (the chain) or "loop" (the exchange with devices on the wall's clock).
-        when: the flag of the layout that says whether it is there; always if not given.
+        when: the property of `Layout` that says whether it is there; if not given it always is, and with "always" also
+            in recordings of every format.
         kind: the type of its numbers in a file; in a row all are float64.
-        essential: whether a recording of every format has it.
     """
 
     name: str
@@ -50,100 +92,90 @@ class Declared(NamedTuple):
     filled: str
     when: str = ""
     kind: str = "float64"
-    essential: bool = False
 
 
+# fmt: off
 DISPLAYED = "on the operator, after every limit, before output delay"
 SCALE = "left of the law's force: by the soft start, by trust in readings, of what squeezes, of a finger's whole force"
+C, OBSERVED = Declared, ("observer", "observed")
 OF_FINGERS = (
-    Declared("finger_position", "finger axis", "m", "as the device reports it", "sample", essential=True),
-    Declared("finger_velocity", "finger axis", "m/s", "as the device reports or estimates it", "sample",
-             essential=True),
-    Declared("contact_position", "finger axis", "m", "c of e = p - c: on the surface, of a ball a radius before it",
-             "sample", essential=True),
-    Declared("finger_force", "finger axis", "N", "of the finger on the object", "sample", essential=True),
-    Declared("finger_moment", "finger turn", "N m", "of the finger on the object", "sample", "moments"),
-    Declared("contact_normal", "finger turn", "1", "into the object, where some finger of its is soft", "sample",
-             "normals"),
-    Declared("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
-             "sample", "normals"),
-    Declared("torsion_axis", "finger turn", "1", "along which a soft finger's torsion acts on the object", "sample",
-             "torsion_axes"),
-    Declared("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
-    Declared("law_force", "finger axis", "N", "of the finger on the object by eq. (4), before limits", "sample",
-             "limits"),
-    Declared("touching", "finger", "1", "whether the finger exerts a force", "sample", kind="bool", essential=True),
-    Declared("saturated", "finger", "1", "whether the finger's force stands at its limit", "sample", "limits", "bool"),
-    Declared("status", "finger", "1", "0 free, 1 stick, 2 slide", "sample", "slips", "int8"),
-    Declared("gap", "finger", "m", "distance to the surface, negative inside", "sample", "gaps"),
-    Declared("true_position", "finger axis", "m", "of the simulated fingertip", "servo", "simulated"),
-    Declared("device_energy", "finger", "J", "work done so far on the fingertip by the displayed force", "servo",
-             essential=True),
-    Declared("wall", "", "s", "time of the tick on the wall's clock since that of the first", "loop", "timed"),
-    Declared("late", "", "s", "after the tick's deadline", "loop", "timed"),
-    Declared("io", "call", "s", "to ask and read all devices, and to write them", "loop", "timed"),
-    Declared("skipped", "", "1", "periods left out before the tick", "loop", "timed", "int64"),
-    Declared("fresh", "finger", "1", "whether the reading brought a new sample", "loop", "timed", "bool"),
-    Declared("switches", "device", "1", "bits, the first switch of a device is bit 0", "loop", "has_switches",
-             "int64"),
-    Declared("raw/", "", "1", "numbers as they came over the wire", "loop", "timed"),  # of each device in `raw`
-    Declared("largest_force", "finger", "N", "that the device told it could display where it was read", "loop",
-             "varying"),
-)  # fmt: skip
+    C("finger_position", "finger axis", "m", "as the device reports it", "sample", "always"),
+    C("finger_velocity", "finger axis", "m/s", "as the device reports or estimates it", "sample", "always"),
+    C("contact_position", "finger axis", "m", "c of e = p - c: on the surface, of a ball a radius before it",
+      "sample", "always"),
+    C("finger_force", "finger axis", "N", "of the finger on the object", "sample", "always"),
+    C("finger_moment", "finger turn", "N m", "of the finger on the object", "sample", "moments"),
+    C("contact_normal", "finger turn", "1", "into the object, where some finger of its is soft", "sample", "normals"),
+    C("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
+      "sample", "normals"),
+    C("torsion_axis", "finger turn", "1", "along which a soft finger's torsion acts on the object",
+      "sample", "torsion_axes"),
+    C("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
+    C("law_force", "finger axis", "N", "of the finger on the object by eq. (4), before limits", "sample", "limits"),
+    C("touching", "finger", "1", "whether the finger exerts a force", "sample", "always", "bool"),
+    C("saturated", "finger", "1", "whether the finger's force stands at its limit", "sample", "limits", "bool"),
+    C("status", "finger", "1", "0 free, 1 stick, 2 slide", "sample", "slips", "int8"),
+    C("gap", "finger", "m", "distance to the surface, negative inside", "sample", "gaps"),
+    C("true_position", "finger axis", "m", "of the simulated fingertip", "servo", "simulated"),
+    C("device_energy", "finger", "J", "work done so far on the fingertip by the displayed force", "servo", "always"),
+    C("wall", "", "s", "time of the tick on the wall's clock since that of the first", "loop", "timed"),
+    C("late", "", "s", "after the tick's deadline", "loop", "timed"),
+    C("io", "call", "s", "to ask and read all devices, and to write them", "loop", "timed"),
+    C("skipped", "", "1", "periods left out before the tick", "loop", "timed", "int64"),
+    C("fresh", "finger", "1", "whether the reading brought a new sample", "loop", "timed", "bool"),
+    C("switches", "device", "1", "bits, the first switch of a device is bit 0", "loop", "has_switches", "int64"),
+    C("raw/", "", "1", "numbers as they came over the wire", "loop", "timed"),  # of each device in `raw`
+    C("largest_force", "finger", "N", "that the device told it could display where it was read", "loop", "varying"),
+)
 OF_OBJECTS = (
-    Declared("position", "axis", "m", "of the object's centre", "sample", essential=True),
-    Declared("centre", "axis", "m", "of the object in the sample, which is about where it will be", "sample",
-             "predicted"),
-    Declared("velocity", "axis", "m/s", "of the object's centre", "sample", essential=True),
-    Declared("orientation", "", "rad", "angle", "sample", "in_plane"),
-    Declared("angular_velocity", "", "rad/s", "about the normal of the plane", "sample", "in_plane"),
-    Declared("orientation", "quaternion", "1", "quaternion x, y, z, w", "sample", "in_space"),
-    Declared("angular_velocity", "turn", "rad/s", "in world axes", "sample", "in_space"),
-    Declared("law", "", "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one", "sample", "slips",
-             "int8"),
-    Declared("residual", "", "N", "of that law", "sample", "slips"),
-    Declared("wrench", "component", "N, N m", "of the fingers on the object, about its centre, in world axes",
-             "sample", essential=True),
-    Declared("scale", "share", "1", SCALE, "safety", "guarded"),
-    Declared("tank", "", "J", "energy that pays for stiffness", "safety", "guarded"),
+    C("position", "axis", "m", "of the object's centre", "sample", "always"),
+    C("centre", "axis", "m", "of the object in the sample, which is about where it will be", "sample", "predicted"),
+    C("velocity", "axis", "m/s", "of the object's centre", "sample", "always"),
+    C("orientation", "", "rad", "angle", "sample", "in_plane"),
+    C("angular_velocity", "", "rad/s", "about the normal of the plane", "sample", "in_plane"),
+    C("orientation", "quaternion", "1", "quaternion x, y, z, w", "sample", "in_space"),
+    C("angular_velocity", "turn", "rad/s", "in world axes", "sample", "in_space"),
+    C("law", "", "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one", "sample", "slips", "int8"),
+    C("residual", "", "N", "of that law", "sample", "slips"),
+    C("wrench", "component", "N, N m", "of the fingers on the object, about its centre, in world axes",
+      "sample", "always"),
+    C("scale", "share", "1", SCALE, "safety", "guarded"),
+    C("tank", "", "J", "energy that pays for stiffness", "safety", "guarded"),
     # energies are totals since the start but for `stored` and `kinetic`, which are momentary
-    Declared("energy/work", "mode", "J", "of the held forces on the fingers' motion against the object", "observer",
-             "observed"),
-    Declared("energy/stored", "mode", "J", "in the springs of eq. (4)", "observer", "observed"),
-    Declared("energy/damped", "mode", "J", "taken by the damping of eq. (4)", "observer", "observed"),
-    Declared("energy/slipped", "mode", "J", "taken where contacts slide or let go, or beyond a limit", "observer",
-             "observed"),
-    Declared("energy/reshaped", "mode", "J",
-             "taken where the split, a weight or a skew stiffness changes what is stored", "observer", "observed"),
-    Declared("energy/leaked", "mode", "J", "made by holding the springs' forces over samples", "observer", "observed"),
-    Declared("energy/balance", "mode", "J", "taken beyond what is stored, with frictions; below zero energy was made",
-             "observer", "observed"),
-    Declared("energy/braked", "mode", "J", "taken by the damping that control added", "observer", "is_controlled"),
-    Declared("energy/damping", "mode", "N s/m", "added in this sample", "observer", "is_controlled"),
-    Declared("energy/fingers", "", "J", "work of the fingers on coupling and object, by the positions read",
-             "observer", "observed"),
-    Declared("energy/wrench", "", "J", "work of the fingers' wrench on the object", "observer", "observed"),
-    Declared("energy/kinetic", "", "J", "of the object", "observer", "observed"),
-    Declared("energy/gravity", "", "J", "work of gravity", "observer", "observed"),
-    Declared("energy/contact", "", "J", "work of obstacles and other objects; what is left over, if not native",
-             "observer", "observed"),
-    Declared("energy/viscous", "", "J", "taken by the object's viscosity", "observer", "observed"),
-    Declared("energy/defect", "", "J", "made by the object's integrator", "observer", "observed"),
-    Declared("energy/gap", "", "J", "by which the fingers' work misses all the rest", "observer", "observed"),
-)  # fmt: skip
+    C("energy/work", "mode", "J", "of the held forces on the fingers' motion against the object", *OBSERVED),
+    C("energy/stored", "mode", "J", "in the springs of eq. (4)", *OBSERVED),
+    C("energy/damped", "mode", "J", "taken by the damping of eq. (4)", *OBSERVED),
+    C("energy/slipped", "mode", "J", "taken where contacts slide or let go, or beyond a limit", *OBSERVED),
+    C("energy/reshaped", "mode", "J", "taken where the split, a weight or a skew stiffness changes what is stored",
+      *OBSERVED),
+    C("energy/leaked", "mode", "J", "made by holding the springs' forces over samples", *OBSERVED),
+    C("energy/balance", "mode", "J", "taken beyond what is stored, with frictions; below zero energy was made",
+      *OBSERVED),
+    C("energy/braked", "mode", "J", "taken by the damping that control added", "observer", "is_controlled"),
+    C("energy/damping", "mode", "N s/m", "added in this sample", "observer", "is_controlled"),
+    C("energy/fingers", "", "J", "work of the fingers on coupling and object, by the positions read", *OBSERVED),
+    C("energy/wrench", "", "J", "work of the fingers' wrench on the object", *OBSERVED),
+    C("energy/kinetic", "", "J", "of the object", *OBSERVED),
+    C("energy/gravity", "", "J", "work of gravity", *OBSERVED),
+    C("energy/contact", "", "J", "work of obstacles and other objects; what is left over, if not native", *OBSERVED),
+    C("energy/viscous", "", "J", "taken by the object's viscosity", *OBSERVED),
+    C("energy/defect", "", "J", "made by the object's integrator", *OBSERVED),
+    C("energy/gap", "", "J", "by which the fingers' work misses all the rest", *OBSERVED),
+)
 DERIVED = (  # what follows from a row; the two forces, and the moments with them, stand in a file beside its columns
-    Declared("displayed_force", "finger axis", "N", DISPLAYED, "reader"),
-    Declared("internal_force", "finger axis", "N", "part of the finger's force on the object that squeezes the object",
-             "reader"),
-    Declared("external_force", "finger axis", "N", "part of the finger's force on the object that moves the object",
-             "reader"),
-    Declared("internal_moment", "finger turn", "N m",
-             "part of the finger's moment on the object that squeezes the object", "reader", "moments"),
-    Declared("external_moment", "finger turn", "N m",
-             "part of the finger's moment on the object that moves the object", "reader", "moments"),
-    Declared("internal_displacement", "finger axis", "m", "by which the fingers squeeze, e - P'e", "reader"),
-    Declared("external_displacement", "finger axis", "m", "the rigid motion of the contacts in e, P'e", "reader"),
-)  # fmt: skip
+    C("displayed_force", "finger axis", "N", DISPLAYED, "reader", "unlimited"),
+    C("internal_force", "finger axis", "N", "part of the finger's force on the object that squeezes the object",
+      "reader"),
+    C("external_force", "finger axis", "N", "part of the finger's force on the object that moves the object", "reader"),
+    C("internal_moment", "finger turn", "N m", "part of the finger's moment on the object that squeezes the object",
+      "reader", "moments"),
+    C("external_moment", "finger turn", "N m", "part of the finger's moment on the object that moves the object",
+      "reader", "moments"),
+    C("internal_displacement", "finger axis", "m", "by which the fingers squeeze, e - P'e", "reader"),
+    C("external_displacement", "finger axis", "m", "the rigid motion of the contacts in e, P'e", "reader"),
+)
+FORCES = ("internal_force", "external_force", "internal_moment", "external_moment")
+# fmt: on
 
 
 @dataclass(frozen=True)
@@ -163,6 +195,10 @@ class Column:
     def stored(self) -> np.dtype[Any]:
         """Type of its numbers in a file: a truth value takes a byte."""
         return np.dtype("int8" if self.kind == "bool" else self.kind)
+
+    def typed(self, values: FloatArray) -> NDArray[Any]:
+        """Give numbers of a row as its own kind."""
+        return np.not_equal(values, 0.0) if self.kind == "bool" else values.astype(self.kind, copy=False)
 
 
 @dataclass(frozen=True)
@@ -243,18 +279,16 @@ class Layout:
         """Bytes that a row takes when a run ends: in the part, and in the file with the two forces and the time."""
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
-    @property
+    @cached_property
     def derived(self) -> tuple[Column, ...]:
         """Variables that follow from a row: the displayed force where it is no column, `forces`, and displacements."""
-        there = (each for each in DERIVED if self._has(each) and not (each.name == "displayed_force" and self.limits))
-        columns = (self._column(each) for each in there)
+        columns = (self._column(each) for each in DERIVED if self._has(each))
         return tuple(each for each in columns if set(self.omitted).isdisjoint(self.sources_of(each.name)))
 
     @property
     def forces(self) -> tuple[Column, ...]:
         """Variables that follow from a row and stand in a file too: the parts of forces and moments."""
-        parts = ("internal_force", "external_force", "internal_moment", "external_moment")
-        return tuple(each for each in self.derived if each.name in parts)
+        return tuple(each for each in self.derived if each.name in FORCES)
 
     def sources_of(self, name: str) -> tuple[str, ...]:
         """List the columns, as far as the scene has them, that a variable follows from."""
@@ -268,14 +302,18 @@ class Layout:
 
     def is_essential(self, name: str) -> bool:
         """Tell whether no recording can lack a column."""
-        head, _, rest = name.partition("/")
-        table, own = (OF_OBJECTS, rest.partition("/")[2]) if head == "objects" else (OF_FINGERS, name)
-        return any(each.essential for each in table if each.name == own)
+        table, own = (OF_OBJECTS, name.split("/", 2)[-1]) if name.startswith("objects/") else (OF_FINGERS, name)
+        return any(each.when == "always" for each in table if each.name == own)
 
     @property
     def scales(self) -> Mapping[str, tuple[str, ...]]:
         """Names of the entries along each dimension that a layout has, time apart."""
-        names = {
+        used = {name for column in self.columns.values() for name in column.dimensions}
+        return {name: entries for name, entries in self._entries.items() if name in used}
+
+    @cached_property
+    def _entries(self) -> Mapping[str, tuple[str, ...]]:
+        return {
             "finger": self.fingers,
             "device": self.devices,
             **{f"{name}_raw": tuple(map(str, range(count))) for name, count, _ in self.raw},
@@ -283,8 +321,12 @@ class Layout:
             "axis": ENTRIES["axis"][: self.dimensions],
             "component": WRENCH[self.dimensions],
         }
-        used = {name for column in self.columns.values() for name in column.dimensions}
-        return {name: entries for name, entries in names.items() if name in used}
+
+    always = True
+
+    @property
+    def unlimited(self) -> bool:
+        return not self.limits
 
     @property
     def in_plane(self) -> bool:
@@ -307,26 +349,21 @@ class Layout:
 
     def _all_columns(self) -> Iterator[Column]:
         """List the columns that the scene has, recorded or not, in the order of a row; their places are empty."""
-        for each in filter(self._has, OF_FINGERS):
-            if each.name != "raw/":
+        for each in OF_FINGERS:
+            if each.name == "raw/":
+                for name, _, kind in self.raw if self.timed else ():
+                    yield self._column(each._replace(name=f"raw/{name}", dimensions=f"{name}_raw", kind=kind))
+            elif self._has(each):
                 yield self._column(each)
-                continue
-            for name, count, kind in self.raw:
-                about = (each.unit, each.meaning, kind, each.filled)
-                yield Column(f"raw/{name}", slice(0, 0), (count,), (f"{name}_raw",), *about)
         for k, name in enumerate(self.objects):
-            for each in filter(self._has, OF_OBJECTS):
-                if each.when != "predicted" or k in self.predicted:
+            for each in OF_OBJECTS:
+                if k in self.predicted if each.when == "predicted" else self._has(each):
                     yield self._column(each, f"objects/{name}/")
 
     def _column(self, each: Declared, before: str = "") -> Column:
-        lengths = {"finger": len(self.fingers), "device": len(self.devices), "axis": self.dimensions}
-        lengths |= {name: len(entries) for name, entries in ENTRIES.items() if name != "axis"}
         names = tuple(each.dimensions.split())
-        shape = tuple(WIDTHS[self.dimensions] if name == "component" else lengths[name] for name in names)
-        return Column(
-            before + each.name, slice(0, 0), shape, names, each.unit, each.meaning, each.kind, each.filled
-        )  # fmt: skip
+        shape = tuple(len(self._entries[name]) for name in names)
+        return Column(before + each.name, slice(0, 0), shape, names, each.unit, each.meaning, each.kind, each.filled)
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,13 @@ import xarray as xr
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import Outcome, RunFault, machine, versions
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.record import Recording, from_bytes, to_bytes
-from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording.header import Outcome, machine, versions
+from graspfx.recording.record import Recording, from_bytes, to_bytes
+from graspfx.recording.recorder import FileSink, Recorder
 from tests.support.recordings import PERIOD, header, layout, put, recording, rows
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 
 
 def recorded(made: Layout, values: Any, path: Path | None = None, block: int | None = None) -> Recording:
@@ -112,11 +111,11 @@ def test_a_recorder_that_is_never_drained_loses_nothing(tmp_path: Path) -> None:
     assert np.array_equal(Recording.load(tmp_path / "r.h5").rows, values)
 
 
-def test_full_blocks_go_out_only_when_drained() -> None:
+def test_full_blocks_go_out_and_the_rest_when_flushed() -> None:
     counts: list[int] = []
 
     class Counter:
-        def write(self, values: Any, faults: Any) -> None:
+        def write(self, values: Any, *news: Any) -> None:
             counts.append(len(values))
 
         def close(self, outcome: Outcome) -> None:
@@ -126,11 +125,11 @@ def test_full_blocks_go_out_only_when_drained() -> None:
     with Recorder(made, header(), [Counter()], 4) as recorder:
         for _ in range(10):
             put(recorder, 0.0)
-        assert counts == []
-        recorder.drain()
-        assert counts == [4, 4]
+        recorder.flush()
+        assert counts == [4, 4, 2]
+        put(recorder, 0.0)
         recorder.finish()
-    assert counts == [4, 4, 2, -1]
+    assert counts == [4, 4, 2, 1, -1]
 
 
 def test_a_block_is_full_or_about_a_second_old(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +139,7 @@ def test_a_block_is_full_or_about_a_second_old(monkeypatch: pytest.MonkeyPatch) 
     counts: list[int] = []
 
     class Counter:
-        def write(self, values: Any, faults: Any) -> None:
+        def write(self, values: Any, *news: Any) -> None:
             counts.append(len(values))
 
         def close(self, outcome: Outcome) -> None: ...
@@ -230,8 +229,8 @@ KILLED = """
 import sys, time
 sys.path.insert(0, {root!r})
 from tests.support.recordings import header, layout, put, rows
-from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.recording.recorder import FileSink
+from graspfx.recording.recorder import Recorder
 made = layout()
 values = rows(made, 1000)
 recorder = Recorder(made, header(), [FileSink({path!r}, made, header())], 100)
@@ -284,7 +283,7 @@ import sys
 sys.path.insert(0, {root!r})
 from pathlib import Path
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.record import Recording
+from graspfx.recording.record import Recording
 for name in ("closed.h5", {first!r}):
     whole = Path(name).read_bytes()
     assert len(Recording.load(name)) > 0
@@ -303,7 +302,7 @@ def test_a_file_that_was_cut_short_is_an_error_and_never_waited_for(tmp_path: Pa
     """Files of today's format, and of the first one as a killed run left it, with a writer's marks in HDF5."""
     made = layout(3, 3)
     Recording(rows(made, 1500), made, header()).save(tmp_path / "closed.h5")
-    code = TRUNCATED.format(root=str(ROOT), first=str(ROOT / "tests" / "loop" / "recording" / "formats" / "1-open.h5"))
+    code = TRUNCATED.format(root=str(ROOT), first=str(ROOT / "tests" / "recording" / "formats" / "1-open.h5"))
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, timeout=60)
 
 

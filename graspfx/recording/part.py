@@ -10,7 +10,7 @@ import json
 import os
 import struct
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import blake2b
@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.checks import NUMBER, check_of, rows_sum
-from graspfx.loop.recording.header import (
+from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording.files import claim, release, sync_folder
+from graspfx.recording.header import (
     Header,
     KeyChange,
     Outcome,
-    RunFault,
     changes_of,
     conclusion,
     description,
@@ -37,9 +37,7 @@ from graspfx.loop.recording.header import (
     layout_of,
     outcome_of,
 )
-from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.places import claim, release, sync_folder
-from graspfx.loop.recording.rows import BlockRows, MemoryRows, Piece, RowStore, opened
+from graspfx.recording.rows import NUMBER, BlockRows, MemoryRows, Piece, RowStore, check_of, opened, rows_sum
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +45,7 @@ HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"blck", b"flts", b"chgs", b"d
 OLD_ROWS = b"rows"  # of formats 1 to 3: a digest of every byte, and no numbers that follow from a row
 HEAD = struct.Struct("<4sQ16s")  # kind, bytes that follow, digest over the digest before and what follows
 CHECK = struct.Struct("<I")  # of the head itself
+HEADS = HEAD.size + CHECK.size
 SYNC = 1.0  # [s] between two times that the disk is told to keep what it has
 SECTOR = 512  # bytes that a disk writes at once: as many zeros at a file's end were never written
 
@@ -83,12 +82,12 @@ class PartWriter:
             while os.fstat(self.file.fileno()).st_size > 0:  # of a run that was killed: to empty it would take longer
                 release(self.file, path)
                 self.file = claim(path)
+            try:
+                self._append(HEADER, text)
+            except OSError:
+                release(self.file, path)
+                raise
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
-        try:
-            self._append(HEADER, text)
-        except OSError as error:
-            release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
 
     def stored(self) -> BlockRows:
@@ -133,17 +132,16 @@ class PartWriter:
         self.is_synced, self._sync_time = True, time.monotonic()
 
     def _append_rows(self, rows: FloatArray) -> None:
-        content, lead = memoryview(rows.reshape(-1)).cast("B"), _lead(self.wide)
-        fill, total = bytes(lead - HEAD.size - CHECK.size), rows_sum(content, self.wide)
-        head, digest = self._head(ROWS, fill, content, total)
-        piece = Piece(self.rows, len(rows), self._end, lead, check_of(head + fill, total))
-        self._put([memoryview(head + fill), content])
-        self._digest = digest
+        """Append rows behind as many bytes as some rows take, so that those of all blocks stand at places of rows."""
+        fill, total = bytes(_lead(self.wide) - HEADS), rows_sum(rows)
+        head, digest = self._head(ROWS, len(fill) + rows.nbytes, fill + total)
+        piece = Piece(self.rows, len(rows), self._end, len(head + fill), check_of(head + fill, total))
+        self._put([head + fill, memoryview(rows).cast("B")])
+        self._digest, self.rows = digest, self.rows + len(rows)
         self._pieces.append(piece)
-        self.rows += len(rows)
 
     def _append_some(self, rows: FloatArray) -> None:
-        """Append the first half of rows that do not fit, or half of these, as long as there are any."""
+        """Append as many of the rows as fit, by halves."""
         while len(rows) > 1:
             rows = rows[: len(rows) // 2]
             with suppress(OSError):
@@ -151,35 +149,34 @@ class PartWriter:
                 return
 
     def _append(self, kind: bytes, content: bytes) -> None:
-        head, digest = self._head(kind, b"", content, b"")
-        self._put([memoryview(head), memoryview(content)])
+        head, digest = self._head(kind, len(content), content)
+        self._put([head, content])
         self._digest = digest
 
-    def _head(self, kind: bytes, fill: bytes, content: bytes | memoryview, total: bytes) -> tuple[bytes, bytes]:
-        digest = _digest(self._digest, kind, fill + total if kind == ROWS else content)
-        head = HEAD.pack(kind, len(fill) + len(content), digest)
+    def _head(self, kind: bytes, size: int, content: bytes) -> tuple[bytes, bytes]:
+        digest = _digest(self._digest, kind, content)
+        head = HEAD.pack(kind, size, digest)
         return head + CHECK.pack(crc32(head)), digest
 
-    def _put(self, parts: Sequence[memoryview]) -> None:
+    def _put(self, parts: Sequence[bytes | memoryview]) -> None:
         """Write at the end; nothing is left of what does not fit."""
-        size = sum(map(len, parts))
         try:
             self.file.seek(self._end)
             for part in parts:
-                view = part
+                view = memoryview(part)
                 while view:
                     view = view[self.file.write(view) :]
         except BaseException:
             with suppress(OSError):
                 self.file.truncate(self._end)
             raise
-        self._end += size
+        self._end += sum(map(len, parts))
 
 
 def _lead(wide: int) -> int:
     """Count the bytes of a block before its rows: as many as some rows take."""
     size = NUMBER.itemsize * max(wide, 1)
-    return -(-(HEAD.size + CHECK.size) // size) * size
+    return -(-HEADS // size) * size
 
 
 def is_part_file(path: Path) -> bool:
@@ -195,12 +192,10 @@ def read_part(path: Path) -> Content:
         RecordingError: there is none, or one was changed.
         ValueError: it is of a later GraspFX.
     """
-    attributes: Mapping[str, Any] | None = None
-    ending: Mapping[str, Any] = {"wall_time": "nan", "complete": 0}
-    faults: list[RunFault] = []
-    changes: list[KeyChange] = []
-    old_rows: list[bytes] = []
-    pieces: list[Piece] = []
+    attributes: dict[str, Any] = {}
+    ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}
+    faults, changes = list[RunFault](), list[KeyChange]()
+    old_rows, pieces, count = list[bytes](), list[Piece](), 0
     with FileIO(path) as file:
         for kind, content, start in _blocks(file):
             if kind == HEADER:
@@ -208,30 +203,27 @@ def read_part(path: Path) -> Content:
                 format_of(attributes)
             elif kind == OLD_ROWS:
                 old_rows.append(content)
-            elif kind == ROWS and attributes is not None:
-                pieces.append(_piece(pieces, start, len(content), int(attributes["wide"])))
+            elif kind == ROWS and attributes:
+                wide = int(attributes["wide"])
+                rows = (len(content) + HEADS - _lead(wide)) // (NUMBER.itemsize * max(wide, 1))
+                pieces.append(Piece(count, rows, start, _lead(wide)))
+                count += rows
             elif kind == FAULTS:
                 faults += [RunFault(int(tick), str(message)) for tick, message in json.loads(content)]
             elif kind == CHANGES:
                 changes += changes_of(content)
             elif kind == OUTCOME:
                 ending = json.loads(content)
-    if attributes is None:
+    if not attributes:
         raise RecordingError(f"{path}: holds nothing; its run ended before the first row")
     layout = layout_of(attributes)
     outcome = replace(outcome_of(ending, faults), changes=tuple(changes))
     if "wide" in attributes:
-        rows: RowStore = BlockRows(path, opened(path), int(attributes["wide"]), pieces)
+        store: RowStore = BlockRows(path, opened(path), int(attributes["wide"]), pieces)
     else:
         numbers = np.frombuffer(bytearray().join(old_rows), NUMBER).astype(np.float64, copy=False)
-        rows = MemoryRows(numbers.reshape(-1, layout.width))
-    return Content(rows, layout, header_of(attributes), outcome)
-
-
-def _piece(before: Sequence[Piece], start: int, size: int, wide: int) -> Piece:
-    """Find the rows in a block of that size, which begins at `start`."""
-    lead, first = _lead(wide), before[-1].first + before[-1].count if before else 0
-    return Piece(first, (size + HEAD.size + CHECK.size - lead) // (NUMBER.itemsize * max(wide, 1)), start, lead)
+        store = MemoryRows(numbers.reshape(-1, layout.width))
+    return Content(store, layout, header_of(attributes), outcome)
 
 
 def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
@@ -241,12 +233,12 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
         RecordingError: a block was changed.
     """
     start, digest, size, wide = 0, b"", os.fstat(file.fileno()).st_size, 0
-    while start + HEAD.size + CHECK.size <= size:
+    while start + HEADS <= size:
         file.seek(start)
-        head, check = _read(file, HEAD.size), _read(file, CHECK.size)
-        kind, length, next_digest = HEAD.unpack(head)
-        is_whole = CHECK.pack(crc32(head)) == check
-        end = start + HEAD.size + CHECK.size + length
+        head = _read(file, HEADS)
+        kind, length, next_digest = HEAD.unpack(head[: HEAD.size])
+        is_whole = CHECK.pack(crc32(head[: HEAD.size])) == head[HEAD.size :]
+        end = start + HEADS + length
         if is_whole and end > size:
             return  # cut short, as by a kill in the middle of a write
         content = _read(file, length) if is_whole else b""
@@ -266,15 +258,12 @@ def _digested(kind: bytes, content: bytes, wide: int) -> bytes:
     """Give what a block's digest is of: its content, or what fills up its head and the sum of its rows."""
     if kind != ROWS or not wide:
         return content
-    row, head = NUMBER.itemsize * wide, HEAD.size + CHECK.size
-    fill = -head % row
-    return content[:fill] + rows_sum(memoryview(content)[fill:], wide)
+    fill = _lead(wide) - HEADS
+    return content[:fill] + rows_sum(np.frombuffer(content, NUMBER, offset=fill).reshape(-1, wide))
 
 
-def _digest(before: bytes, kind: bytes, content: bytes | memoryview) -> bytes:
-    digest = blake2b(before + kind, digest_size=16)
-    digest.update(content)
-    return digest.digest()
+def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
+    return blake2b(before + kind + content, digest_size=16).digest()
 
 
 def _read(file: FileIO, count: int) -> bytes:

@@ -12,10 +12,11 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.loop.recording.header import SPLIT, KeyChange, Outcome, RunFault
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.two_parts import RowSplit, splits_of
+from graspfx.loop.columns import RunFault
+from graspfx.recording.header import SPLIT, KeyChange, Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
+from graspfx.recording.split import RowSplit, splits_of
 from tests.support.optional import require
 from tests.support.outside_split import external, motions
 from tests.support.parts import abandon

@@ -1,6 +1,6 @@
 """Growth found in recordings: none missed where the sampled loop is unstable, none seen where it is stable.
 
-`pytest -m large tests/loop/recording/test_growth.py` tries some two hundred scenes more.
+`pytest -m large tests/recording/test_growth.py` tries some two hundred scenes more.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from graspfx.__main__ import main
 from graspfx.analysis.stability import spectral_radius
 from graspfx.assembly.resolve import resolve
 from graspfx.loop.drive import drive
-from graspfx.loop.recording.growth import Growth, coherent_pole, growths, mode_name
-from graspfx.loop.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises
-from graspfx.loop.recording.record import Recording
 from graspfx.plugins import names
+from graspfx.recording.growth import Growth, coherent_pole, growths, mode_name
+from graspfx.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises
+from graspfx.recording.record import Recording
 from tests.support.random_scenes import boundary, random_case, scaled
 from tests.support.recordings import header, layout, recording, rows
 

@@ -15,13 +15,13 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop.recording import recorder as recorders
-from graspfx.loop.recording.hdf5 import Stream
-from graspfx.loop.recording.header import Outcome
-from graspfx.loop.recording.part import PartWriter
-from graspfx.loop.recording.places import NAME
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
+from graspfx.recording import recorder as recorders
+from graspfx.recording.file import Stream
+from graspfx.recording.files import NAME
+from graspfx.recording.header import Outcome
+from graspfx.recording.part import PartWriter
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
 from tests.support.families import efforts
 from tests.support.parts import POSIX, made, script, values, write_part
 from tests.support.recordings import header
@@ -30,8 +30,8 @@ FULL = """
 import json, os, resource, sys
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.loop.recording import recorder
-from graspfx.loop.recording.places import NAME
+from graspfx.recording import recorder
+from graspfx.recording.files import NAME
 recorder.BLOCK = 200 * 136
 command = sys.argv[1] == "command"
 scene = gx.load("reference-1dof")
@@ -86,10 +86,10 @@ import errno, json, os
 import numpy as np
 from tests.support.recordings import header, layout, rows
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import Outcome
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.hdf5 import Stream
+from graspfx.recording.header import Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
+from graspfx.recording.file import Stream
 made = layout(3, 2)
 values = rows(made, 1100)
 push = Stream._push
@@ -132,10 +132,10 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_part(tmp_path: Path) -> None:
 INTERRUPTS = """
 import json, os, signal, sys
 from tests.support.recordings import header, layout, rows
-from graspfx.loop.recording.header import Outcome
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.hdf5 import Stream
+from graspfx.recording.header import Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
+from graspfx.recording.file import Stream
 signal.signal(signal.SIGINT, signal.default_int_handler)
 made = layout(3, 2)
 values = rows(made, 1100)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspfx.loop.recording.layout import Layout
+from graspfx.loop.columns import REST, Layout, RunFault
 
 FORMAT = 5  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
 # fields that are written where they are not empty only, so that other recordings are as they were
@@ -76,19 +76,7 @@ class Header:
         return -(-tick // self.every)
 
 
-class RunFault(NamedTuple):
-    """A fault at a tick; from there on every force is zero."""
-
-    tick: int
-    message: str
-
-    def __str__(self) -> str:
-        return f"tick {self.tick}: {self.message}"
-
-
 SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
-
-REST = "rest"  # likewise: from its tick on forces decay, as the run ends by itself ("end") or was ended ("stop")
 MARK = "mark"  # as the key of a change: a text of the user's at a tick
 OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are none of the scene's
 

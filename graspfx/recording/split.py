@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from graspfx.coupling.two_forces import Samples, SplitRule, divide, moment_of, torsion_over_patch
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import SPLIT, Header, KeyChange, RunFault
-from graspfx.loop.recording.layout import Layout
+from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording.header import SPLIT, Header, KeyChange
+from graspfx.recording.rows import MemoryRows, RowStore
 
 FloatArray = NDArray[np.float64]
 Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a table
@@ -31,25 +32,29 @@ class GraspRows(NamedTuple):
 
 
 class RowSplit:
-    """Rows of a recording, and how they divide.
+    """Rows of a recording, and how they divide; columns are read when they are asked for.
 
     Args:
-        rows: (r, width).
+        rows: (r, width), or where they are.
         layout: their columns.
-        splits: how forces divide, each from a row of the recording on.
+        splits: how forces divide, each from a row of the recording on; none where that is not asked for.
         start: number of the first row in it.
     """
 
     def __init__(
-        self, rows: FloatArray, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0
+        self, rows: FloatArray | RowStore, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0
     ) -> None:  # fmt: skip
         self.layout, self._splits, self._start = layout, splits, start
-        self._count, self._numbers = len(rows), np.ascontiguousarray(rows.T)  # (width, r): quick to compute with
+        self._store = rows if isinstance(rows, RowStore) else MemoryRows(rows)
+        self._count, self._columns = len(rows), dict[str, FloatArray]()
 
     def column(self, name: str) -> FloatArray:
-        """View a column with the rows last, (..., r)."""
-        column = self.layout.columns[name]
-        return self._numbers[column.where].reshape(*column.shape, self._count)
+        """Give a column with the rows last, (..., r), which is quick to compute with."""
+        if name not in self._columns:
+            column = self.layout.columns[name]
+            values = self._store.read(0, self._count, column.where)
+            self._columns[name] = np.ascontiguousarray(values.T).reshape(*column.shape, self._count)
+        return self._columns[name]
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
         """Compute P f [N], (n, d, r), and the moments with it [N m], (n, 3, r); None for fingers that exert none.

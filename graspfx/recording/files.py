@@ -1,15 +1,17 @@
-"""Where the files of a run stand: the recording, the part that a run writes until it ends, and who may write them."""
+"""Files of a run: their names and folders, the lock of who writes one, and the digest in the last line."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from io import FileIO
-from itertools import count
+from itertools import chain, count
 from os import PathLike
 from pathlib import Path
+from typing import Protocol
 
 from graspfx.errors import InputError, RecordingError
 from graspfx.system.file_lock import lock
@@ -18,6 +20,11 @@ NAME = "recording.h5"  # of the file in a run's folder
 PART = ".part"  # ending of a recording that is being written, or whose run was killed
 LATEST = "latest"  # in a folder of runs, the link to the last of them, or a file with its name
 LONGEST_NAME = 4096  # bytes of a file that stands for a link
+
+WHOLE, PARTS, CHUNKS = b"graspfx sha256 ", b"graspfx parts  ", b"graspfx chunks "
+LENGTH = len(WHOLE) + 64 + 1  # bytes of the last line, with 64 digits
+NUMBERS = 16  # bytes of a number before it: of stretches that it leaves out, and of where these are
+PIECE = 1 << 17  # bytes read at once
 
 
 def make_folder(path: str | PathLike[str]) -> Path:
@@ -189,3 +196,70 @@ def release(file: FileIO, path: Path) -> None:
     if stands_at(file, path):
         path.unlink(missing_ok=True)
     file.close()
+
+
+# The digest in the last line of a file: how changed bytes are found before HDF5 looks at them -------------------------
+
+
+class Readable(Protocol):
+    def seek(self, offset: int, /) -> int: ...
+
+    def read(self, size: int, /) -> bytes | None: ...
+
+
+def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = None) -> bytes:
+    """Make what goes behind the first `size` bytes of a file: a line with their SHA-256.
+
+    It stands behind what HDF5 calls the file's end, where HDF5 does not look. Stretches of rows that have checksums of
+    their own can be left out, so that a recording is opened without reading them: before the line stands where they
+    are, which is under the digest too.
+
+    Args:
+        file: whose bytes are read.
+        size: of the file, without the line.
+        apart: where stretches with checksums of their own begin and end, in order.
+    """
+    if apart is None:
+        return WHOLE + _digest(file, [0, size], b"") + b"\n"
+    where = b"".join(b"%016x%016x" % each for each in apart) + b"%016x" % len(apart)
+    return where + CHUNKS + _digest(file, [0, *chain.from_iterable(apart), size], where) + b"\n"
+
+
+def has_digest(path: Path) -> bool:
+    """Say whether a file ends in its digest; False for one that ends otherwise.
+
+    Raises:
+        ValueError: the digest is another's: bytes were changed.
+    """
+    size = path.stat().st_size - LENGTH
+    with path.open("rb") as file:
+        file.seek(max(size, 0))
+        line = file.read()
+        kind, digest, where = line[: len(WHOLE)], line[len(WHOLE) : -1], b""
+        if size < 0 or kind not in (WHOLE, PARTS, CHUNKS):
+            return False
+        if kind == CHUNKS:
+            size -= NUMBERS
+            file.seek(max(size, 0))
+            where = file.read(NUMBERS)
+        numbers = 2 * (int(where, 16) if where else kind == PARTS)  # in format 4 the rows are one stretch
+        size -= numbers * NUMBERS
+        file.seek(max(size, 0))
+        where = file.read(numbers * NUMBERS) + where
+        edges = [0, *(int(where[k * NUMBERS : (k + 1) * NUMBERS], 16) for k in range(numbers)), size]
+        if edges != sorted(edges):
+            raise ValueError("its bytes were changed since it was written: its last line is wrong")
+        if line[-1:] != b"\n" or _digest(file, edges, where) != digest:
+            raise ValueError("its bytes were changed since it was written: they do not have its digest")
+    return True
+
+
+def _digest(file: Readable, edges: Sequence[int], where: bytes) -> bytes:
+    """Compute the digest of `where` and of the stretches that begin and end at these places in turn."""
+    digest = sha256(where)
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        file.seek(start)
+        while start < end and (piece := file.read(min(PIECE, end - start))):
+            digest.update(piece)
+            start += len(piece)
+    return digest.hexdigest().encode()

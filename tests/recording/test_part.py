@@ -16,12 +16,13 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop.recording import part as parts
-from graspfx.loop.recording.file import read
-from graspfx.loop.recording.header import Outcome, RunFault
-from graspfx.loop.recording.places import NAME, part_of
-from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.columns import RunFault
+from graspfx.recording import part as parts
+from graspfx.recording.file import read
+from graspfx.recording.files import NAME, part_of
+from graspfx.recording.header import Outcome
+from graspfx.recording.record import Recording
+from graspfx.recording.recorder import FileSink
 from tests.support.families import efforts
 from tests.support.parts import POSIX, ROOT, abandon, made, script, values, write_part
 from tests.support.recordings import header
@@ -105,8 +106,8 @@ import json, os, signal, sys, time
 import numpy as np
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.recording import recorder
-from graspfx.loop.recording.places import NAME
+from graspfx.recording import recorder
+from graspfx.recording.files import NAME
 recorder.BLOCK = 200 * 136  # bytes: of this scene half a run
 cases, rng = int(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
 scene = gx.load("reference-1dof", {"engine": "interpreted"})  # of which a tick is many calls
@@ -178,8 +179,8 @@ STEPS = """
 import json, os, signal, sys
 from pathlib import Path
 import graspfx as gx
-import graspfx.loop.recording.hdf5, graspfx.loop.recording.part
-graspfx.loop.recording.part.SYNC = 0.0  # the disk is told to keep each block
+import graspfx.recording.file, graspfx.recording.part
+graspfx.recording.part.SYNC = 0.0  # the disk is told to keep each block
 scene = gx.load("reference-1dof")
 whole = gx.run(scene, out="whole").rows.tobytes()  # what it compiles is in the cache from here on
 seen = []
@@ -286,7 +287,7 @@ def test_the_lock_of_a_process_that_was_killed_is_gone(tmp_path: Path) -> None:
 import sys, time
 sys.path.insert(0, {str(ROOT)!r})
 from tests.support.recordings import header, layout, rows
-from graspfx.loop.recording.sink import FileSink
+from graspfx.recording.recorder import FileSink
 sink = FileSink({str(tmp_path / NAME)!r}, layout(), header())
 sink.write(rows(layout(), 100), [])
 print("ready", flush=True)

@@ -1,0 +1,551 @@
+"""A recording as an HDF5 file: one chunked data set per variable, written from rows and read in every format."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from io import FileIO
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from weakref import finalize
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError
+from graspfx.loop.columns import Column, Layout, RunFault
+from graspfx.progress import waiting
+from graspfx.recording.files import PIECE, has_digest, recording_file, seal, sync_folder
+from graspfx.recording.header import (
+    Header,
+    Outcome,
+    conclusion,
+    description,
+    format_of,
+    header_of,
+    layout_of,
+    outcome_of,
+)
+from graspfx.recording.part import Content, is_part_file, read_part
+from graspfx.recording.rows import NUMBER, BlockRows, DataSetRows, Piece, RowStore, opened, step_of
+from graspfx.recording.split import RowSplit, splits_of
+
+FloatArray = NDArray[np.float64]
+
+CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of the rows, and rows, that the chunks of all variables hold together
+LIBRARIES = ("v110", "v110")  # of HDF5 that can read the file: 1.10 and later
+SEALS = 2  # the first format whose files end in a digest
+BLOCKS = 4  # the only one with its rows in blocks, over which the variables are virtual data sets
+CACHE = 1 << 20  # bytes of chunks that a data set keeps in memory while it is read
+MOST_PACKED = 1032  # bytes that deflate makes of one at most, https://zlib.net/zlib_tech.html
+ROWS, PIECES, PLACE = "rows/rows", "rows/pieces", ("first", "count", "offset", "lead")
+SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
+SPAN, ACROSS = 16, 512  # words of 16 bits that are summed up together: their sums are whole in 24 bits
+# what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
+UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
+
+
+class NotWhole(Exception):
+    """A column of whole numbers has others."""
+
+
+def write_recording(
+    place: Path,
+    rows: RowStore,
+    layout: Layout,
+    header: Header,
+    outcome: Outcome,
+    compression: str = "none",
+    *,
+    sync: bool = True,
+) -> None:
+    """Write rows and all that is known of them; a file that is there is replaced once the new one was read back.
+
+    An exception that a signal raises must no more reach HDF5 than a failing write: `hold_signals` is to keep it away.
+
+    Args:
+        place: of the file, which is written beside it and moved there.
+        rows: (N, width).
+        layout, header, outcome: of the recording.
+        compression: "gzip" or "lzf", or "none".
+        sync: whether the disk is told to keep it before it is moved.
+
+    Raises:
+        OSError: the disk does not take it; nothing has changed then.
+    """
+    draft = place.with_name(place.name + ".tmp")
+    # the fewest chunks, all of a length: the last one would take the room of a whole one
+    most = max(1, min(MOST_ROWS, CHUNK // (NUMBER.itemsize * max(layout.width, 1))))
+    size = max(1, -(-len(rows) // max(1, -(-len(rows) // most))))
+    try:
+        with waiting(f"writing {place.name}", len(rows), "rows") as wait:
+
+            def done(count: int) -> None:
+                wait.done = count
+
+            about = (layout, header, outcome)
+            try:
+                _write(draft, rows, size, *about, compression, done, sync=sync)
+            except NotWhole:  # as of rows that were lost, which are NaN
+                _write(draft, rows, size, *about, compression, done, sync=sync, plain=True)
+            _read_back(draft, 0 if compression != "none" else (len(rows) - 1) // size * size, len(rows), size)
+        draft.replace(place)
+        if sync:
+            sync_folder(place.parent)
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def _write(
+    draft: Path, rows: RowStore, size: int, layout: Layout, header: Header, outcome: Outcome, compression: str,
+    done: Callable[[int], None], *, sync: bool, plain: bool = False,
+) -> None:  # fmt: skip
+    stream = Stream(draft)
+    try:
+        with h5py.File(stream, "w", driver="fileobj", libver=LIBRARIES, rdcc_nbytes=0) as file:
+            for name, value in (description(layout, header) | conclusion(outcome)).items():
+                file.attrs[name] = value
+            _write_faults(file, outcome.faults)
+            storage: dict[str, Any] = {"fletcher32": True}
+            if compression != "none":
+                storage |= {"compression": compression, "shuffle": True}
+            forces = layout.forces if header.split else ()
+            splits = splits_of(header, outcome.changes) if forces else []
+            variables = _make_variables(file, layout, forces, (len(rows), size), storage, plain=plain)
+            for first in range(0, len(rows), size):
+                block = rows.read(first, min(first + size, len(rows)), slice(0, layout.width))
+                times = header.every * np.arange(first, first + len(block), dtype=np.float64) * header.period
+                parts = {"time": times, **RowSplit(block, layout, splits, first).derived([f.name for f in forces])}
+                for name, variable in variables.items():
+                    variable.write(first, parts[name] if name in parts else block[:, variable.where])
+                stream.require()
+                done(first + len(block))
+            file.flush()
+            stream.require()
+            apart = _chunks([variable.data for variable in variables.values()])
+        stream.seal(apart)
+        stream.finish(sync=sync)
+    finally:
+        stream.close()
+
+
+class Variable:
+    """A data set that is written chunk by chunk, with the checksum that HDF5 would take most of its time for.
+
+    Args:
+        data: the data set.
+        where: of its numbers in a row.
+        direct: whether chunks are written as they stand in the file, not by way of HDF5's filters.
+    """
+
+    def __init__(self, data: Any, where: slice, *, direct: bool) -> None:
+        self.data, self.where, self._direct = data, where, direct
+        shape = data.chunks or (0, *data.shape[1:])
+        self._content = np.zeros(math.prod(shape) * data.dtype.itemsize + 4, np.uint8)
+        self._values = self._content[:-4].view(data.dtype).reshape(shape)
+
+    def write(self, first: int, values: NDArray[Any]) -> None:
+        """Write the rows of a chunk (r, ...); behind the last ones are zeros.
+
+        Raises:
+            NotWhole: numbers would not come back to the same bits.
+        """
+        part = self._values[: len(values)]
+        with np.errstate(invalid="ignore"):
+            np.copyto(part, values.reshape(part.shape), casting="unsafe")
+        if part.dtype != NUMBER:
+            back, whole = part.astype(NUMBER).view(np.int64), np.ascontiguousarray(values).view(np.int64)
+            if not np.array_equal(back.ravel(), whole.ravel()):
+                raise NotWhole
+        if not self._direct:
+            self.data[first : first + len(part)] = part
+            return
+        self._values[len(part) :] = 0
+        self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
+        self.data.id.write_direct_chunk((first, *(0 for _ in self.data.shape[1:])), self._content)
+
+
+def fletcher32(content: NDArray[np.uint8]) -> int:
+    """Compute HDF5's checksum, of words w of 16 bits: sum w_i and sum (m - i) w_i modulo 65535, which stands for zero.
+
+    HDF5 takes the first byte of a word as its high one, which multiplies both sums by 256. Sums of the bytes as they
+    stand are whole in single precision for as many words as `SPAN`.
+    """
+    m = -(-len(content) // 2)
+    words = np.empty((-(-m // (SPAN * ACROSS)), SPAN, ACROSS), np.float32)
+    flat = words.reshape(-1)
+    flat[m - 1 :] = 0.0
+    flat[m - 1 : m] = content[-1]  # of an odd number of bytes, as if another one followed
+    flat[: len(content) // 2] = content[: len(content) // 2 * 2].view("<u2")
+    sums = (np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32) @ words).astype(np.float64)
+    groups, across = sums.sum(axis=2).astype(np.int64), sums.sum(axis=0).astype(np.int64)
+    total = int(groups[:, 0].sum())
+    weighted = ACROSS * (SPAN * int(np.arange(len(groups)) @ groups[:, 0]) + int(groups[:, 1].sum()))
+    weighted += int(np.arange(ACROSS) @ across[0])  # sum i w_i
+    low, high = ((256 * each - 1) % 65535 + 1 if each else 0 for each in (total, m * total - weighted))
+    return high << 16 | low
+
+
+def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
+    group = file.create_group("faults")
+    messages = [fault.message.encode() for fault in faults]
+    ticks = group.create_dataset("tick", data=np.array([fault.tick for fault in faults], np.int64))
+    ticks.make_scale("tick")
+    longest = max([1, *map(len, messages)])
+    texts = group.create_dataset("message", data=np.array(messages, f"S{longest}"))
+    texts.dims[0].attach_scale(ticks)
+
+
+def _make_variables(
+    file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
+) -> dict[str, Variable]:
+    """Make the data sets of the time, the columns and the two forces, with units and scales."""
+    count, size = shape
+    time = Column("time", slice(0, 0), (), (), "s", "")
+    scales: dict[str, Any] = {}
+    variables: dict[str, Variable] = {}
+    for column in (time, *layout.columns.values(), *forces):
+        kind = NUMBER if plain else column.stored
+        chunked = storage | {"chunks": (size, *column.shape)} if count else {}
+        data = file.create_dataset(column.name, (count, *column.shape), kind, **chunked)
+        variables[column.name] = Variable(data, column.where, direct="compression" not in storage)
+        data.attrs["units"] = column.unit
+        if column is time:
+            scales["time"] = data
+            for name, entries in layout.scales.items():
+                scales[name] = file.create_dataset(name, data=list(entries), dtype=h5py.string_dtype())
+            for name, scale in scales.items():
+                scale.make_scale(name)
+            continue
+        for i, name in enumerate(("time", *column.dimensions)):
+            data.dims[i].attach_scale(scales[name])
+        data.attrs["long_name"] = column.meaning
+        if column.kind == "bool" and not plain:
+            data.attrs["dtype"] = "bool"  # as xarray marks it
+    return variables
+
+
+def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
+    """List where the chunks of data sets begin and end in the file, neighbours as one."""
+    places: list[tuple[int, int]] = []
+    for data in variables:
+        if data.chunks is not None:
+            data.id.chunk_iter(lambda chunk: places.append((chunk.byte_offset, chunk.byte_offset + chunk.size)))
+    joined: list[tuple[int, int]] = []
+    for start, end in sorted(places):
+        if joined and joined[-1][1] == start:
+            joined[-1] = joined[-1][0], end
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def _read_back(draft: Path, first: int, count: int, size: int) -> None:
+    """Read a file that was written with HDF5: its digest, and the chunks of the rows from one on with their checksums.
+
+    All bytes were read back when they were written; of chunks with checksums of our own HDF5 reads the last ones.
+
+    Raises:
+        OSError: it does not hold what was written.
+    """
+    if not has_digest(draft):
+        raise OSError(f"{draft} does not end in its digest")
+    with h5py.File(draft, "r", rdcc_nbytes=0) as file:
+        names: list[str] = []
+        file.visit(names.append)
+        for data in (file[name] for name in names if isinstance(file[name], h5py.Dataset) and file[name].chunks):
+            for k in range(max(first, 0), count, size):
+                data[k : k + size]
+
+
+class Stream:
+    """An open file for HDF5, which must not see that a write fails: what is written from then on stays in memory.
+
+    HDF5 2.0 ends the process with a segmentation fault when it closes a file of which a write has failed. So it never
+    sees one: the writer asks `require()` between blocks, and leaves. All that is written is read back and compared.
+
+    Args:
+        path: of the file, replaced if it is there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file, self._path = FileIO(path, "w+b"), path
+        self._place = self._size = 0
+        self._failure: OSError | None = None
+        self._overlay: list[tuple[int, bytes]] = []
+
+    def require(self) -> None:
+        """Raise the first failure, if there was one."""
+        if self._failure is not None:
+            raise self._failure
+
+    def seal(self, apart: Sequence[tuple[int, int]]) -> None:
+        """Append the digest of all that was written but for stretches with checksums of their own."""
+        size = self.seek(0, os.SEEK_END)
+        line = seal(self, size, apart)
+        self.seek(size)
+        self.write(line)
+
+    def finish(self, *, sync: bool = True) -> None:
+        """Make sure that all of it was written, and that the disk keeps it.
+
+        Raises:
+            OSError: it does not.
+        """
+        self.require()
+        if sync:
+            os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        self._file.close()
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
+        return self._place
+
+    def tell(self) -> int:
+        return self._place
+
+    def read(self, size: int = -1, /) -> bytes:
+        rest = max(0, self._size - self._place)
+        buffer = bytearray(rest if size < 0 else min(size, rest))
+        self.readinto(memoryview(buffer))
+        return bytes(buffer)
+
+    def readinto(self, buffer: memoryview) -> int:
+        """Fill a buffer; with zeros where nothing was written."""
+        start, end = self._place, self._place + len(buffer)
+        count = self._pull(start, buffer)
+        buffer[count:] = bytes(len(buffer) - count)
+        for place, data in self._overlay:
+            low, high = max(start, place), min(end, place + len(data))
+            if low < high:
+                buffer[low - start : high - start] = data[low - place : high - place]
+        self._place = end
+        return len(buffer)
+
+    def write(self, data: bytes | memoryview) -> int:
+        """Write all of it: into the file, or into memory after a failure."""
+        size = len(data)
+        self._attempt(lambda: self._push(memoryview(data)))
+        if self._failure is not None:
+            self._overlay.append((self._place, bytes(data)))
+        self._place += size
+        self._size = max(self._size, self._place)
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = self._place if size is None else size
+        self._attempt(lambda: self._file.truncate(self._size))
+        return self._size
+
+    def flush(self) -> None:
+        """Flush nothing: writes go to the system at once."""
+
+    def _attempt(self, act: Callable[[], object]) -> None:
+        try:
+            if self._failure is None:
+                act()
+        except OSError as error:
+            self._failure = error
+
+    def _push(self, data: memoryview) -> None:
+        self._file.seek(self._place)
+        rest = data
+        while rest:
+            rest = rest[self._file.write(rest) :]
+        for k in range(0, len(data), PIECE):
+            part = data[k : k + PIECE]
+            back = bytearray(len(part))
+            if self._pull(self._place + k, memoryview(back)) < len(part) or back != part:
+                raise OSError(f"{self._path} does not hold what was written")
+
+    def _pull(self, place: int, buffer: memoryview) -> int:
+        self._file.seek(place)
+        count = 0
+        while count < len(buffer) and (more := self._file.readinto(buffer[count:])):
+            count += more
+        return count
+
+
+# Reading: HDF5 of every format there was, and the part of a run that goes on or was killed ----------------------------
+
+
+def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
+    """Open rows, read layout, header and outcome of a recording; of a run that was killed, as far as it was written.
+
+    Args:
+        path: of the file, of its part, or of the folder in which it is recording.h5; a part is read where there is no
+            recording beside it.
+
+    Raises:
+        RecordingError: there is no such file, no recording in it, or its bytes were changed.
+    """
+    place = recording_file(path)
+    if not place.is_file():
+        raise RecordingError(f"{place}: there is no such file")
+    if place.suffix == ".toml":
+        raise RecordingError(f"{place}: is a scene, not a recording: run it first")
+    try:
+        return read_part(place) if is_part_file(place) else _read_hdf5(place)
+    except UNREADABLE as error:
+        raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
+
+
+def _read_hdf5(place: Path) -> Content:
+    whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
+    stream = FileIO(place)  # HDF5 takes a path that it has open already for the same file, whatever it is by now
+    file = None
+    try:
+        file = _open(place, stream)
+        require_contained(file, place)
+        number = format_of(file.attrs)
+        if number >= SEALS and not whole:
+            raise ValueError("it was changed since it was written: its digest is gone")
+        layout = _drop_columns(layout_of(file.attrs), file, number)
+        header, outcome = header_of(file.attrs), _outcome(file)
+        _require_variables(file, layout, number)
+        rows = _rows(place, file, layout, number)
+        if isinstance(rows, DataSetRows):
+            finalize(rows, _close, file, stream)
+        else:
+            _close(file, stream)
+        return Content(rows, layout, header, outcome)
+    except BaseException:
+        _close(file, stream)
+        raise
+
+
+def _close(*files: Any) -> None:
+    for file in files:
+        if file is not None:
+            file.close()
+
+
+def require_contained(file: Any, place: Path) -> None:
+    """Require that all data of an open HDF5 file stand in it, and no more of them than it can hold.
+
+    HDF5 reads bytes of other files where a data set has external storage, where a virtual one has another source than
+    this file ("."), and behind external links; a recording has none of them, and whoever made one chose the files.
+
+    Raises:
+        ValueError: something stands elsewhere, or a data set is larger than a file of this size can hold.
+    """
+    room = MOST_PACKED * place.stat().st_size
+
+    links: list[tuple[bytes, int]] = []
+    file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
+    sources = set[str]()
+    for name, kind in links:
+        text = name.decode(errors="replace")
+        if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
+            raise ValueError(f"{text} is a link to another file; nothing of that is read")
+        if kind == h5py.h5l.TYPE_SOFT or h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
+            continue
+        data = h5py.h5d.open(file.id, name)
+        storage = data.get_create_plist()
+        if storage.get_external_count():
+            raise ValueError(f"{text} stands in another file (external storage); nothing of that is read")
+        if storage.get_layout() == h5py.h5d.VIRTUAL:
+            maps = range(storage.get_virtual_count())
+            if any(storage.get_virtual_filename(k) != "." for k in maps):
+                raise ValueError(f"{text} stands in another file (a virtual data set); nothing of that is read")
+            sources.update(storage.get_virtual_dsetname(k) for k in maps)
+        elif math.prod(data.shape) * data.get_type().get_size() > room:
+            raise ValueError(f"{text} claims to be {data.shape} of {data.dtype}, more than its file can hold")
+    for source in sources:  # HDF5 ends the process where a virtual data set is one of itself
+        if h5py.h5d.open(file.id, source.encode()).get_create_plist().get_layout() == h5py.h5d.VIRTUAL:
+            raise ValueError(f"{source} is virtual, and so is what stands in it; nothing of that is read")
+
+
+def _require_variables(file: Any, layout: Layout, number: int) -> None:
+    """Require the time and a variable of numbers for each column of the layout, of as many ticks each.
+
+    Raises:
+        ValueError: one of another shape or kind.
+        KeyError: there is none.
+    """
+    (count,) = file["time"].shape
+    for column in (*layout.columns.values(), *_forces(file, layout, number)):
+        variable = file[column.name]
+        if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
+            kind = f"{variable.shape} of {variable.dtype}"
+            raise ValueError(f"{column.name} is {kind}, expected numbers {(count, *column.shape)}")
+    shape: tuple[int, ...] = count, layout.width
+    if number == BLOCKS and PIECES in file:
+        shape = int(file[PIECES]["count"].sum()), int(file[PIECES].attrs["wide"])
+    elif number == BLOCKS and ROWS in file:
+        shape = file[ROWS].shape
+    if len(shape) != 2 or shape[0] != count or shape[1] < layout.width:
+        raise ValueError(f"its rows are {shape}, expected {count} of {layout.width} numbers or more")
+
+
+def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
+    """Open the rows: in blocks or packed together in format 4, else in the data sets of the variables."""
+    (count,) = file["time"].shape
+    if number == BLOCKS and PIECES in file:
+        table = file[PIECES]
+        pieces = [
+            Piece(*(int(each[name]) for name in PLACE), each["check"].tobytes())  # type: ignore[call-arg, arg-type]
+            for each in table[:]
+        ]
+        return BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
+    data = [(column.where, file[column.name]) for column in layout.columns.values()]
+    others = {each.name: file[each.name] for each in _forces(file, layout, number)}
+    if number == BLOCKS and ROWS in file:
+        data = [(slice(0, file[ROWS].shape[1]), file[ROWS])]
+    step = next((each.chunks[0] for _, each in data if each.chunks), step_of(layout.width))
+    return DataSetRows(place, data, count, max(1, step), others)
+
+
+def _forces(file: Any, layout: Layout, number: int) -> list[Column]:
+    """List the variables that stand beside the columns; those of format 4 have no checksums."""
+    return [each for each in layout.forces if each.name in file] if number > BLOCKS else []
+
+
+def _open(place: Path, stream: FileIO) -> Any:
+    """Open the file; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
+    try:
+        return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
+    except OSError:
+        if not _left_open(place):
+            raise
+        return h5py.File(place, "r", libver="latest", swmr=True, rdcc_nbytes=CACHE)
+
+
+def _left_open(place: Path) -> bool:
+    """Tell whether a writer has the file open, or never closed it, and nothing of it was cut off since.
+
+    From the HDF5 superblock, version 3. On a file that was cut short, a reader beside a writer waits for ever for what
+    is missing: such a file must not get there.
+    """
+    with place.open("rb") as file:
+        head = file.read(SUPERBLOCK)
+    if len(head) < SUPERBLOCK or head[VERSION] != 3 or not head[FLAGS]:
+        return False
+    return place.stat().st_size >= int.from_bytes(head[END], "little")
+
+
+def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
+    """Leave columns out of a layout that came later than the file's format."""
+    if number >= 3:
+        return layout
+    absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
+    return replace(layout, absent=(*layout.absent, *absent)) if absent else layout
+
+
+def _outcome(file: Any) -> Outcome:
+    ticks, messages = file["faults/tick"][:], file["faults/message"][:]
+    faults = [RunFault(int(tick), text.decode(errors="ignore")) for tick, text in zip(ticks, messages, strict=False)]
+    return outcome_of(file.attrs, faults)
+
+
+def _line(error: Exception) -> str:
+    """Write HDF5's message on one line."""
+    return " ".join(str(error).split())

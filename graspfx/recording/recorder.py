@@ -1,0 +1,465 @@
+"""Rows of a run on their way out: taken tick by tick into blocks, then into a part, and into a file at the end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path
+from queue import Queue
+from types import FrameType, TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError, message
+from graspfx.loop.columns import Layout, RunFault, Selection
+from graspfx.recording.files import NAME, claim, part_of, recording_path, release, require_vacancy_of, stands_at
+from graspfx.recording.header import Header, KeyChange, Outcome, as_stored
+from graspfx.recording.part import PartWriter
+from graspfx.recording.record import Recording
+from graspfx.recording.rows import RowStore
+
+FloatArray = NDArray[np.float64]
+
+BLOCK = 1 << 20  # bytes that go to the sinks at once
+WAITING = 2  # blocks that may wait for the thread that writes: then the ticks wait
+SECOND = 1.0  # after which a block goes out that is not full [s]: a clock decides when rows are written, never which
+FAILURES = OSError, RuntimeError, ValueError, TypeError, MemoryError  # of a disk, and of texts that HDF5 does not take
+
+
+class Sink(Protocol):
+    """Where blocks of rows go."""
+
+    def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange]) -> None:
+        """Write rows (r, width), and the faults and changes since the last write; the array holds others afterwards."""
+
+    def close(self, outcome: Outcome) -> None: ...
+
+
+class Recorder:
+    """Takes rows into blocks allocated beforehand; blocks leave for the sinks between ticks, in a thread of their own.
+
+    `space()` tells where the next ticks write; once they have, `take(count)` keeps them, and `drain()` sends off what
+    is full, or a second old. Used as a context manager it closes the sinks also when the run breaks off.
+
+    Args:
+        layout: the columns of a row that ticks write.
+        header: of the recording.
+        sinks: where blocks go besides memory.
+        block: rows in a block; all of a run in memory whose length is known, else about 1 MB if not given.
+        keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
+        ticks: of the whole run, if that is known.
+        real_time: whether ticks never wait for the sinks: what they cannot take yet is in memory meanwhile.
+        selection: what is recorded of rows that ticks write whole, one for each; if not given, they write what is
+            recorded, every `header.every` ticks.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        header: Header,
+        sinks: Sequence[Sink] = (),
+        block: int | None = None,
+        *,
+        keep: bool = True,
+        ticks: int | None = None,
+        selection: Selection | None = None,
+        real_time: bool = False,
+    ) -> None:
+        self.layout, self.header, self.ticks = layout, header, 0
+        self.faults: list[RunFault] = []
+        self.changes: list[KeyChange] = []
+        self._selection = selection or Selection(layout, layout)
+        self._every = header.every if selection is None or selection.is_whole else 1
+        self._sinks, self._keep = tuple(sinks), keep
+        self._courier = Courier(0 if real_time else WAITING)
+        size = max(1, BLOCK // (8 * max(layout.width, 1)))
+        if ticks is not None:
+            rows = max(1, -(-ticks // self._every))
+            size = rows if keep and not sinks and self._selection.is_whole else min(rows, size)
+        self._size = block or size
+        self._blocks: list[FloatArray] = []  # that are kept
+        self._spares: list[FloatArray] = []
+        self._faults_sent = self._changes_sent = 0
+        self._block = np.empty((self._size, layout.width))
+        self._first = self._sent = 0  # numbers of the block's first row, and of the first that was not sent off yet
+        self._time = time.monotonic()  # of the last sending
+        self._outcome: Outcome | None = None
+
+    @property
+    def recorded(self) -> Layout:
+        """Columns of what is recorded."""
+        return self._selection.layout
+
+    @property
+    def used(self) -> int:
+        """Rows of the block so far."""
+        return -(-self.ticks // self._every) - self._first
+
+    @property
+    def row(self) -> FloatArray:
+        """The last row that a tick wrote."""
+        row: FloatArray = self._block[max(self.used, 1) - 1]
+        return row
+
+    @property
+    def backlog(self) -> int:
+        """Bytes of rows that wait for the sinks, at most."""
+        return 8 * self.layout.width * self._size * self._courier.waiting
+
+    def space(self) -> tuple[FloatArray, int, int]:
+        """Give a block of rows (r, width), the place in it of the next tick, and for how many ticks there is room.
+
+        The tick at place r writes row r; with a row every m ticks, row r / m if m divides r.
+
+        Raises:
+            RecordingError: a sink cannot take rows before.
+        """
+        if self.used == self._size:
+            self._send()
+            if self._keep:
+                self._blocks.append(self._selection.cut(self._block, self._first))
+            self._first += self._size
+            self._block = self._spares.pop() if self._spares else np.empty((self._size, self.layout.width))
+        place = self.ticks - self._first * self._every
+        return self._block, place, self._size * self._every - place
+
+    def take(self, count: int) -> None:
+        """Keep what that many ticks more have written."""
+        self.ticks += count
+
+    def fault(self, k: int, message: str) -> None:
+        self.faults.append(RunFault(k, message))
+
+    def change(self, k: int, values: Mapping[str, Any]) -> None:
+        """Note that keys of the scene have these values from tick k on."""
+        self.changes += [KeyChange(k, key, as_stored(value)) for key, value in values.items()]
+
+    def drain(self) -> None:
+        """Send off what is full, or a second old; call it between ticks.
+
+        Raises:
+            RecordingError: a sink cannot take rows before.
+        """
+        if self._sinks and (self.used == self._size or time.monotonic() - self._time >= SECOND):
+            self._send()
+
+    def flush(self) -> None:
+        """Write all rows so far, and wait until they are with the system."""
+        try:
+            self._send()
+        finally:
+            self._courier.end()
+
+    def finish(
+        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
+    ) -> Recording:
+        """Write the rest, close the sinks and give the recording of the retained rows.
+
+        Args:
+            wall_time: that the run took [s].
+            complete: False for a run that broke off.
+            engine: that ran the ticks.
+            coupling: what the objects' couplings tell, as `Outcome` has it.
+        """
+        self._outcome = self._so_far(wall_time, complete=complete, engine=engine, **coupling)
+        try:
+            self.flush()
+        finally:
+            for sink in self._sinks:
+                sink.close(self._outcome)
+        return Recording(self._rows(), self.recorded, self.header, self._outcome)
+
+    def recording(self, **outcome: Any) -> Recording:
+        """Give the recording of the retained rows so far, a copy, while the run goes on; `outcome` as of `finish`."""
+        return Recording(self._rows().copy(), self.recorded, self.header, self._so_far(**outcome))
+
+    def _so_far(self, wall_time: float | None = None, *, complete: bool = True, **outcome: Any) -> Outcome:
+        ticks = self.ticks if self.header.every > 1 else 0
+        return Outcome(
+            tuple(self.faults), wall_time, complete, ticks=ticks, changes=tuple(self.changes), **outcome
+        )  # fmt: skip
+
+    def _rows(self) -> FloatArray:
+        """Give the retained rows: a view where there is one block."""
+        if not self._keep:
+            return np.empty((0, self.recorded.width))
+        rest = self._selection.cut(self._block[: self.used], self._first)
+        return np.concatenate([*self._blocks, rest]) if self._blocks else rest
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._outcome is None:
+            self.finish(complete=False, cause="" if error is None else cause_text(error))
+
+    def _send(self) -> None:
+        """Send off the block's rows, faults and changes that were not yet, to be written in the thread."""
+        block, tick, used = self._block, self._sent, self.used
+        rows = block[tick - self._first : used]
+        faults, changes = self.faults[self._faults_sent :], self.changes[self._changes_sent :]
+        self._sent, self._time = self._first + used, time.monotonic()
+        self._faults_sent, self._changes_sent = len(self.faults), len(self.changes)
+
+        def job() -> None:
+            part = self._selection.cut(rows, tick)
+            for sink in self._sinks:
+                sink.write(part, faults, changes)
+            if used == self._size and not self._keep:
+                self._spares.append(block)
+
+        if self._sinks and (len(rows) or faults or changes):
+            self._courier.give(job)
+
+
+def cause_text(error: BaseException) -> str:
+    """Say in a line which exception ended a run."""
+    text = message(error)
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+class Courier:
+    """Does jobs one after another, in a thread that starts with the first; a fault is raised where the next is given.
+
+    Compiled ticks release Python's lock, so that a block is written while they fill the next one. After a fault nothing
+    more is done.
+
+    Args:
+        waiting: jobs that may wait before whoever gives one waits too; 0 for as many as there are.
+    """
+
+    def __init__(self, waiting: int) -> None:
+        self._jobs: Queue[Callable[[], None] | None] = Queue(waiting)
+        self._thread: threading.Thread | None = None
+        self._fault: BaseException | None = None
+
+    @property
+    def waiting(self) -> int:
+        """Jobs that have not begun."""
+        return self._jobs.qsize()
+
+    def give(self, job: Callable[[], None]) -> None:
+        """Give a job to the thread.
+
+        Raises:
+            BaseException: that one before has raised.
+        """
+        self._require()
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name="graspfx-recording", daemon=True)
+            self._thread.start()
+        self._jobs.put(job)
+
+    def end(self) -> None:
+        """Wait for all jobs.
+
+        Raises:
+            BaseException: that one of them has raised.
+        """
+        if self._thread is not None:
+            self._jobs.put(None)
+            self._thread.join()
+            self._thread = None
+        self._require()
+
+    def _require(self) -> None:
+        if self._fault is not None:
+            fault, self._fault = self._fault, None
+            raise fault
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            if self._fault is None:
+                try:
+                    job()
+                except BaseException as fault:  # noqa: BLE001 - it is raised where the next job is given
+                    self._fault = fault
+
+
+@contextmanager
+def hold_signals() -> Iterator[None]:
+    """Hold back the handlers of all signals until the block ends, and call them then.
+
+    Signals that end the process by themselves still do. Python calls handlers in the main thread only: in others there
+    is nothing to hold back.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        queue.append((number, frame))
+
+    queue: list[tuple[int, FrameType | None]] = []
+    handlers = {int(each): handler for each in signal.valid_signals() if callable(handler := signal.getsignal(each))}
+    try:
+        for number in handlers:
+            signal.signal(number, keep)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in queue:
+            handlers[number](number, frame)
+
+
+class FileSink:
+    """Writes blocks of rows as they come, so that what was written can be read after the run was killed.
+
+    Until the recording was written and read back they stand in a part beside its place, which this process locks.
+
+    Args:
+        path: of the recording.
+        layout: the columns.
+        header: of the recording.
+        overwrite: whether a recording, or the part of a run that was killed, may be there already.
+        compression: of the recording: "none", "lzf" or "gzip".
+
+    Raises:
+        RecordingError: a file is there, another run is writing there, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        layout: Layout,
+        header: Header,
+        *,
+        overwrite: bool = False,
+        compression: str = "none",
+    ) -> None:
+        self._place = recording_path(path)
+        self._home = self._place.absolute().parent
+        if not overwrite:
+            require_vacancy_of(self._place)
+        self._part = PartWriter(part_of(self._place), layout, header)
+        self._layout, self._header, self._compression = layout, header, compression
+        self._faults: list[RunFault] = []
+        self._changes: list[KeyChange] = []
+        self._failure: RecordingError | None = None
+
+    @hold_signals()
+    def write(
+        self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()
+    ) -> None:  # fmt: skip
+        """Add rows (r, width), faults, and changes of keys before the rows that they hold in.
+
+        Raises:
+            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+        """
+        if self._failure is not None:
+            raise self._failure
+        self._faults += faults
+        self._changes += changes
+        try:
+            self._part.write(rows, faults, changes)
+        except OSError as error:
+            self._fail(f"{self._part.path}: cannot be written; {error.strerror}; {self._readable()}", error)
+        except BaseException:  # whether these rows are there is not known, so none may follow
+            self._failure = RecordingError(f"{self._part.path}: could not be written; {self._readable()}")
+            raise
+        if not stands_at(self._part.file, self._part.path):
+            self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))
+
+    @hold_signals()
+    def close(self, outcome: Outcome) -> None:
+        """Note how the run went, and give the recording its name; nothing after a failure, which `write` has told.
+
+        Raises:
+            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+        """
+        if self._failure is not None:
+            self._part.file.close()
+            return
+        part = self._part.path
+        try:
+            self._part.conclude(outcome)
+        except OSError as error:
+            self._fail(f"{part}: cannot be written; {error.strerror}; {self._readable()}", error)
+        if not stands_at(self._part.file, part):
+            self._rescue(outcome)
+        try:
+            self._convert(self._place, outcome)
+        except (*FAILURES, RecordingError) as error:
+            self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is whole in {part}", error)
+        release(self._part.file, part)
+
+    def _convert(self, place: Path, outcome: Outcome) -> None:
+        from graspfx.recording.file import write_recording
+
+        rows, how = self._part.stored(), self._compression
+        write_recording(place, rows, self._layout, self._header, outcome, how, sync=self._part.is_synced)
+
+    def _readable(self) -> str:
+        rows = self._part.rows
+        return f"the {rows} rows before that can be read there" if rows else "no row was written"
+
+    def _rescue(self, outcome: Outcome) -> None:
+        """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
+        from tempfile import gettempdir, mkdtemp
+
+        text = f"{self._home}: was removed or moved while a run wrote there"
+        roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
+        for root in (*roots, Path(gettempdir())):
+            with suppress(*FAILURES):
+                place = Path(mkdtemp(prefix=f"{self._home.name}-", dir=root)) / NAME
+                self._convert(place, outcome)
+                break
+        else:
+            self._fail(f"{text}, and its rows fit nowhere else")
+        self._fail(f"{text}; its {self._part.rows} rows so far are in {place}")
+
+    def _fail(self, text: str, error: Exception | None = None) -> None:
+        self._failure = RecordingError(text)
+        if self._part.rows:
+            self._part.file.close()
+        else:
+            release(self._part.file, self._part.path)
+        raise self._failure from error
+
+
+def _why(error: Exception) -> str:
+    """Write the system's message, or HDF5's, on one line."""
+    return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
+
+
+@hold_signals()
+def save(
+    path: str | PathLike[str],
+    rows: RowStore,
+    layout: Layout,
+    header: Header,
+    outcome: Outcome,
+    *,
+    overwrite: bool,
+    compression: str = "none",
+) -> None:
+    """Write a recording at once.
+
+    Raises:
+        RecordingError: a file is there, another run is writing there, or it cannot be written.
+    """
+    from graspfx.recording.file import write_recording
+
+    place = recording_path(path)
+    if not overwrite:
+        require_vacancy_of(place)
+    try:
+        lock = claim(part_of(place))
+    except OSError as error:
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
+    try:
+        write_recording(place, rows, layout, header, outcome, compression)
+    except FAILURES as error:
+        raise RecordingError(f"{place}: cannot be written; {_why(error)}") from error
+    finally:
+        release(lock, part_of(place))
