@@ -38,16 +38,8 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     },
 }
 
-# What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
+# What a recording asks of rooms above its own.
 UPWARD = {
-    "Batch.to_frame": "graspfx.show.tabular.batch_frame",
-    "Batch.to_xarray": "graspfx.show.labelled.batch_dataset",
-    "Linearisation.recorded": "graspfx.certificate.linearise.recorded_loop",
-    "Linearisation.scene": "graspfx.scene.load.to_scene",
-    "Linearisation.to_control": "graspfx.show.control_system.to_control",
-    "Loci.bode": "graspfx.show.loop_figures.bode",
-    "Loci.nyquist": "graspfx.show.loop_figures.nyquist",
-    "OperatorCertificate.plot": "graspfx.show.operator_figures.plot",
     "Recording.beside": "graspfx.certificate.report.beside",
     "Recording.picture": "graspfx.show.drawing.picture",
     "Recording.plot": "graspfx.show.drawing.plot",
@@ -55,10 +47,6 @@ UPWARD = {
     "Recording.to_frame": "graspfx.show.tabular.recording_frame",
     "Recording.to_html": "graspfx.live.page.document.write_page",
     "Recording.to_xarray": "graspfx.show.labelled.recording_dataset",
-    "Scene.faults": "graspfx.assembly.checks.faults.find_faults",
-    "Scene.linearise": "graspfx.certificate.linearise.linearise",
-    "Scene.reach_faults": "graspfx.assembly.resolve.reach_faults",
-    "ZWidth.plot": "graspfx.show.loop_figures.z_width",
 }
 
 

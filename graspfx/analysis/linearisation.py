@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.card import Card, Carded, listed, span
@@ -310,7 +309,9 @@ class Linearisation(Carded):
             MissingPackageError: no python-control, which `pip install 'graspfx[control]'` brings.
             UnknownNameError: another loop.
         """
-        return plugins.upward("Linearisation.to_control")(self, loop)
+        from graspfx.show.control_system import to_control
+
+        return to_control(self, loop)
 
     def with_changes(self, **changes: Any) -> Linearisation:
         """Copy the linearisation with some arguments changed."""
@@ -352,13 +353,17 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
         if recording is not None:
             raise InputError("recording", recording, "None beside a Linearisation", "give the scene of the recording")
         return subject
-    scene = plugins.upward("Linearisation.scene")(subject) if isinstance(subject, str | PathLike) else subject
-    if not isinstance(scene, Linearisable):
+    if isinstance(subject, str | PathLike):
+        from graspfx.scene.load import to_scene
+
+        subject = to_scene(subject)
+    if not isinstance(subject, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
     if recording is not None:
-        recorded: Linearisation = plugins.upward("Linearisation.recorded")(scene, recording)
-        return recorded
-    return scene.linearise()
+        from graspfx.certificate.linearise import recorded_loop
+
+        return recorded_loop(subject, recording)  # type: ignore[arg-type]  # it checks both
+    return subject.linearise()
 
 
 def _range(matrix: FloatArray, unit: str) -> str:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
@@ -162,7 +161,9 @@ class OperatorCertificate(Carded):
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
         """Draw the margins' distribution and the region over the first two ranges; write it where a path is given."""
-        return plugins.upward("OperatorCertificate.plot")(self, path, width)
+        from graspfx.show.operator_figures import plot
+
+        return plot(self, path, width)
 
     def lines(self) -> Iterator[str]:
         """Write the sentence, each mode's margins, and what is guaranteed and what is sampled."""

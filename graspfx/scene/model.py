@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import PrivateAttr
 from pydantic_core import PydanticSerializationError
 
-from graspfx import plugins
 from graspfx.card import Card, Carded
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.data import not_data
@@ -43,6 +42,8 @@ class Scene(Carded, SceneTable):
     _written: dict[str, Any] | None = PrivateAttr(default=None)  # its written form, where that is at hand
 
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
+        from graspfx.assembly.checks.faults import find_faults
+
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
@@ -51,7 +52,7 @@ class Scene(Carded, SceneTable):
         if checked is not None:
             self._take(checked.fields, checked.names, origin, None, checked.written)
             return
-        faults, stock = plugins.upward("Scene.faults")(table, origin)
+        faults, stock = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         valid = SceneTable(**table)  # by the validator that found no fault: a scene's own would be the same, made anew
@@ -117,7 +118,9 @@ class Scene(Carded, SceneTable):
         Raises:
             SceneError: with every finger that starts where its device cannot be.
         """
-        faults = plugins.upward("Scene.reach_faults")(self)
+        from graspfx.assembly.resolve import reach_faults
+
+        faults = reach_faults(self)
         if faults:
             raise self.error(faults)
 
@@ -139,8 +142,9 @@ class Scene(Carded, SceneTable):
         Raises:
             InputError: a device that does not tell its mass or friction.
         """
-        linear: Linearisation = plugins.upward("Scene.linearise")(self, at).linear
-        return linear
+        from graspfx.certificate.linearise import linearise
+
+        return linearise(self, at).linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """Copy the scene with values replaced by dotted key, as on the command line."""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import number, numbers
 from graspfx.analysis.plant import Plant
 from graspfx.card import Card, Carded
@@ -175,7 +174,9 @@ class ZWidth(Carded):
 
     def plot(self, *, width: str = "screen") -> Any:
         """Draw the region; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("ZWidth.plot")(self, width=width)
+        from graspfx.show.loop_figures import z_width
+
+        return z_width(self, width=width)
 
     def _card(self) -> Card:
         low, high = self.wall_damping[0], self.wall_damping[-1]

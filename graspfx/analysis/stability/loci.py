@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import numbers
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Subject
@@ -62,11 +61,15 @@ class Loci(Carded):
 
     def bode(self, *, width: str = "screen") -> Any:
         """Draw magnitude and phase over frequency; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("Loci.bode")(self, width=width)
+        from graspfx.show.loop_figures import bode
+
+        return bode(self, width=width)
 
     def nyquist(self, *, width: str = "screen") -> Any:
         """Draw the loci about -1; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("Loci.nyquist")(self, width=width)
+        from graspfx.show.loop_figures import nyquist
+
+        return nyquist(self, width=width)
 
     def _card(self) -> Card:
         rows = [
