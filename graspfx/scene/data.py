@@ -1,4 +1,4 @@
-"""Scenes as data: an object that cannot be written into a recording is named by its key."""
+"""Scenes as data: errors that name objects which cannot be written to a recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DO = "make it in a driver of your own, a Python file whose `connect` takes setti
 
 
 def not_data(table: Any) -> InputError:
-    """Make the error of a scene's table with an object that cannot be written as data."""
+    """Return the error of a table with an object that cannot be written as data."""
     return next((InputError(key, value, EXPECTED, DO) for key, value in _leaves(table, "") if not _is_data(value)),
                 InputError("scene", table, EXPECTED, DO))  # fmt: skip
 
@@ -28,7 +28,7 @@ def _is_data(value: object) -> bool:
 
 
 def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """List all that is no table and no list, with its key."""
+    """List the leaf values, each with its key."""
     if isinstance(value, Mapping):
         items = [(str(name), each) for name, each in value.items()]
     elif isinstance(value, list | tuple):

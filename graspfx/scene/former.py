@@ -1,15 +1,15 @@
-"""Former names of the settings of GraspFX's own drivers: scenes that have them are still read, and a note says so."""
+"""Former names of settings of built-in drivers; scenes that use them still load, with a note."""
 
 from __future__ import annotations
 
-FORMER = {  # by driver: the former name of a setting and its name now
+FORMER = {  # for each driver: former name and current name of a setting
     "simulated": {"friction": "damping"},
     "two-link": {"joint_friction": "joint_damping"},
 }
 
 
 def current(driver: object, key: str) -> str:
-    """Give the name that a driver's setting has now."""
+    """Return the current name of a driver's setting."""
     return FORMER.get(str(driver), {}).get(key, key)
 
 

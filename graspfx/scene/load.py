@@ -1,4 +1,4 @@
-"""A scene by name or path: a TOML table, or a Python file with `def scene(**parameters) -> Scene`."""
+"""Loading of a scene by name or path: a TOML file, or a Python file with `def scene(**parameters) -> Scene`."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
 def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, *, preset: str | None = None) -> Scene:
-    """Load the scene behind a name on the shelf or the path of a .toml or .py file.
+    """Load a built-in scene by name, or a scene from a .toml or .py file.
 
     Args:
-        name: of a scene, or a path.
-        overrides: values by dotted key, as in {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
-            For a Python scene a key without a dot that `scene()` takes is its parameter, any other a key of what it
-            returns.
-        preset: the name of one of the scene's presets, whose values come before `overrides`.
+        name: Name of a scene, or path of a file.
+        overrides: Values by dotted key, for example {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
+            For a Python scene, a key without a dot that `scene()` accepts is its parameter; any other key refers to the
+            scene that it returns.
+        preset: Name of one of the scene's presets, whose values are applied before `overrides`.
 
     Raises:
-        SceneError: with every fault at once, each with its line.
-        UnknownNameError: no scene has that name, or the scene no such preset.
-        InputError: the path leads to no file, or the file holds no scene.
-        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
+        SceneError: The scene has faults; the error lists all of them, with their lines.
+        UnknownNameError: No scene has that name, or the scene has no such preset.
+        InputError: The file does not exist, or does not contain a scene.
+        PluginError: A Python file cannot be imported, or its `scene()` raises.
     """
     path = plugins.find("scenes", name)
     text = file_text(path)
@@ -52,11 +52,11 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
 
 
 def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """Give a scene as it is, or load the one behind a name or a path; with values replaced by dotted key.
+    """Return a scene unchanged, or load the one with a name or path; apply overrides by dotted key.
 
     Raises:
-        InputError: neither a scene nor a name or path; and the errors of `load`.
-        SceneError: with every fault of the scene with its overrides.
+        InputError: The argument is not a scene, name or path; and the errors of `load`.
+        SceneError: The scene with its overrides has faults; the error lists all of them.
     """
     if isinstance(scene, str | PathLike):
         return load(scene, overrides)
@@ -70,7 +70,7 @@ def file_text(path: Path) -> str:
     """Read a TOML file.
 
     Raises:
-        SceneError: it is not UTF-8; with the line.
+        SceneError: The file is not UTF-8; the error has the line.
     """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
@@ -83,10 +83,10 @@ def file_text(path: Path) -> str:
 
 
 def parse(text: str, name: str) -> dict[str, Any]:
-    """Read tables from the text of a file.
+    """Parse the text of a file into tables.
 
     Raises:
-        SceneError: it is not TOML, or larger than any file needs to be; with the line.
+        SceneError: The text is not TOML, or exceeds the limits; the error has the line.
     """
     if fault := excess(text):
         raise SceneError(name, [fault])
@@ -132,7 +132,7 @@ def _from_python(path: Path, source: Source, preset: str | None) -> Scene:
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
-    """Find overrides that are neither parameters nor keys of a scene, before `scene()` makes something of the rest."""
+    """Find overrides that are neither parameters nor keys of a scene, before `scene()` is called."""
     names = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
         if key.split(".")[0] not in names:

@@ -1,4 +1,4 @@
-"""A checked scene: what a run is made from, with the text it came from."""
+"""A validated scene: the input of a run, with the text it came from."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ if TYPE_CHECKING:
 
 
 class Scene(Carded, SceneTable):
-    """A scene, described and checked: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
+    """A scene, validated when it is created: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
 
-    Fields are named as the keys of a scene file; lists of tables (`object`, `finger`, `device`, `hand`) are tuples.
+    Fields have the names of the keys of a scene file. Lists of tables (`object`, `finger`, `device`, `hand`) are
+    tuples.
 
     Raises:
-        SceneError: with every fault at once.
+        SceneError: The scene has faults; the error lists all of them.
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
-    _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.assembly.resolve`
+    _stock: Any = PrivateAttr(default=None)  # devices and meshes that the checks loaded, for `graspfx.assembly.resolve`
 
-    _written: dict[str, Any] | None = PrivateAttr(default=None)  # its written form, where that is at hand
+    _written: dict[str, Any] | None = PrivateAttr(default=None)  # nested tables of `to_dict`, if known
 
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
         from graspfx.assembly.checks.faults import find_faults
@@ -55,7 +56,7 @@ class Scene(Carded, SceneTable):
         faults, stock = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
-        valid = SceneTable(**table)  # by the validator that found no fault: a scene's own would be the same, made anew
+        valid = SceneTable(**table)  # reuses the validator of the checks; a scene's own would have to be built first
         self._take(vars(valid), valid.model_fields_set, origin, stock, None)
         if memory is not None:
             memory.keep(table, origin, self)
@@ -63,7 +64,7 @@ class Scene(Carded, SceneTable):
     def _take(
         self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
     ) -> None:
-        """Take fields that are valid, and the names of those that were set."""
+        """Set valid fields, and the names of those that were given."""
         private = {"_source": source, "_stock": stock, "_written": written}
         self.__setstate__({
             "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
@@ -71,13 +72,13 @@ class Scene(Carded, SceneTable):
         })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
-        """Compare as descriptions, wherever they came from."""
+        """Compare the descriptions, not their sources."""
         return isinstance(other, Scene) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
 
     def __copy__(self) -> Self:
-        """Copy the description: a copy whose fields are then replaced has devices and shapes of its own."""
+        """Copy the description only, so that a copy with replaced fields has its own devices and shapes."""
         copy = super().__copy__()
         copy._stock = copy._written = None
         return copy
@@ -94,14 +95,14 @@ class Scene(Carded, SceneTable):
 
     @property
     def source(self) -> Source:
-        """Where the scene came from."""
+        """Source of the scene."""
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the scene as nested tables that `Scene(**table)` takes, without defaults.
+        """Return the scene as nested tables that `Scene(**table)` accepts, without defaults.
 
         Raises:
-            InputError: an object in it that cannot be written as data.
+            InputError: The scene holds an object that cannot be written as data.
         """
         if self._written is not None:
             return deepcopy(self._written)
@@ -113,10 +114,10 @@ class Scene(Carded, SceneTable):
         return table
 
     def require_reach(self) -> None:
-        """Require what only shows when simulated devices are placed, as a run does.
+        """Check what only shows when simulated devices are placed, as at the start of a run.
 
         Raises:
-            SceneError: with every finger that starts where its device cannot be.
+            SceneError: Fingers start where their devices cannot reach; the error lists all of them.
         """
         from graspfx.assembly.resolve import reach_faults
 
@@ -125,29 +126,29 @@ class Scene(Carded, SceneTable):
             raise self.error(faults)
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Make the error of these faults, each with where its key stands and with its line."""
+        """Return the error for these faults, each with its key and its line."""
         source = self._source
         is_toml = source.path is not None and source.path.suffix == ".toml"
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
         return _placed(source, table, as_faults(table, faults), source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
-        """Linearise small motions about the scene's grasp at rest: matrices that `gx.stability` takes for a scene.
+        """Linearise small motions about the scene's grasp at rest, for use with `gx.stability`.
 
         Args:
-            at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
-                meet the object at first, without a force; or "provisional", squeezed by one step from there.
-                `certificate.linearise` also says what is taken for granted.
+            at: State about which to linearise: "squeezed", the rest of hands that do not move, closed to their largest
+                squeeze; "start", where the fingers first meet the object, without force; or "provisional", one linear
+                step of squeezing from the start. `certificate.linearise` also returns the assumptions.
 
         Raises:
-            InputError: a device that does not tell its mass or friction.
+            InputError: A device does not state its mass or friction.
         """
         from graspfx.certificate.linearise import linearise
 
         return linearise(self, at).linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
-        """Copy the scene with values replaced by dotted key, as on the command line."""
+        """Return a copy of the scene with values replaced by dotted key, as on the command line."""
         changes = by_key(overrides)
         source = replace(self._source, overrides={**self._source.overrides, **changes})
         return make_scene(self.to_dict(), changes, source)
@@ -156,10 +157,10 @@ class Scene(Carded, SceneTable):
 def make_scene(
     table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
 ) -> Scene:
-    """Make a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
+    """Create a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
 
     Raises:
-        SceneError: with every fault at once.
+        SceneError: The scene has faults; the error lists all of them.
     """
     data, _, faults = overridden(table, overrides)
     try:
@@ -172,7 +173,7 @@ def make_scene(
 
 
 def _placed(source: Source, table: Mapping[str, Any], faults: Sequence[Fault], lines_from: str | None) -> SceneError:
-    """Sort faults by their lines, after those that have none; `table` is the scene without its overrides."""
+    """Sort faults by line, those without one first; `table` is the scene without its overrides."""
     lines = KeyLines(lines_from) if lines_from is not None else None
     _, replaced, _ = overridden(table, source.overrides)
     placed = [_with_line(fault, source, table, replaced, lines) for fault in faults]
@@ -195,5 +196,5 @@ def _with_line(
 
 
 def schema() -> dict[str, Any]:
-    """Write the JSON schema of a scene file."""
+    """Return the JSON schema of a scene file."""
     return SceneTable.model_json_schema()

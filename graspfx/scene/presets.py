@@ -1,4 +1,4 @@
-"""Presets of a scene: sets of overrides that it states by name, each with its reason."""
+"""Presets of a scene: named sets of overrides, each with a reason."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from graspfx.scene.tables.preset_table import Preset
 
 
 def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> Source:
-    """Add the values of a preset, by its name, to where a scene comes from; None adds nothing.
+    """Add the values of a named preset to a scene's source; None adds nothing.
 
-    A preset that is not well-formed has no values: the scene's validation says what is wrong with it.
+    An invalid preset has no values; the validation of the scene reports its faults.
 
     Raises:
-        UnknownNameError: the scene has no preset of that name.
-        InputError: the name is no text.
+        UnknownNameError: The scene has no preset of that name.
+        InputError: The name is not a string.
     """
     if name is None:
         return source
@@ -39,7 +39,7 @@ def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> S
 
 
 def preset_faults(scene: Scene) -> list[Fault]:
-    """Find the faults of a scene under each of its presets, as its file states it; none of one with changes."""
+    """Find the faults of a scene under each of its presets; a scene with changes has none."""
     source = scene.source
     if source.changes:
         return []

@@ -1,4 +1,4 @@
-"""A scene on a card: objects, coupling, fingers and hands, with units."""
+"""Card of a scene: objects, coupling, fingers and hands, with units."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from graspfx.card import Card, counted, listed, span
 from graspfx.scene.source import Source
 from graspfx.scene.tables.scene_table import SceneTable
 
-MOST = 4  # objects, or hands, each in a line of its own
+MOST = 4  # largest number of objects, or hands, that have a line each
 
 
 def scene_card(scene: SceneTable, source: Source) -> Card:
-    """Write the card of a scene."""
+    """Return the card of a scene."""
     name = source.path.stem.replace("_", "-") if source.path is not None else source.name
     title = f"Scene {name}: {scene.title}" if scene.title else f"Scene {name}"
     calls = "gx.run(scene), gx.check(scene), gx.certify(scene), gx.open(scene), .replace({key: value}), .to_dict()"

@@ -42,7 +42,7 @@ class Measures:
 
     @property
     def volume(self) -> float:
-        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: the ellipsoid's volume, relative to the unit ball."""
+        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: volume of the ellipsoid over the unit ball's."""
         return float(np.prod(self.singular_values))
 
     @property

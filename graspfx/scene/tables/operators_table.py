@@ -1,4 +1,4 @@
-"""The ranges of keys over a set of operators that a scene states for its certificates."""
+"""Ranges of keys over a population of operators, which a scene states for its certificates."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ EXAMPLE = '"finger.*.hand.stiffness" = { low = 50.0, high = 1000.0 }'
 
 
 class OperatorSpan(Table):
-    """The values of one key over the operators who may hold the devices; a list [low, high] is the same."""
+    """Range of one key over the operators; a list [low, high] is short for the table."""
 
-    low: Number = Field(description="the least value")
-    high: Number = Field(description="the largest value")
+    low: Number = Field(description="smallest value")
+    high: Number = Field(description="largest value")
     law: Literal["log", "uniform", "normal", "lognormal"] = Field(
-        default="log", description="how a population is spread between; bells have 95 % between the ends, and are cut"
+        default="log", description="distribution of a population; a bell has 95 % between low and high, then truncated"
     )
 
     @model_validator(mode="before")
@@ -41,9 +41,9 @@ class OperatorSpan(Table):
         if INVALID in (vars(self).get(name, INVALID) for name in ("low", "high", "law")):
             return self  # a draft
         if not self.low < self.high:
-            text = "expected an end above the beginning; given {low} and {high}"
+            text = "expected low below high; given {low} and {high}"
             raise PydanticCustomError("range", text, {"low": self.low, "high": self.high})
         if self.law in ("log", "lognormal") and self.low <= 0.0:
-            text = "expected ends above zero for the law {law}; given {low}"
+            text = "expected values above zero for the law {law}; given {low}"
             raise PydanticCustomError("range", text, {"law": self.law, "low": self.low})
         return self

@@ -1,4 +1,4 @@
-"""The table of a preset: values of a scene to replace, by dotted key, and why one would."""
+"""Table of a preset: values to replace in a scene, by dotted key, and the reason."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def values_by_key(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Copy numbers, text, lists and tables; refuse all else, which neither TOML's values here nor JSON can be."""
+    """Copy numbers, text, lists and tables; refuse anything that TOML or JSON cannot hold."""
     value = listed(value)
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
@@ -44,7 +44,7 @@ def _plain(value: Any) -> Any:
 
 
 class Preset(Table):
-    """Values that replace the scene's, before those of `--set`, when a user names the preset."""
+    """Values that replace the scene's, before those of `--set`, if the user names the preset."""
 
-    reason: Annotated[str, AfterValidator(_stated)] = Field(description="its purpose, in a sentence")
+    reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
     set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(description=f"by dotted key: {EXAMPLE}")

@@ -1,4 +1,4 @@
-"""The table `record` of a scene: which columns a recording has, of which ticks, and how its file is compressed."""
+"""Table `record` of a scene: columns and ticks of a recording, and compression of its file."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def _listed(value: Any) -> Any:
 
 
 class Record(Table):
-    """Columns and ticks of a recording; a list is the table of these columns."""
+    """Columns and ticks of a recording; a list is short for a table with these columns."""
 
     columns: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
-        default=(), description="names of variables as in the file, or of groups of them; all if not given"
+        default=(), description="names of the file's variables, or of groups of them; all if not given"
     )
     every: Annotated[int, Field(strict=True, ge=1)] = Field(default=1, description="ticks from one row to the next")
     compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="compression when the run ends")

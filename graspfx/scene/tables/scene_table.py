@@ -1,4 +1,4 @@
-"""The table of a whole scene, field by field; SI units."""
+"""Table of a whole scene, field by field, in SI units."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.scene.tables.safety_table import Safety
 
 
 def _no_switch(value: Any) -> Any:
-    return str(value).lower() if isinstance(value, bool) else value  # true equals 1 to Python
+    return str(value).lower() if isinstance(value, bool) else value  # in Python, True equals 1
 
 
 def _writable(value: str) -> str:
@@ -32,7 +32,7 @@ def _writable(value: str) -> str:
 
 
 def _engine(value: Any) -> Any:
-    return "compiled" if value == "generic" else value  # of recordings and scenes by earlier versions
+    return "compiled" if value == "generic" else value  # recordings and scenes of earlier versions
 
 
 def _table_or_list(value: Any) -> Any:
@@ -44,45 +44,45 @@ def _columns(value: Any) -> Any:
 
 
 class SceneTable(Readable, Table):
-    """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
+    """A whole scene. Its fields are validated one by one, and then against one another."""
 
     title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title of figures and summaries")
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(
-        description="d: 1 a line, 2 the plane, 3 space"
+        description="dimension d: 1 for a line, 2 for the plane, 3 for space"
     )
-    period: Positive = Field(description="T, from one tick to the next [s]")
+    period: Positive = Field(description="period T of a tick [s]")
     engine: Annotated[Literal["auto", "compiled", "interpreted"], BeforeValidator(_engine)] = Field(
         default="auto",
-        description="of the ticks: machine code where that can be, machine code or an error, or the source itself",
+        description="engine of the ticks: compiled if possible, compiled or an error, or interpreted source",
     )
     duration: Positive = Field(description="duration of a run [s]")
-    gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
+    gravity: Vector | None = Field(default=None, description="gravity, (d,) [m/s^2]; none if not given")
     object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)] = Field(
         description="object that the fingers touch: a table, or several as [[object]]"
     )
-    coupling: Coupling = Field(description="how fingers hold objects")
-    finger: tuple[Finger, ...] = Field(description="a [[finger]] for each fingertip")
+    coupling: Coupling = Field(description="coupling of fingers and objects")
+    finger: tuple[Finger, ...] = Field(description="table [[finger]] for each fingertip")
     device: tuple[SharedDevice, ...] = Field(default=(), description="device with several fingers")
     hand: tuple[AnySharedHand, ...] = Field(default=(), description="hand that holds several fingers")
-    obstacle: tuple[Obstacle, ...] = Field(default=(), description="obstacle that objects meet and nothing moves")
-    world: World = Field(default=World(), description="how objects meet obstacles and one another")
+    obstacle: tuple[Obstacle, ...] = Field(default=(), description="fixed obstacle that objects meet")
+    world: World = Field(default=World(), description="contact of objects with obstacles and one another")
     safety: Safety | None = Field(
-        default=None, description="the chain between law and devices; none in a simulation without the table"
+        default=None, description="safety chain between law and devices; none in a simulation without the table"
     )
     record: Annotated[Record, BeforeValidator(_columns)] = Field(
-        default=Record(), description="which columns and ticks a recording has"
+        default=Record(), description="columns and ticks of a recording"
     )
     preset: dict[Name, Preset] = Field(default_factory=dict, description="values that replace the scene's, by name")
     operators: dict[str, OperatorSpan] = Field(
-        default_factory=dict, description="ranges of keys over a set of operators, for certificates"
+        default_factory=dict, description="ranges of keys over a population of operators, for certificates"
     )
 
     @property
     def finger_objects(self) -> tuple[int, ...]:
-        """Which object each finger touches, by index.
+        """Index of the object that each finger touches.
 
         Raises:
-            NotValid: of a draft, a finger whose object is not there.
+            NotValid: In a draft, the object of a finger does not exist.
         """
         names = {thing.name for thing in self.object}
         if not names or any(finger.object and finger.object not in names for finger in self.finger):
