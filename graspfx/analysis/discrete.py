@@ -147,7 +147,7 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
     return R, Q, a * R, R
 
 
-def thing(
+def object_response(
     mass: Numbers, viscosity: Numbers, integrator: str, period: Numbers
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return an object's position and velocity per force and their common denominator, in ascending powers of s.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.critical import Limits, edges, first_loss, limits_of
-from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, plus, power, thing, times
+from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, object_response, plus, power, times
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -141,7 +141,7 @@ class Plant:
                 D = plus(D, times(numerator, S, per_period, B))
             return D, plus(N, np.zeros_like(D))
         share = self.object_mass / self.fingers, self.object_damping / self.fingers
-        position, velocity, body = thing(*share, self.integrator, self.period)
+        position, velocity, body = object_response(*share, self.integrator, self.period)
         L = max(delay + more, lag)
         D = times(denominator, body, power(L))
         N = plus(times(numerator, body, power(L - delay)), times(position, denominator, power(L - lag)))

@@ -30,7 +30,7 @@ from graspfx.certificate.matrices import (
     turned_operator,
 )
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
-from graspfx.certificate.rest import Place, provisional, require_contact, squeezed
+from graspfx.certificate.rest import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.coupling import block as at
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
@@ -159,13 +159,13 @@ def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> L
 
 
 @dataclass(frozen=True, eq=False)
-class _Share:
+class _ObjectMatrices:
     """Matrices of one object in world axes, and positions of its fingers."""
 
     name: str
     fingers: NDArray[np.intp]
     grip: Grip
-    place: Place
+    place: OperatingPoint
     assumed: list[str]
     edge: NDArray[np.intp]
     slip: tuple[FloatArray, FloatArray]
@@ -188,7 +188,7 @@ class _Share:
         return np.full_like(g.force, np.nan) if self.place.stiffness is None else g.force
 
 
-def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _Share:
+def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _ObjectMatrices:
     scene, part, start = parts.scene, parts.objects[index], parts.start
     # forces as functions of the pose; with "implicit" of the predicted pose, which the analysis inserts
     grasped, fingers = part.grasped(predicts=False), part.fingers
@@ -200,7 +200,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     inward[fingers] = grasped.inward()
     set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward, start)
     initial = grip.changing.copy()
-    place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
+    place, ground, standing = OperatingPoint("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
             raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
@@ -226,8 +226,8 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
 
 
 def _matrices(
-    parts: Parts, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
-) -> _Share:
+    parts: Parts, part: ObjectPart, grip: Grip, place: OperatingPoint, ground: Ground | None, standing: Ground | None
+) -> _ObjectMatrices:
     scene, table, fingers, g = parts.scene, part.table, part.fingers, grip.grasped
     J, assumed, state, rules = place.stiffness, place.assumed, g.body_state, scene.coupling
     n, d, m, r = grip.n, grip.d, grip.m, grip.r
@@ -284,7 +284,7 @@ def _matrices(
         extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
         viscosity[np.ix_(turning, turning)] += extra
         assumed.append("the damping of torsion counts as the object's own viscosity")
-    return _Share(
+    return _ObjectMatrices(
         name=table.name,
         fingers=fingers,
         grip=grip,
@@ -331,7 +331,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
 # All objects ---------------------------------------------------------------------------------------------------------
 
 
-def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None) -> Linearised:
+def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recording | None) -> Linearised:
     """Join the matrices of all objects, along the principal axes of the devices' masses."""
     d, period = parts.scene.dimensions, parts.scene.period
     position, force = parts.start.copy(), np.zeros_like(parts.start)
@@ -421,7 +421,7 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     )
 
 
-def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
+def _preload(shares: Sequence[_ObjectMatrices], V: FloatArray) -> FloatArray | None:
     if not any(share.N.any() for share in shares):
         return None
     m, r = len(V), sum(len(share.G) for share in shares)
@@ -436,7 +436,7 @@ def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
     return N
 
 
-def _joined_ground(shares: Sequence[_Share]) -> tuple[FloatArray, FloatArray] | None:
+def _joined_ground(shares: Sequence[_ObjectMatrices]) -> tuple[FloatArray, FloatArray] | None:
     """Assemble stiffness and damping of the ground of all objects as block diagonals; None if there is none."""
     if all(share.ground is None for share in shares):
         return None

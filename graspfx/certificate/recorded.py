@@ -11,7 +11,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
 from graspfx.assembly.mechanics import Mechanics
 from graspfx.certificate.grip import Grip, Ground, bearers
-from graspfx.certificate.rest import NotGraspingError, Place, about, restless
+from graspfx.certificate.rest import NotGraspingError, OperatingPoint, no_rest_error, operating_point
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
@@ -54,7 +54,7 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
 
 def recorded(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
-) -> Place:  # fmt: skip
+) -> OperatingPoint:  # fmt: skip
     """Set the grip to the recording's last row.
 
     Contacts, fingers and the object's pose are those of the row. Forces follow from them by the scene's own gains;
@@ -64,7 +64,7 @@ def recorded(
         NoRestError: A finger does not touch there.
     """
     g, name = grip.grasped, scene.object[index].name
-    place = Place("recorded", None, np.full(grip.n, np.nan))
+    place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
         gaps = recording.gap  # missing if the recording has selected columns
         raise NotGraspingError(
@@ -74,7 +74,7 @@ def recorded(
         )
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
         apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
-        raise restless(name, f"at the end of the recording {apart} do not touch")
+        raise no_rest_error(name, f"at the end of the recording {apart} do not touch")
     set_pose(grip, recording, name)
     set_contacts(grip, recording, fingers)
     if g.soft:
@@ -82,11 +82,11 @@ def recorded(
     with grip.frozen():
         now = grip.forces()
     if now is None:
-        raise restless(name, "at the end of the recording the forces of a sample do not settle")
+        raise no_rest_error(name, "at the end of the recording the forces of a sample do not settle")
     place.assumed += differences(scene, index, grip, fingers, recording, ground)
     if not g.touching.all():
-        raise restless(name, "at the end of the recording a finger pulls")
-    return about(name, grip, place)
+        raise no_rest_error(name, "at the end of the recording a finger pulls")
+    return operating_point(name, grip, place)
 
 
 def set_pose(grip: Grip, recording: Recording, name: str) -> None:

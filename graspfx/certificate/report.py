@@ -155,7 +155,7 @@ def report(scene: Scene) -> Report:
     from graspfx.certificate.notes import blend_notes, other_doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
-    from graspfx.scene.presets import preset_faults
+    from graspfx.scene.load import preset_faults
 
     if faults := preset_faults(scene):
         raise SceneError(scene.source.name, faults)

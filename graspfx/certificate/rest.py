@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 STEPS = 24  # steps in which the hands close; then gravity is applied
 EARLY = 2  # number of those steps in which contacts may begin on the quick path
 QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # shares of the way on the quick path
-LOOKED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which it is compared with a straight line
+COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which it is compared with a straight line
 SETTLING = 40  # further steps, of increasing length
 SLIDING = 1500  # further steps if contacts slid
 SETTLED = 1e-9  # relative to the largest force: remaining imbalance at rest
@@ -63,8 +63,8 @@ class NotGraspingError(InputError):
 
 
 @dataclass
-class Place:
-    """State about which a grasp is linearised.
+class OperatingPoint:
+    """Operating point: state about which a grasp is linearised.
 
     Attributes:
         where: "squeezed", "provisional", "recorded" or "start".
@@ -100,13 +100,18 @@ class Load:
 
 
 def load_of(
-    parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place, force: FloatArray | None = None
+    parts: Parts,
+    index: int,
+    grip: Grip,
+    fingers: NDArray[np.intp],
+    point: OperatingPoint,
+    force: FloatArray | None = None,
 ) -> Load:
     """Return hands without their motions, closed to their largest squeeze, and the weight if fingers carry it.
 
     Args:
         parts, index, grip, fingers: Parts of the scene, and the object with its fingers.
-        place: State whose assumptions are extended by what is left out.
+        point: State whose assumptions are extended by what is left out.
         force: Forces of the fingers, (n, d) [N], for hands that stiffen with the grip; zero if None.
     """
     scene, start = parts.scene, parts.start
@@ -128,7 +133,7 @@ def load_of(
         weight[:d] = float(grip.grasped.body_state[body.MASS]) * np.array(scene.gravity)
     elif scene.gravity is not None:
         others = ", ".join(bearers(scene, index))
-        place.assumed.append(
+        point.assumed.append(
             f"the weight is carried by something else, which is left out ({others})"
             if others
             else "the weight is left out: without friction the fingers do not carry it"
@@ -144,7 +149,7 @@ def load_of(
     return Load(own, weight[grip.axes], closing)
 
 
-def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
     """Bring the grip to rest; if a finger does not touch there, the result has no stiffness and states why.
 
     For hands that stiffen with the grip, the stiffness that belongs to the forces at rest is found by iteration.
@@ -153,16 +158,18 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
         NoRestError: No rest is found.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
-    place = _squeezed(parts, index, grip, fingers, force)
+    point = _squeezed(parts, index, grip, fingers, force)
     if not any(_stiffens(parts, i) for i in fingers.tolist()):
-        return place
+        return point
     for _ in range(MOST_GRIPS):
         before, force = force, grip.grasped.force.copy()
-        if place.stiffness is None or np.abs(force - before).max() <= SAME_GRIP * np.abs(force).max():
-            return place
+        if point.stiffness is None or np.abs(force - before).max() <= SAME_GRIP * np.abs(force).max():
+            return point
         grip.changing[:] = first
-        place = _squeezed(parts, index, grip, fingers, force)
-    raise restless(parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle")
+        point = _squeezed(parts, index, grip, fingers, force)
+    raise no_rest_error(
+        parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle"
+    )
 
 
 def _stiffens(parts: Parts, finger: int) -> bool:
@@ -171,14 +178,14 @@ def _stiffens(parts: Parts, finger: int) -> bool:
     return getattr(table, "stiffening", None) is not None
 
 
-def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> Place:
+def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> OperatingPoint:
     """Bring the grip to rest with hands as stiff as these forces make them."""
     scene, start, name = parts.scene, parts.start[fingers], parts.objects[index].table.name
-    place = Place("squeezed", None, np.full(grip.n, np.nan))
-    load = load_of(parts, index, grip, fingers, place, force)
+    point = OperatingPoint("squeezed", None, np.full(grip.n, np.nan))
+    load = load_of(parts, index, grip, fingers, point, force)
     grip.grasped.finger_position[:] = start
     initial = grip.changing.copy()
-    some = load.closing(LOOKED_AT)
+    some = load.closing(COMPARED_AT)
     is_bent, way = bent(some, start.ravel()), some[-1] - start.ravel()
     result = None
     if not is_bent:  # the path is irrelevant if contacts begin at once or not at all, and none slides
@@ -199,20 +206,20 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        raise restless(name, "on the way to rest the forces of a sample do not settle")
+        raise no_rest_error(name, "on the way to rest the forces of a sample do not settle")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
-        raise restless(
+        raise no_rest_error(
             name,
             f"with still hands {', '.join(slipping)} still slide after {result.steps} steps"
             if slipping
             else f"with still hands forces do not balance after {result.steps} steps",
         )
     if result.slid.any():
-        place.assumed.append(SLID)
+        point.assumed.append(SLID)
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(scene, grip, fingers))
-    return about(name, grip, place)
+        return at_start(point, untouching(scene, grip, fingers))
+    return operating_point(name, grip, point)
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
@@ -223,10 +230,10 @@ def bent(course: FloatArray, start: FloatArray) -> bool:
     return bool(np.abs(course - start - along).max(initial=0.0) > STRAIGHT * length)
 
 
-def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
     """Squeeze the grip by one linear step from its sticking contacts at the start, without searching for a rest."""
-    place, name = Place("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
-    load = load_of(parts, index, grip, fingers, place)
+    point, name = OperatingPoint("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
+    load = load_of(parts, index, grip, fingers, point)
     g = grip.grasped
     # slightly inside, so that difference quotients find every finger touching
     g.finger_position[:] = g.contact_position + PRESSED * g.inward()
@@ -234,19 +241,19 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         now = grip.forces()
         J = None if now is None else grip.stiffness(grip.lengths(), both=False)
         if now is None or J is None:
-            raise restless(name, "the forces of a sample do not settle")
+            raise no_rest_error(name, "the forces of a sample do not settle")
         A = np.vstack([J[: grip.m], -J[grip.m :]])
         A[: grip.m, : grip.m] += load.hands
         pull = load.hands @ (load.closing(np.ones(1))[0] - g.finger_position.ravel()) - now[: grip.m]
         grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
         if grip.forces() is None:
-            raise restless(name, "the forces of a sample do not settle")
-    place.assumed.append(
+            raise no_rest_error(name, "the forces of a sample do not settle")
+    point.assumed.append(
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(parts.scene, grip, fingers))
-    return about(name, grip, place)
+        return at_start(point, untouching(parts.scene, grip, fingers))
+    return operating_point(name, grip, point)
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
@@ -260,7 +267,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     led = {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
     if parts.scene.coupling.contact == "attached" or led.intersection(fingers.tolist()):
         return
-    course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
+    course = load_of(parts, index, grip, fingers, OperatingPoint("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
     for positions in course.reshape(-1, grip.n, grip.d):
         grip.grasped.meet(positions)
@@ -275,26 +282,26 @@ def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
     return f"with the hands closed {apart} do not touch the object"
 
 
-def about(name: str, grip: Grip, place: Place) -> Place:
+def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPoint:
     """Set the stiffness and margins of an object's state from the present grip."""
-    place.margins = grip_margins(grip.grasped)
+    point.margins = grip_margins(grip.grasped)
     with grip.frozen():
         J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
-        raise restless(name, "the forces have no derivative at rest")
-    place.stiffness = J
-    return place
+        raise no_rest_error(name, "the forces have no derivative at rest")
+    point.stiffness = J
+    return point
 
 
-def restless(name: str, why: str) -> NoRestError:
+def no_rest_error(name: str, why: str) -> NoRestError:
     """Return the error of a grasp without a rest, for which no other state is substituted."""
     do = f"{why}; run the scene until it rests, and certify its recording"
     return NoRestError("object", name, "a grasp that comes to rest", do)
 
 
-def unforced(place: Place, why: str) -> Place:
+def at_start(point: OperatingPoint, why: str) -> OperatingPoint:
     """Return the start as the state, with the reason."""
-    return Place("start", None, np.full_like(place.margins, np.nan), [*place.assumed, UNFORCED + why])
+    return OperatingPoint("start", None, np.full_like(point.margins, np.nan), [*point.assumed, UNFORCED + why])
 
 
 # The search for the rest ---------------------------------------------------------------------------------------------

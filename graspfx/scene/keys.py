@@ -55,3 +55,23 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
 def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
     """Return faults with dotted keys, as written in the data."""
     return [Fault(dotted(key_in(data, at)), text) for at, text in findings]
+
+
+# Former names --------------------------------------------------------------------------------------------------------
+
+
+FORMER = {  # for each driver: former name and current name of a setting
+    "simulated": {"friction": "damping"},
+    "two-link": {"joint_friction": "joint_damping"},
+}
+
+
+def current_setting(driver: object, key: str) -> str:
+    """Return the current name of a driver's setting."""
+    return FORMER.get(str(driver), {}).get(key, key)
+
+
+def other_names(driver: object, key: str) -> set[str]:
+    """List the other names of a driver's setting."""
+    names = FORMER.get(str(driver), {})
+    return {name for pair in names.items() if key in pair for name in pair} - {key}

@@ -7,18 +7,21 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from graspfx import plugins
-from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
+from graspfx.errors import Fault, GraspFXError, InputError, SceneError, UnknownNameError, closest
 from graspfx.scene.budget import excess, read_bytes
 from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
-from graspfx.scene.presets import with_preset
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable
+from graspfx.scene.tables.scene_table import Preset
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
 OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -147,3 +150,46 @@ def _missing(parameters: Mapping[str, inspect.Parameter], arguments: Mapping[str
     for name, each in sorted(parameters.items()):
         if each.default is inspect.Parameter.empty and each.kind not in OPEN_ENDED and name not in arguments:
             yield Fault(name, "required by scene(), but not given")
+
+
+# Presets -------------------------------------------------------------------------------------------------------------
+
+
+def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> Source:
+    """Add the values of a named preset to a scene's source; None adds nothing.
+
+    An invalid preset has no values; the validation of the scene reports its faults.
+
+    Raises:
+        UnknownNameError: The scene has no preset of that name.
+        InputError: The name is not a string.
+    """
+    if name is None:
+        return source
+    if not isinstance(name, str):
+        raise InputError("preset", name, "the name of one of the scene's presets")
+    presets = table.get("preset", {})
+    if isinstance(presets, Mapping) and name not in presets:
+        raise UnknownNameError("preset", name, presets, "" if presets else f"{source.name} has no presets")
+    try:
+        values = Preset.model_validate(presets[name] if isinstance(presets, Mapping) else None).set
+    except ValidationError:
+        values = {}
+    return replace(source, preset=name, preset_values=values)
+
+
+def preset_faults(scene: Scene) -> list[Fault]:
+    """Find the faults of a scene under each of its presets; a scene with changes has none."""
+    source = scene.source
+    if source.changes:
+        return []
+    is_toml = source.path is not None and source.path.suffix == ".toml"
+    table = tomllib.loads(source.text) if is_toml else scene.to_dict()
+    faults: list[Fault] = []
+    for name in scene.preset:
+        under = with_preset(source, table, name)
+        try:
+            make_scene(table, under.changes, under, lines_from=source.text if is_toml else None).require_reach()
+        except SceneError as error:
+            faults += error.faults
+    return faults

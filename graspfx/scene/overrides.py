@@ -9,8 +9,7 @@ from typing import Any
 
 from graspfx.errors import Fault, InputError
 from graspfx.scene.budget import DEEPEST, too_deep
-from graspfx.scene.former import others
-from graspfx.scene.keys import LISTS, Key, dotted, number_of
+from graspfx.scene.keys import LISTS, Key, dotted, number_of, other_names
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -95,7 +94,7 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
             for outcome in _replace(holder.setdefault(part, {}), (*at, part), rest, value):
                 yield (*at, part) if is_new and not isinstance(outcome, str) else outcome
         else:
-            for name in others(holder.get("name"), part):
+            for name in other_names(holder.get("name"), part):
                 holder.pop(name, None)  # the same setting under its former or current name
             holder[part] = deepcopy(value)
             yield (*at, part)

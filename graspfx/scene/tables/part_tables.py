@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
 from graspfx.objects.surroundings import STIFFNESS
-from graspfx.scene.former import current
+from graspfx.scene.keys import current_setting
 from graspfx.scene.tables.fields import (
     Count,
     Gain,
@@ -268,12 +268,12 @@ class Device(Table):
     @property
     def settings(self) -> dict[str, Any]:
         """Other keys of the table, under the current names of the driver's settings."""
-        return {current(self.name, key): value for key, value in (self.model_extra or {}).items()}
+        return {current_setting(self.name, key): value for key, value in (self.model_extra or {}).items()}
 
     @property
     def former(self) -> dict[str, str]:
         """Settings under former names, with their current names."""
-        return {key: now for key in self.model_extra or {} if (now := current(self.name, key)) != key}
+        return {key: now for key in self.model_extra or {} if (now := current_setting(self.name, key)) != key}
 
 
 class SharedDevice(Device):
@@ -341,3 +341,17 @@ class Finger(Table):
         json_schema_extra={"excludes": '`coupling.contact = "attached"`, the integrator implicit with damping'},
     )
     safety: FingerSafety | None = Field(default=None, description="finger's own limits, in a scene with [safety]")
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+class Record(Table):
+    """Columns and ticks of a recording; a list is short for a table with these columns."""
+
+    columns: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="names of the file's variables, or of groups of them; all if not given"
+    )
+    every: Annotated[int, Field(strict=True, ge=1)] = Field(default=1, description="ticks from one row to the next")
+    compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="compression when the run ends")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.part_tables import Coupling, Finger, Object
-    from graspfx.scene.tables.record_table import Record
+    from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Record
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # number w of an object's freedoms, by dimension
 AXES = {"x": 0, "y": 1, "z": 2}

@@ -2,21 +2,96 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
-from graspfx.scene.tables.fields import Name, NotValid, Positive, Table, Vector
+from graspfx.scene.tables.fields import INVALID, Name, NotValid, Number, Positive, Table, Vector, listed
 from graspfx.scene.tables.hands import AnySharedHand
-from graspfx.scene.tables.operators_table import OperatorSpan
-from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
-from graspfx.scene.tables.preset_table import Preset
+from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, Record, SharedDevice, World
 from graspfx.scene.tables.reading import Readable
-from graspfx.scene.tables.record_table import Record
 from graspfx.scene.tables.safety_table import Safety
+
+PRESET_EXAMPLE = '{ "finger.*.hand.damping" = 0.3 }'
+
+
+def _stated(value: str) -> str:
+    if not value.strip():
+        raise PydanticCustomError("reason", "expected a sentence that says what the preset is for")
+    return value
+
+
+def values_by_key(value: Any) -> Any:
+    if not isinstance(value, Mapping) or not value:
+        text = "expected values by dotted key, as in {example}; given {given}"
+        raise PydanticCustomError("set", text, {"example": PRESET_EXAMPLE, "given": abbreviate(value)})
+    if any(str(key).partition(".")[0] == "preset" for key in value):
+        raise PydanticCustomError("set", "expected values of the scene; a preset does not change presets")
+    return {str(key): _plain(each) for key, each in value.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Copy numbers, text, lists and tables; refuse anything that TOML or JSON cannot hold."""
+    value = listed(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if not isinstance(value, bool | int | float | str) or (isinstance(value, float) and not math.isfinite(value)):
+        text = "expected finite numbers, text, true or false, lists and tables of them; given {given}"
+        raise PydanticCustomError("set", text, {"given": abbreviate(value)})
+    return value
+
+
+class Preset(Table):
+    """Values that replace the scene's, before those of `--set`, if the user names the preset."""
+
+    reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
+    set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(
+        description=f"by dotted key: {PRESET_EXAMPLE}"
+    )
+
+
+RANGE_EXAMPLE = '"finger.*.hand.stiffness" = { low = 50.0, high = 1000.0 }'
+
+
+class OperatorSpan(Table):
+    """Range of one key over the operators; a list [low, high] is short for the table."""
+
+    low: Number = Field(description="smallest value")
+    high: Number = Field(description="largest value")
+    law: Literal["log", "uniform", "normal", "lognormal"] = Field(
+        default="log", description="distribution of a population; a bell has 95 % between low and high, then truncated"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            if len(value) not in (2, 3):
+                text = "expected [low, high] or [low, high, law], as in {example}; given {given}"
+                raise PydanticCustomError("range", text, {"example": RANGE_EXAMPLE, "given": abbreviate(value)})
+            value = dict(zip(("low", "high", "law"), value, strict=False))
+        if isinstance(value, Mapping) and "law" not in value:
+            low = value.get("low")
+            value = {**value, "law": "log" if isinstance(low, int | float) and low > 0.0 else "uniform"}
+        return value
+
+    @model_validator(mode="after")
+    def _rising(self) -> OperatorSpan:
+        if INVALID in (vars(self).get(name, INVALID) for name in ("low", "high", "law")):
+            return self  # a draft
+        if not self.low < self.high:
+            text = "expected low below high; given {low} and {high}"
+            raise PydanticCustomError("range", text, {"low": self.low, "high": self.high})
+        if self.law in ("log", "lognormal") and self.low <= 0.0:
+            text = "expected values above zero for the law {law}; given {low}"
+            raise PydanticCustomError("range", text, {"law": self.law, "low": self.low})
+        return self
 
 
 def _no_switch(value: Any) -> Any:
