@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from os import PathLike, fspath
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal
+from typing import Literal
 
 from graspfx import installed
 from graspfx.environment import require_file, resolved, to_path
@@ -36,29 +36,6 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
         "bullet": "graspfx.objects.bullet",
         "mujoco": "graspfx.objects.mujoco",
     },
-}
-
-# What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
-UPWARD = {
-    "Batch.to_frame": "graspfx.show.export.batch_frame",
-    "Batch.to_xarray": "graspfx.show.export.batch_dataset",
-    "Linearisation.recorded": "graspfx.certificate.linearise.recorded_loop",
-    "Linearisation.scene": "graspfx.scene.load.to_scene",
-    "Linearisation.to_control": "graspfx.show.export.to_control",
-    "Loci.bode": "graspfx.show.certificate_figures.bode",
-    "Loci.nyquist": "graspfx.show.certificate_figures.nyquist",
-    "OperatorCertificate.plot": "graspfx.show.certificate_figures.plot",
-    "Recording.beside": "graspfx.certificate.report.beside",
-    "Recording.picture": "graspfx.show.drawing.picture",
-    "Recording.plot": "graspfx.show.drawing.plot",
-    "Recording.to_csv": "graspfx.show.export.write_csv",
-    "Recording.to_frame": "graspfx.show.export.recording_frame",
-    "Recording.to_html": "graspfx.live.page.document.write_page",
-    "Recording.to_xarray": "graspfx.show.export.recording_dataset",
-    "Scene.faults": "graspfx.assembly.checks.faults.find_faults",
-    "Scene.linearise": "graspfx.certificate.linearise.linearise",
-    "Scene.reach_faults": "graspfx.assembly.resolve.reach_faults",
-    "ZWidth.plot": "graspfx.show.certificate_figures.z_width",
 }
 
 
@@ -122,13 +99,6 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     if plugin.path.suffix != ".py":
         raise InputError(SINGULAR[group], str(plugin.path), "a Python file", "a table has nothing to import")
     return _imported_file(plugin.path)
-
-
-def upward(name: str) -> Callable[..., Any]:
-    """Load the function of a room above that `UPWARD` names."""
-    module, _, function = UPWARD[name].rpartition(".")
-    function_: Callable[..., Any] = getattr(import_module(module), function)
-    return function_
 
 
 def is_file_name(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Arguments of the limits, checked: numbers with their unit, counts of samples, names."""
+"""Checked arguments of the limits: numbers with units, numbers of samples, names."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 1000  # samples of delay: polynomials and matrices grow with them
+LONGEST = 1000  # largest delay [samples], with which polynomials and matrices grow
 
 
 def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
-    """Check a finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
+    """Check a finite number: zero or more, above zero unless `zero`, of any sign if `negative`."""
     value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
         raise InputError(name, argument, f"one number [{unit}]", "arrays go to `limit_map`")
@@ -24,7 +24,7 @@ def number(name: str, argument: float, unit: str, *, zero: bool = True, negative
 
 
 def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
-    """Check an array of finite numbers, each as `number` would."""
+    """Check an array of finite numbers, each as by `number`."""
     expected = (
         "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
     )
@@ -36,7 +36,7 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
 
 
 def count(name: str, argument: float, least: int = 0) -> int:
-    """Check a whole number."""
+    """Check an integer."""
     value = numbers(name, argument, "1", negative=True)
     if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
         raise InputError(name, argument, f"a whole number, {least} or more")
@@ -51,7 +51,7 @@ def one_of(kind: str, name: str, names: Iterable[str]) -> str:
 
 
 def samples(name: str, argument: float) -> int:
-    """Check a delay, a whole number of samples."""
+    """Check a delay: an integer number of samples."""
     lag = count(name, argument)
     if lag > LONGEST:
         raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "take a longer period")
@@ -59,7 +59,7 @@ def samples(name: str, argument: float) -> int:
 
 
 def lag_of_object(object_delay: int, integrator: str) -> int:
-    """Check how many samples late the object's force is; none where it is solved together with the new state."""
+    """Check the delay of the object's force [samples], which is zero if it is solved together with the new state."""
     lag = samples("object_delay", object_delay)
     if lag and integrator == "implicit":
         raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")

@@ -1,4 +1,4 @@
-"""One BLAS thread around small eigenproblems: a second one waits longer for its share than that takes to compute."""
+"""A single BLAS thread for small eigenproblems, whose computation is shorter than the wait for a second thread."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 _limiting = RLock()
-BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules each of which may load a library of its own
+BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules that may load a BLAS library of their own
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit numpy's and scipy's BLAS to one thread within, also as a decorator; what was set before comes back.
+    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore it.
 
-    It nests, and comes back after an exception too. A library has one number of threads for the whole process: of
-    several threads that are in it together the first limits and restores, the others change nothing. The eigenvalues
-    of a matrix of 192 rows take 16 ms on one thread; on two of a busy machine, six times that.
+    It may be nested, and restores the setting after exceptions too. A library has one number of threads per process:
+    if several threads use this at once, the first one limits and restores, and the others change nothing. Eigenvalues
+    of a 192 x 192 matrix take 16 ms on one thread; on two threads of a busy machine, six times as long.
     """
     if not _limiting.acquire(blocking=False):
         yield
@@ -36,7 +36,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries(modules: tuple[bool, ...]) -> ThreadpoolController:
-    """Find the libraries that are loaded, 1 ms: again only where a module has come that brings one."""
+    """Find the loaded libraries, in 1 ms; repeated only after a module has been imported that may load one."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -1,4 +1,4 @@
-"""Every gain at which D + k N has a root on the unit circle, and the stable intervals between them."""
+"""Gains at which D + k N has a root on the unit circle, and the stable intervals between them."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from graspfx.analysis.discrete import plus, times
 FloatArray = NDArray[np.float64]
 How = Literal["pair", "-1", "+1"]
 
-TRIM = 1e-12  # leading coefficients below this part of the largest are rounding
-REAL = 1e-4  # |Im y|/|y| up to which a root counts as real: one gain too many does no harm, one too few would
-LEAST = 1e-13  # gains below this part of m/T^2 are zero
-WIDTH = 1e-9  # intervals narrower than this part of their upper end are rounding
+TRIM = 1e-12  # relative to the largest: smaller leading coefficients are rounding
+REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing one would
+LEAST = 1e-13  # relative to m/T^2: smaller gains are zero
+WIDTH = 1e-9  # relative to their upper end: narrower intervals are rounding
 
 
 @dataclass(frozen=True)
 class Loss:
-    """An end of a stable interval.
+    """End of a stable interval.
 
     Attributes:
-        gain: [N/m].
-        frequency: of the oscillation there [Hz]: 0 for "+1", half the sampling frequency for "-1".
-        how: what reaches the unit circle: a complex "pair", a root at "-1" or at "+1".
+        gain: Gain at the end [N/m].
+        frequency: Frequency of the oscillation there [Hz]: 0 for "+1", half the sampling frequency for "-1".
+        how: Root that reaches the unit circle: a complex "pair", a root at "-1", or at "+1".
     """
 
     gain: float
@@ -39,12 +39,12 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """The gains k >= 0 for which every root of D + k N lies inside the unit circle.
+    """Gains k >= 0 for which all roots of D + k N lie inside the unit circle.
 
     Attributes:
-        intervals: open intervals (low, high) [N/m] in order; high is inf where no gain is too large.
-        losses: what happens at their finite ends above zero, in order.
-        period: T [s].
+        intervals: Open intervals (low, high) [N/m] in ascending order; high is inf if no gain is too large.
+        losses: Losses of stability at their finite non-zero ends, in ascending order.
+        period: Period T [s].
     """
 
     intervals: tuple[tuple[float, float], ...]
@@ -55,27 +55,27 @@ class Limits:
 
     @property
     def limit(self) -> float:
-        """The first loss of stability as the gain grows from zero [N/m]: 0 if at once, inf if never."""
+        """Smallest gain at which stability is lost [N/m]: 0 if at once, inf if never."""
         return self.intervals[0][1] if self.intervals and self.intervals[0][0] == 0.0 else 0.0
 
     @property
     def loss(self) -> Loss | None:
-        """Kind of instability at `limit`; None where it is 0 or inf."""
+        """Loss of stability at `limit`; None if that is 0 or inf."""
         return next((loss for loss in self.losses if loss.gain == self.limit), None)
 
     @property
     def frequency(self) -> float:
-        """Frequency at which stability is lost at `limit` [Hz]; nan where it is 0 or inf."""
+        """Frequency at which stability is lost at `limit` [Hz]; nan if that is 0 or inf."""
         return math.nan if self.loss is None else self.loss.frequency
 
     def is_stable(self, gain: float) -> bool:
-        """Tell whether a gain [N/m] lies in one of the intervals."""
+        """True if a gain [N/m] lies in one of the intervals."""
         return any(low < gain < high for low, high in self.intervals)
 
     def margin(self, gain: float) -> tuple[float, float]:
-        """Give the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable one.
+        """Return the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable one.
 
-        The first is 0 where it may shrink to nothing, the second inf where it may grow without end.
+        The first is 0 if it may shrink to zero, the second inf if it may grow without limit.
         """
         for low, high in self.intervals:
             if low < gain < high:
@@ -83,13 +83,13 @@ class Limits:
         return 1.0, 1.0
 
     def spectral_radius(self, gain: float) -> float:
-        """Find the largest |z| of the roots of D + k N, without a motion of everything that no force opposes."""
+        """Compute the largest |z| of the roots of D + k N, without rigid motions that no force opposes."""
         s = np.roots((self._D + gain * self._N)[::-1])
         return float(np.abs(1.0 + s).max())
 
 
 def limits_of(D: FloatArray, N: FloatArray, unit: float, period: float) -> Limits:
-    """Find the limits of D + k N, D and N (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
+    """Compute the limits of D + k N, D and N (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
     k, y, stable = edges(D, N, unit)
     intervals: list[list[float]] = []
     losses: dict[float, Loss] = {}
@@ -125,13 +125,13 @@ def to_half_plane(n: int) -> FloatArray:
 
 
 def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); not finite is none.
+    """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); non-finite if none.
 
     On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
-    theta, here in y, which keeps its digits near z = 1, where slow loops live. The last two are z = 1 and z = -1.
+    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two are z = 1 and z = -1.
 
     Args:
-        D, N: (n + 1, ...) coefficients in ascending powers of s = z - 1.
+        D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
     """
     a, b = in_half_plane(D), in_half_plane(N)
     a0, a1, b0, b1 = _alternating(a[::2]), _alternating(a[1::2]), _alternating(b[::2]), _alternating(b[1::2])
@@ -146,13 +146,13 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def in_half_plane(D: FloatArray) -> FloatArray:
-    """Give the coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
+    """Return the coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
     W = to_half_plane(len(D) - 1)
     return np.stack([sum((w * d for w, d in zip(row, D, strict=True) if w), np.zeros(D.shape[1:])) for row in W.T])
 
 
 def _alternating(a: FloatArray) -> FloatArray:
-    """Give the coefficients in y = -w^2."""
+    """Return the coefficients in y = -w^2."""
     value = a.copy()
     value[1::2] *= -1.0
     return value
@@ -166,7 +166,7 @@ def _value(a: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def positive_roots(h: FloatArray) -> FloatArray:
-    """Find the positive real roots (n, ...) of polynomials, ascending coefficients (n + 1, ...), NaN for others."""
+    """Find the positive real roots (n, ...) of polynomials with ascending coefficients (n + 1, ...); NaN for others."""
     n = len(h) - 1
     flat = h.reshape(n + 1, -1)
     roots_ = np.full((n, flat.shape[1]), np.nan)
@@ -193,7 +193,7 @@ def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
-    """Estimate three roots by Cardano's formula, as first guesses for `_polished`."""
+    """Estimate three roots by Cardano's formula, as start values for `_polished`."""
     c, b, a = monic
     shift = a / 3.0
     p, q = b / 3.0 - shift * shift, shift * shift * shift + 0.5 * (c - shift * b)
@@ -213,7 +213,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Apply Newton's steps to positive roots where they lower |h|: they restore what cancelled in a closed form."""
+    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that cancel in a closed form."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):
@@ -227,12 +227,12 @@ def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
 
 
 def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
-    """Tell whether every root of D + k N lies inside the unit circle: Jury's test as Routh's array in w; k (...)."""
+    """Test whether all roots of D + k N lie inside the unit circle: Jury's test as Routh's array in w; k (...)."""
     return is_hurwitz(in_half_plane(plus(D, k * N)))
 
 
 def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
-    """Tell whether every root of polynomials with ascending coefficients (n + 1, ...) has a negative real part."""
+    """Test whether all roots of polynomials with ascending coefficients (n + 1, ...) have negative real parts."""
     rows = list(a[::-1] * np.sign(a[-1]))
     ok: NDArray[np.bool_] = np.logical_and.reduce([row > 0.0 for row in rows])
     above, row = rows[::2], rows[1::2]
@@ -249,8 +249,8 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
     """Bound the intervals from 0 to inf: half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
 
     Args:
-        D, N: as in `critical_gains`.
-        unit: m/T^2 [N/m], what gains are small against.
+        D, N: Coefficients as for `critical_gains`.
+        unit: Reference stiffness m/T^2 for small gains [N/m].
     """
     k, y = critical_gains(D, N)
     k = np.where(np.isfinite(k) & (k > LEAST * unit), k, np.inf)
@@ -268,7 +268,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Find the end of the stable gains that begin at zero, and its half-tangent; 0 where there are none."""
+    """Find the end of the stable gains that start at zero, and its half-tangent; 0 if there are none."""
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):
@@ -278,7 +278,7 @@ def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple
 
 
 def is_thin(low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Tell whether two bounds above zero are the same up to rounding."""
+    """True if two positive bounds agree within rounding."""
     bounded = np.isfinite(high)
     return bounded & (
         np.where(bounded, high - np.where(bounded, low, 0.0), 1.0) <= WIDTH * np.where(bounded, high, 1.0)

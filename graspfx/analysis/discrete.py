@@ -1,4 +1,4 @@
-"""Devices under zero-order hold, also of late forces, and objects under every integrator: polynomials in s = z - 1."""
+"""Polynomials in s = z - 1 of devices under zero-order hold, also with delays, and of objects by integrator."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ FloatArray = NDArray[np.float64]
 Numbers = FloatArray | float
 
 INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
-"""Names of the object's steps under a held force."""
+"""Names of the object's integrators under a held force."""
 
-TERMS = 20  # of the series of `force_response`, whose terms fall below 1e-18 where it is used
-WIDE = 0.5  # poles further apart than this per sample: their difference does not cancel
+TERMS = 20  # number of terms of the series of `force_response`, which fall below 1e-18 where it is used
+WIDE = 0.5  # distance of poles per sample above which their difference does not cancel
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
-WHOLE = 1e-9  # of a sample: what a delay is off a whole number by is rounding
+WHOLE = 1e-9  # fraction of a sample within which a delay counts as whole samples
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Compute R and Q of x'' + p x' + kappa x = u: x after T from x' = 1, and from rest under u = 1 held.
+    """Compute R and Q of x'' + p x' + kappa x = u: x after T for x' = 1, and from rest for u = 1 held.
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
 
-    Both to rounding for every p, kappa >= 0: the differences that would cancel are never formed.
+    Both are accurate to rounding for all p, kappa >= 0, because no differences are formed that would cancel.
     """
     p, kappa, T = np.broadcast_arrays(np.asarray(p, float), np.asarray(kappa, float), np.asarray(T, float))
     alpha = 0.5 * p
@@ -73,17 +73,17 @@ def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.b
 
 
 def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Give position per force held over the sample: numerator (2, ...), denominator (3, ...), ascending powers of s."""
+    """Return position per force held over the sample: numerator (2, ...), denominator (3, ...), in powers of s."""
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m
     R, Q = force_response(p, kappa, period)
-    low = Q * (kappa * Q + p * R) + R * R  # the numerator at z = 1, times m
+    low = Q * (kappa * Q + p * R) + R * R  # numerator at z = 1, times m
     numerator = stack(low / m, Q / m)
     return numerator, stack(kappa * low, 2.0 * kappa * Q + p * R, 1.0)
 
 
 def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
-    """Divide a delay by the period: n whole samples, and the part phi of one that is left, 0 <= phi < 1."""
+    """Divide a delay by the period: n whole samples, and the remaining part phi of a sample, 0 <= phi < 1."""
     ratio = seconds / period
     n = math.floor(ratio + WHOLE)
     part = ratio - n
@@ -93,20 +93,20 @@ def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
 def late_device(
     mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers, latency: float
 ) -> tuple[int, FloatArray, FloatArray]:
-    """Give `discrete.device` for a force held over a sample that begins `latency` seconds late.
+    """Return `discrete.device` for a held force that begins `latency` seconds late.
 
-    With the delay (n + phi) T the old force acts over the first phi T of a sample and the new one over the rest:
+    With the delay (n + phi) T, the old force acts over the first phi T of a sample and the new one over the rest:
 
-        x/f = z^-n (c + d/z)/den,    c: response to a force held over the last (1 - phi) T, d: whole hold less that
+            x/f = z^-n (c + d/z)/den,    c: response to a force held over the last (1 - phi) T, d: whole hold minus c
 
-    Nothing is approximated. A delay between the motion and its reading has the same effect, and is to be added.
+    Nothing is approximated. A delay between the motion and its reading has the same effect; add it to the latency.
 
     Returns:
-        Whole samples, numerator and denominator: z^-samples num/den, ascending powers of s; without a part of a sample
-        those of `discrete.device`, to the bit.
+        Number of whole samples, numerator and denominator: z^-samples num/den, in ascending powers of s. For whole
+        samples they have the bits of `discrete.device`.
 
     Raises:
-        InputError: periods of which the delay is not the same number of whole samples.
+        InputError: The delay is not the same number of whole samples for all periods.
     """
     periods = np.unique(np.asarray(period, dtype=float))
     counts = [samples_and_part(latency, each) for each in periods.tolist()]
@@ -147,12 +147,12 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
     return R, Q, a * R, R
 
 
-def thing(
+def object_response(
     mass: Numbers, viscosity: Numbers, integrator: str, period: Numbers
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give an object's position and velocity per force and their common denominator, in ascending powers of s.
+    """Return an object's position and velocity per force and their common denominator, in ascending powers of s.
 
-    Under "implicit" both are those at the end of the sample, which its force is computed from.
+    With "implicit" both are those at the end of the sample, from which its force is computed.
     """
     M = np.asarray(mass, float)
     p, q, decay, s = object_step(integrator, viscosity / M, period)
@@ -195,7 +195,7 @@ def plus(*terms: FloatArray) -> FloatArray:
 
 
 def power(n: int) -> FloatArray:
-    """Write z^n as a polynomial."""
+    """Return z^n as a polynomial."""
     value = np.ones(1)
     for _ in range(n):
         value = np.convolve(value, ONE_PLUS)

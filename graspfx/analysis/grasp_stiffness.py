@@ -1,4 +1,4 @@
-"""Stiffness of a grasp: what forces at rest add, what compliances and fingers that let go leave, and symmetries."""
+"""Stiffness of a grasp: preload, compliances in series, fingers that let go, and symmetries."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 
-ROWS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # of force and moment in space
-DEFINITE = 1e-4  # of the largest pivot of Cholesky's factor: the least one of a matrix that is far from singular
-MOST_FINGERS = 5  # whose exchanges are all tried
-SAME = 1e-10  # relative: by what the matrices of a symmetric grasp may change
+ROWS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # rows of force and moment in space, by dimension
+DEFINITE = 1e-4  # relative to the largest pivot of Cholesky's factor: smallest pivot of a well-conditioned matrix
+MOST_FINGERS = 5  # largest number of fingers of which all exchanges are tested
+SAME = 1e-10  # relative change of a symmetric grasp's matrices that counts as none
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,23 +40,24 @@ def preloaded(
     free: ArrayLike | None = None,
     reaction: str = "fingertip",
 ) -> Preload:
-    """Linearise the geometry of hard fingers that press with forces f_0 when the object begins to move by (u, theta).
+    """Linearise the geometry of hard fingers with forces f_0 for a small motion (u, theta) of the object.
 
-    With K constant in the object's frame, y = p - x_o the fingertip from the object's centre and e = R'(p - x_o) - c,
+    With K constant in the object's frame, y = p - x_o from the object's centre to the fingertip and e = R'(p - x_o) -
+    c,
 
         de = dp - u - theta x y,    df = theta x f_0 + K de,    d moment = sum dy x f_0 + y x df        (fingertip)
                                                                 d moment = theta x sum c x f_0 + c x K de  (contact)
 
-    so that squeezing lowers the stiffness of rotations. Two fingers in the plane, half-width r, squeeze d, reaction at
-    the fingertip: k_rot = 2 k_ep r^2 [(1 - d/r)^2 + (k_ip/k_ep)(d/r)(1 - d/r)].
+    Squeezing therefore lowers the stiffness of rotations. For two fingers in the plane with half-width r, squeeze d and
+    reaction at the fingertip, k_rot = 2 k_ep r^2 [(1 - d/r)^2 + (k_ip/k_ep)(d/r)(1 - d/r)].
 
     Args:
-        contacts: c (n, d), world axes [m].
-        displacement: e_0 = p - c (n, d) at rest [m].
-        force: f_0 (n, d) of the fingers on the object at rest [N].
-        centre: of mass (d,) [m]; zero if None.
-        free: which of the object's w freedoms move, a mask.
-        reaction: "fingertip" or "contact", where the force acts on the object.
+        contacts: Contact points c in world axes, (n, d) [m].
+        displacement: Displacements e_0 = p - c at rest, (n, d) [m].
+        force: Forces f_0 of the fingers on the object at rest, (n, d) [N].
+        centre: Centre of mass, (d,) [m]; zero if None.
+        free: Mask of the object's w freedoms that can move.
+        reaction: Point where a force acts on the object: "fingertip" or "contact".
     """
     c = numbers("contacts", contacts, "m", negative=True)
     if c.ndim != 2 or c.shape[1] not in ROWS:
@@ -103,27 +104,27 @@ def preloaded(
 
 
 def cross(a: FloatArray) -> FloatArray:
-    """Write [a] with [a] b = a x b."""
+    """Return the matrix [a] with [a] b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def pushing(
     subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
-    """List every set of fingers that may touch without the others, and the loop that it closes with the whole object.
+    """Yield every set of fingers that may touch without the others, and its closed loop with the whole object.
 
-    Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba of the touching coordinates a, D the
-    same. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released devices,
-    which nothing but their hands moves, are left out; so is the preload.
+    Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba on the touching coordinates a, and D
+    likewise. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released
+    devices, which only their hands move, are left out, and so is the preload.
 
     Args:
-        subject: the grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
-        fingers: (m,), which finger each coordinate belongs to.
-        released: (m,), coordinates that never carry force (the tangents of frictionless contacts), a mask.
+        subject: Grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
+        fingers: Index of the finger of each coordinate, (m,).
+        released: Mask of the coordinates that never carry force (tangents of frictionless contacts), (m,).
 
     Yields:
-        (touching fingers, linearisation), the single fingers first; the grasp itself is not among them, unless
-        `released` changes it.
+        Touching fingers and linearisation, single fingers first. The grasp itself is not included, unless `released`
+        changes it.
     """
     linear = linear_of(subject)
     m, _ = linear.coordinates
@@ -138,7 +139,7 @@ def pushing(
 
 
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
-    """Restrict the loop to the device coordinates `a` (m,), a mask, the others without force; no preload."""
+    """Restrict the loop to the device coordinates of a mask `a` (m,), without force on the others and no preload."""
     block = np.ix_(a, a)
     G = linear.G[:, a]
     return linear.with_arrays(
@@ -160,7 +161,7 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
 
 
 def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
-    """Compute K_aa - K_ab K_bb^+ K_ba, a the remaining coordinates and b those without force."""
+    """Compute K_aa - K_ab K_bb^+ K_ba, with a the remaining coordinates and b those without force."""
     a, b = without_freedoms, ~without_freedoms
     K_ab, K_ba = K[np.ix_(a, b)], K[np.ix_(b, a)]
     if not K_ab.any() or not K_ba.any():
@@ -169,7 +170,7 @@ def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
 
 
 def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Compute A^+ B; of a positive definite A that is not near a singular one without its singular values."""
+    """Compute A^+ B; without singular values if A is positive definite and well conditioned."""
     if (A == A.T).all():
         try:
             pivots = np.diag(np.linalg.cholesky(A))
@@ -181,14 +182,14 @@ def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
-    """Put a compliant damper in series with each coordinate: D_s = (D^-1 + C)^-1, also of a singular D.
+    """Put a compliant damper in series with each coordinate: D_s = (D^-1 + C)^-1, also for a singular D.
 
     Args:
-        damping: D (m, m) [N s/m].
-        compliance: the diagonal of C (m,) [m/(N s)]; an infinite one leaves its coordinate without any force.
+        damping: Damping D, (m, m) [N s/m].
+        compliance: Diagonal of C, (m,) [m/(N s)]; an infinite entry leaves its coordinate without force.
 
     Returns:
-        D_s (m, m), for C = 0 D itself.
+        D_s, (m, m); D itself for C = 0.
     """
     C = np.asarray(compliance, dtype=float)
     if not C.any():
@@ -202,12 +203,12 @@ def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
 
 
 def springs_in_series(stiffness: FloatArray, directions: FloatArray, springs: ArrayLike) -> FloatArray:
-    """Put springs in series along unit directions: K_s = (K^-1 + sum_i n_i n_i'/s_i)^-1, also of a singular K.
+    """Put springs in series along unit directions: K_s = (K^-1 + sum_i n_i n_i'/s_i)^-1, also for a singular K.
 
     Args:
-        stiffness: K (m, m) [N/m].
-        directions: n_i as columns (m, p).
-        springs: s_i (p,) [N/m]; where one is zero nothing is left along its direction.
+        stiffness: Stiffness K, (m, m) [N/m].
+        directions: Directions n_i as columns, (m, p).
+        springs: Stiffnesses s_i, (p,) [N/m]; zero leaves no stiffness along the direction.
 
     Returns:
         K - K N (S + N'K N)^-1 N'K (m, m).
@@ -218,7 +219,7 @@ def springs_in_series(stiffness: FloatArray, directions: FloatArray, springs: Ar
 
 
 def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
-    """Compute K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None where det(V'K T) <= 0."""
+    """Compute K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None if det(V'K T) <= 0."""
     inner = V.T @ K @ T
     if np.linalg.det(inner / max(float(np.abs(inner).max(initial=0.0)), 1e-300)) <= 0.0:
         return None
@@ -226,16 +227,16 @@ def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
 
 
 def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> list[tuple[int, ...]]:
-    """List the exchanges of fingers under which a loop without its preload is the same, the identity first.
+    """List the exchanges of fingers that leave a loop without its preload unchanged, the identity first.
 
-    Finger i goes to the place of finger p[i]. With Q the orthogonal matrix that takes the contacts there, V of blocks Q
-    and W = diag(Q, det(Q) Q) of the object, it is asked that V A V' = A of devices, hands and gains, W G V' = G, and
-    W M W' = M of the object. Sets of fingers that an exchange takes to one another have the same limits alone.
+    Finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that maps the contacts, V the blocks
+    of Q, and W = diag(Q, det(Q) Q) its action on the object. A symmetry has V A V' = A for devices, hands and gains,
+    W G V' = G, and W M W' = M for the object. Sets of fingers that an exchange maps to one another have equal limits.
 
     Args:
-        linear: the coordinates are those of the fingers one after another, in world axes.
-        contacts: (n, d) [m].
-        free: which of the object's freedoms move, (1,), (3,) or (6,).
+        linear: Loop, whose coordinates are those of the fingers in order, in world axes.
+        contacts: Contact points, (n, d) [m].
+        free: Mask of the object's freedoms that move, (1,), (3,) or (6,).
     """
     points = np.asarray(contacts, dtype=float)
     n, d = points.shape
@@ -247,7 +248,7 @@ def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> l
     X = points - points.mean(axis=0)
     size = max(float(np.abs(X).max()), 1e-300)
     others = list(permutations(range(n)))[1:]
-    Y = X[np.array(others).reshape(-1, n)]  # where each exchange puts the fingers
+    Y = X[np.array(others).reshape(-1, n)]  # positions of the fingers after each exchange
     if not others:
         return [identity]
     left, _, right = np.linalg.svd(np.einsum("ni,pnj->pij", X, Y))
@@ -264,7 +265,7 @@ def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> l
 
 
 def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...], free: NDArray[np.bool_]) -> bool:
-    """Tell whether every matrix of the loop is the same in the exchanged coordinates."""
+    """True if every matrix of the loop is unchanged in the exchanged coordinates."""
     d, n = len(Q), len(exchange)
     V = np.zeros((n * d, n * d))
     for i, k in enumerate(exchange):
@@ -284,7 +285,7 @@ def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...]
 
 
 def _object_map(Q: FloatArray) -> FloatArray:
-    """Give W, how the object's shifts and turns go under Q: (1, 1), (3, 3) or (6, 6)."""
+    """Return W, the action of Q on the object's translations and rotations: (1, 1), (3, 3) or (6, 6)."""
     d, turned = len(Q), float(np.linalg.det(Q))
     W = np.zeros(((1, 3, 6)[d - 1],) * 2)
     W[:d, :d] = Q
@@ -296,7 +297,7 @@ def _object_map(Q: FloatArray) -> FloatArray:
 
 
 def alike_sets(sets: list[tuple[int, ...]], exchanges: list[tuple[int, ...]]) -> list[int]:
-    """Give for each set of fingers, by their places, the index of the first set that an exchange takes to it."""
+    """Return for each set of fingers, by positions, the index of the first set that an exchange maps to it."""
     first: dict[tuple[int, ...], int] = {}
     for k, each in enumerate(sets):
         for exchange in exchanges:

@@ -1,4 +1,4 @@
-"""A grasp about a state of rest, as matrices: devices, hands and operators, coupling, object, delays."""
+"""Matrices of a grasp about a state of rest: devices, hands and operators, coupling, object, delays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.card import Card, Carded, listed, span
@@ -24,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class OperatorMatrices:
-    """Hold on m device coordinates x besides the hands' K_h and B_h, about a rest; all beside the intention.
+    """Operators that are more than springs and dampers K_h and B_h, on m device coordinates x about a rest.
 
         m x'' + b x' + R x' = -d - F + (I - S S') h + g                    devices, d the force on the object, displayed
         M y'' + B y' + K y = S'F + S'h - S'g,    F = K_h (x - S y) + B_h (x' - S y')                 limbs y (l,)
@@ -32,13 +31,13 @@ class OperatorMatrices:
         g_k = a g_(k-1) - (1 - a) A d_k                      what a change of the grip does to the squeeze's own force
 
     Attributes:
-        limb: S (m, l), whose orthonormal columns are the coordinates that have a limb.
-        limb_mass, limb_stiffness, limb_damping: M, K, B (l, l) [kg, N/m, N s/m].
-        pull, pull_damping, counter: P, Q, C (m, m) [N/m, N s/m, 1].
-        delay: n (m,) [samples]; the reaction counts where P, Q or C is not zero.
-        grip: A (m, m), newtons of the hand's force per newton of the displayed one.
-        grip_share: a (m,).
-        friction: R (m, m), of the devices besides b [N s/m]; the hands' own is between tips and limbs.
+        limb: Matrix S (m, l), whose orthonormal columns are the coordinates with a limb.
+        limb_mass, limb_stiffness, limb_damping: Matrices M, K, B (l, l) [kg, N/m, N s/m].
+        pull, pull_damping, counter: Matrices P, Q, C (m, m) [N/m, N s/m, 1].
+        delay: Delays n (m,) [samples]; they matter if P, Q or C is not zero.
+        grip: Matrix A (m, m), hand force in newtons per newton of displayed force.
+        grip_share: Factors a (m,).
+        friction: Friction R (m, m) of the devices in addition to b [N s/m]; that of hands acts between tips and limbs.
     """
 
     limb: FloatArray
@@ -69,33 +68,33 @@ class OperatorMatrices:
 
     @property
     def reacts(self) -> bool:
-        """Whether there is a late reaction."""
+        """True if there is a late reaction."""
         return bool(self.pull.any() or self.pull_damping.any() or self.counter.any())
 
     @property
     def limbs(self) -> int:
-        """How many coordinates have a limb, l."""
+        """Number l of coordinates with a limb."""
         return int(self.limb.shape[1])
 
     @property
     def alike(self) -> bool:
-        """Whether all coordinates have a limb or none has, with like delays and lags."""
+        """True if all coordinates have a limb or none has, with equal delays and lags."""
         m, limbs = self.limb.shape
         whole = not limbs or (limbs == m and np.array_equal(self.limb, np.eye(m)))
         return whole and bool((self.delay == self.delay[0]).all() and (self.grip_share == self.grip_share[0]).all())
 
     @property
     def springs(self) -> list[FloatArray]:
-        """Matrices (m, m) that give forces by displacements, where all coordinates have a limb or none has."""
+        """Matrices (m, m) from displacements to forces, if all coordinates have a limb or none has."""
         return [self.limb_mass, self.limb_stiffness, self.limb_damping, self.pull, self.pull_damping, self.friction]
 
     @property
     def ratios(self) -> list[FloatArray]:
-        """Matrices (m, m) that give forces by forces."""
+        """Matrices (m, m) from forces to forces."""
         return [self.counter, self.grip]
 
     def restricted(self, coordinates: NDArray[np.bool_]) -> OperatorMatrices:
-        """Give the operator of some coordinates, a mask (m,), the others without force."""
+        """Return the operator of the coordinates of a mask (m,), without force on the others."""
         limbs = self.limb[coordinates].any(axis=0)
         block, own = np.ix_(coordinates, coordinates), np.ix_(limbs, limbs)
         return OperatorMatrices(
@@ -113,11 +112,11 @@ class OperatorMatrices:
         )
 
     def on(self, basis: FloatArray, forces: FloatArray) -> OperatorMatrices:
-        """Give the operator of motions x = B y, with forces B'f, where `alike`: limbs move as B, too.
+        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs move by B too.
 
         Args:
-            basis: B (m, k).
-            forces: C (m, k), B'C = I: what the forces on x are of those of the part's own.
+            basis: Matrix B (m, k).
+            forces: Matrix C (m, k), B'C = I, from the part's own forces to the forces on x.
         """
         k = basis.shape[1]
         names = ("limb_mass", "limb_stiffness", "limb_damping")
@@ -143,42 +142,43 @@ class Linearisation(Carded):
         M_o q'' + B_o q' = G f - N_q (x, q)                                  object, by its integrator
         f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
 
-    everything on the right held over the sample; devices feel it `delay` samples and `lateness` seconds late, the
-    object `object_delay` samples; x on the right is `age` seconds old.
-    `rate = "state"` takes the devices' true velocity for x' instead. What the object stands on adds to its wrench
+    Everything on the right is held over the sample. Devices feel it `delay` samples and `lateness` seconds late, the
+    object `object_delay` samples late, and x on the right is `age` seconds old. `rate = "state"` uses the devices' true
+    velocity for x' instead. The ground adds to the object's wrench
 
         -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
 
-    as stiff floors do; under "implicit" the coupling's prediction holds the ground's last wrench.
+    as stiff floors do; with "implicit" the coupling's prediction holds the ground's last wrench.
 
     Args:
-        period: T [s].
-        mass: of the devices, per coordinate (m,) or one number [kg].
-        friction: b (m,) or one number [N s/m].
-        G: (r, m), the wrench of contact forces f on the object's free coordinates.
-        inertia: M_o (r, r) or its diagonal [kg, kg m^2].
-        viscosity: B_o (r, r) or its diagonal [N s/m, N m s/rad].
-        stiffness: K (m, m), or one number for every coordinate [N/m].
-        damping: D (m, m), or one number [N s/m].
-        hand_stiffness: K_h (m, m), its diagonal, or one number [N/m].
-        hand_damping: B_h likewise [N s/m].
-        delay: samples, per coordinate or one number.
-        lateness: of the force on the device besides, any time [s], likewise: the held force of a delay of (n + phi) T
-            changes within a sample, after phi T.
-        age: of the position that the coupling takes [s], likewise, and with it of the velocity.
-        object_delay: samples.
-        integrator: one of `INTEGRATORS`.
-        preload: N (m + r, m + r), what the forces at rest add to the stiffness (`preloaded`); none if None.
-        G_displacement: G_e (r, m), how the object's motion changes the displacement; G if None.
+        period: Period T [s].
+        mass: Mass of the devices, one per coordinate (m,) or a number [kg].
+        friction: Friction b, (m,) or a number [N s/m].
+        G: Matrix (r, m) from contact forces f to the wrench on the object's free coordinates.
+        inertia: Inertia M_o, (r, r) or its diagonal [kg, kg m^2].
+        viscosity: Viscosity B_o, (r, r) or its diagonal [N s/m, N m s/rad].
+        stiffness: Stiffness K, (m, m), or a number for all coordinates [N/m].
+        damping: Damping D, (m, m), or a number [N s/m].
+        hand_stiffness: Hand stiffness K_h, (m, m), its diagonal, or a number [N/m].
+        hand_damping: Hand damping B_h, in the same forms [N s/m].
+        delay: Delay of the force [samples], one per coordinate or a number.
+        lateness: Additional delay of the force on the device [s], one per coordinate or a number. With a delay of (n +
+            phi) T the held force changes within a sample, after phi T.
+        age: Age of the position and velocity that the coupling takes [s], one per coordinate or a number.
+        object_delay: Delay of the force on the object [samples].
+        integrator: One of `INTEGRATORS`.
+        preload: Stiffness N (m + r, m + r) from the forces at rest (`preloaded`); zero if None.
+        G_displacement: Matrix G_e (r, m) from the object's motion to the displacement; G if None.
         rate: "difference" or "state".
-        ground: (K_g, B_g), each (r, r) [N/m, N s/m]; nothing that the object stands on if None.
-        G_contact: (r, m), the levers at the contacts, with which "implicit" solves the elastic force together with the
-            object's displacement while G and G_displacement have those at the fingertips; G, and the preload with it,
-            if None.
-        operator: what the hands are besides springs and dampers; nothing if None.
+        ground: Stiffness and damping of the ground (K_g, B_g), each (r, r) [N/m, N s/m]; None if there is none.
+        G_contact: Matrix (r, m) with the arms of the contacts, with which "implicit" solves for the elastic force and
+            the object's displacement, if G and G_displacement have the arms of the fingertips; G, including the
+            preload, if None.
+        operator: Parts of the hands besides springs and dampers; None if there are none.
 
     Raises:
-        InputError: naming the argument that does not fit; UnknownNameError: for the integrator or the rate.
+        InputError: An argument does not fit; the error names it.
+        UnknownNameError: No integrator or rate has that name.
     """
 
     period: float
@@ -288,39 +288,41 @@ class Linearisation(Carded):
 
     @property
     def coordinates(self) -> tuple[int, int]:
-        """(m, r)."""
+        """Numbers of coordinates (m, r)."""
         return self.G.shape[1], self.G.shape[0]
 
     @property
     def latency(self) -> FloatArray:
-        """Age of the position and lateness of the force together, (m,) [s]."""
+        """Sum of the age of the position and the lateness of the force, (m,) [s]."""
         return self.lateness + self.age
 
     def to_control(self, loop: str = "closed") -> control.StateSpace:
-        """Convert to a system of python-control with dt = T.
+        """Convert to a python-control system with dt = T.
 
         Args:
-            loop: "closed": from a force of the operator on each device coordinate, `hand[i]` [N], held over the sample,
-                to devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. Or "open",
-                the return ratio: from the coupling's forces `u[i]` as they meet devices and object, to minus the forces
-                with which it answers, so that `control.feedback(system, I)` has the closed loop's eigenvalues and a
-                margin of the ratio is one of the coupling.
+            loop: "closed": from the operator's force on each device coordinate, `hand[i]` [N], held over the sample, to
+                devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. "open": the
+                return ratio, from forces `u[i]` in place of the coupling's to the negative of the coupling's response.
+                `control.feedback(system, I)` then has the closed loop's eigenvalues, and a margin of the ratio is one
+                of the coupling.
 
         Raises:
-            MissingPackageError: no python-control, which `pip install 'graspfx[control]'` brings.
-            UnknownNameError: another loop.
+            MissingPackageError: python-control is missing; `pip install 'graspfx[control]'` installs it.
+            UnknownNameError: The loop is another one.
         """
-        return plugins.upward("Linearisation.to_control")(self, loop)
+        from graspfx.show.export import to_control
+
+        return to_control(self, loop)
 
     def with_changes(self, **changes: Any) -> Linearisation:
-        """Copy the linearisation with some arguments changed."""
+        """Return a copy of the linearisation with some arguments changed."""
         names = self.__dataclass_fields__
         return Linearisation(**({name: getattr(self, name) for name in names} | changes))
 
     def with_arrays(self, **arrays: Any) -> Linearisation:
-        """Copy the linearisation with some fields changed to what is computed from its own: nothing is checked.
+        """Return a copy with some fields changed, without checks.
 
-        Each is an array of the shape that its field has, which `with_changes` would make of a number or a diagonal.
+        Each array needs the shape of its field, to which `with_changes` would convert a number or a diagonal.
         """
         copy = object.__new__(Linearisation)
         copy._set(**(vars(self) | arrays))
@@ -329,7 +331,7 @@ class Linearisation(Carded):
 
 @runtime_checkable
 class Linearisable(Protocol):
-    """A scene, as the analysis sees it."""
+    """A scene, as seen by the analysis."""
 
     def linearise(self) -> Linearisation:
         """Linearise small motions about the grasp at rest."""
@@ -339,30 +341,34 @@ Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
 def linear_of(subject: Subject, recording: object = None) -> Linearisation:
-    """Take a linearisation as it is, or that of a scene, or of the scene behind a name or a path.
+    """Return a linearisation itself, or that of a scene, or of the scene with a name or path.
 
     Args:
-        subject: one of these.
-        recording: of the scene, or its path, for the rest that it ended with.
+        subject: `Linearisation`, scene, or name or path of a scene.
+        recording: Recording of the scene, or its path, at whose end the grasp is linearised.
 
     Raises:
-        InputError: none of these, or a recording of none of them; others as `gx.load` and `Scene.linearise` have them.
+        InputError: The subject or the recording is of another kind; and the errors of `gx.load` and `Scene.linearise`.
     """
     if isinstance(subject, Linearisation):
         if recording is not None:
             raise InputError("recording", recording, "None beside a Linearisation", "give the scene of the recording")
         return subject
-    scene = plugins.upward("Linearisation.scene")(subject) if isinstance(subject, str | PathLike) else subject
-    if not isinstance(scene, Linearisable):
+    if isinstance(subject, str | PathLike):
+        from graspfx.scene.load import to_scene
+
+        subject = to_scene(subject)
+    if not isinstance(subject, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
     if recording is not None:
-        recorded: Linearisation = plugins.upward("Linearisation.recorded")(scene, recording)
-        return recorded
-    return scene.linearise()
+        from graspfx.certificate.linearise import recorded_loop
+
+        return recorded_loop(subject, recording)  # type: ignore[arg-type]  # it checks both
+    return subject.linearise()
 
 
 def _range(matrix: FloatArray, unit: str) -> str:
-    """Write the range of a matrix's eigenvalues, of its symmetric part."""
+    """Format the range of the eigenvalues of a matrix's symmetric part."""
     return span(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)), unit)
 
 

@@ -1,4 +1,4 @@
-"""A sampled device on a wall, or with the object that it moves: one `Plant`, whose gain has exact limits."""
+"""A sampled device on a wall, or with an object that it moves: one `Plant` whose gain has exact limits."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.critical import Limits, edges, first_loss, limits_of
-from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, plus, power, thing, times
+from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, object_response, plus, power, times
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-LATEST = 20  # samples of delay: beyond, coefficients lose the digits of the roots (4e-9 of |z| at 20, 1e-4 at 25)
-BLOCK = 8192  # points of a map whose intermediate arrays stay in the processor's cache
+LATEST = 20  # largest delay [samples]; beyond, roots lose digits (4e-9 of |z| at 20, 1e-4 at 25)
+BLOCK = 8192  # points of a map whose intermediate arrays fit into the processor's cache
 UNITS = {
     "mass": "kg", "damping": "N s/m", "period": "s", "spring": "N/m", "spring_damping": "N s/m",
     "coupling_damping": "N s/m", "object_mass": "kg", "object_damping": "N s/m", "fingers": "fingers", "gain": "N/m",
@@ -27,7 +27,7 @@ ABOVE_ZERO = ("mass", "period", "object_mass", "fingers")
 
 
 class WallOptions(TypedDict, total=False):
-    """Options of limits of walls, by name: those of `stability.wall_limit`."""
+    """Keyword options of limits of walls; `stability.wall_limit` documents them."""
 
     spring: ArrayLike
     wall_damping: ArrayLike
@@ -37,7 +37,7 @@ class WallOptions(TypedDict, total=False):
 
 
 class ObjectOptions(TypedDict, total=False):
-    """Options of limits of devices that move an object, by name: those of `stability.external_limit`."""
+    """Keyword options of limits of devices that move an object; `stability.external_limit` documents them."""
 
     fingers: ArrayLike
     spring: ArrayLike
@@ -51,21 +51,21 @@ class ObjectOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A device m behind a hand k_s, b_s, sampled every T; numbers, or arrays that broadcast against one another.
+    """A device m with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')                             x_v = 0 for a wall
 
     Attributes:
         mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
-        coupling_damping: B of the wall, or of the coupling to the object [N s/m].
-        delay: of the displayed force [samples].
-        latency: of the displayed force besides, and of the reading [s].
-        object_mass, object_damping: m_v [kg], b_v [N s/m] of the object that n fingers move; None for a wall.
-        fingers: n.
-        integrator: of the object.
-        object_delay: of the force on the object [samples].
-        gain: k [N/m], where one is asked about.
+        coupling_damping: Damping B of the wall, or of the coupling to the object [N s/m].
+        delay: Delay of the displayed force [samples].
+        latency: Additional delay of the displayed force and of the reading together [s].
+        object_mass, object_damping: m_v [kg] and b_v [N s/m] of the object that n fingers move; None for a wall.
+        fingers: Number n of fingers.
+        integrator: Integrator of the object.
+        object_delay: Delay of the force on the object [samples].
+        gain: Gain k to be judged [N/m], if any.
     """
 
     mass: Any
@@ -88,10 +88,11 @@ class Plant:
         return [name for name in UNITS if self.object_mass is not None or name not in OF_OBJECT]
 
     def checked(self, *, single: bool = False) -> Plant:
-        """Check every parameter, and make arrays of numbers; numbers again if `single`.
+        """Check every parameter and convert it to an array, or to a number if `single`.
 
         Raises:
-            InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+            InputError: A parameter is invalid; the error names it.
+            UnknownNameError: No integrator has that name.
         """
         check: Any = number if single else numbers
         values: dict[str, Any] = {}
@@ -114,16 +115,16 @@ class Plant:
 
     @property
     def unit(self) -> Any:
-        """The stiffness m/T^2 [N/m]."""
+        """Reference stiffness m/T^2 [N/m]."""
         return self.mass / self.period**2
 
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
-        """Give D and N of the loop's characteristic polynomial D + k N, ascending powers of s = z - 1.
+        """Return D and N of the loop's characteristic polynomial D + k N, in ascending powers of s = z - 1.
 
-        On a wall z^L [den + z^-delay (k + B (1 - 1/z)/T) num], the device num/den under zero-order hold, `latency` s
-        later still. The object's velocity is its state; "implicit" takes its position and velocity at the end of the
-        sample. A motion of both together that no force opposes (no spring) is a root z = 1 of D and N: it is put at
-        z = 0, out of the way.
+        On a wall it is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under zero-order hold,
+        `latency` seconds later still. The object's velocity is its state; "implicit" uses position and velocity at the
+        end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1 of D and N; it is
+        moved to z = 0, where it does not matter.
         """
         friction = self.damping + self.spring_damping
         late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)
@@ -140,7 +141,7 @@ class Plant:
                 D = plus(D, times(numerator, S, per_period, B))
             return D, plus(N, np.zeros_like(D))
         share = self.object_mass / self.fingers, self.object_damping / self.fingers
-        position, velocity, body = thing(*share, self.integrator, self.period)
+        position, velocity, body = object_response(*share, self.integrator, self.period)
         L = max(delay + more, lag)
         D = times(denominator, body, power(L))
         N = plus(times(numerator, body, power(L - delay)), times(position, denominator, power(L - lag)))
@@ -150,15 +151,15 @@ class Plant:
         return _without_drift(D, plus(N, np.zeros_like(D)))
 
     def limits(self) -> Limits:
-        """Find all stable gains of a plant of numbers."""
+        """Compute all stable gains of a plant whose parameters are numbers."""
         return limits_of(*self.polynomials(), self.unit, self.period)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The common shape of its arrays.
+        """Common shape of the parameters.
 
         Raises:
-            InputError: arrays that do not broadcast.
+            InputError: The arrays do not broadcast.
         """
         shapes = [np.shape(getattr(self, name)) for name in self._names]
         try:
@@ -168,9 +169,9 @@ class Plant:
             raise InputError("parameters", f"shapes {text}", "arrays that broadcast against one another") from error
 
     def blocks(self) -> Iterator[tuple[int, Plant]]:
-        """Divide the common shape into consecutive points: the first index of each block, and its plant.
+        """Divide the common shape into blocks of consecutive points: the first index of each block, and its plant.
 
-        Numbers stay numbers, and only one block is spread out at a time.
+        Numbers stay numbers, and only one block is expanded at a time.
         """
         shape = self.shape or (1,)
         total = int(np.prod(shape, dtype=np.int64))
@@ -182,12 +183,12 @@ class Plant:
             yield start, replace(self, **points)
 
     def limit_blocks(self) -> Iterator[tuple[int, FloatArray]]:
-        """Find the first loss of every point, a block at a time, as (first index, values)."""
+        """Compute the first loss of stability of all points, a block at a time, as (first index, values)."""
         for start, block in self.blocks():
             yield start, np.asarray(first_loss(*edges(*block.polynomials(), block.unit))[0].ravel())
 
     def limit_map(self) -> FloatArray:
-        """Find the first loss of every point, in the common shape."""
+        """Compute the first loss of stability of all points, in the common shape."""
         limit = np.empty(self.shape)
         flat = limit.reshape(-1)
         for start, values in self.limit_blocks():
@@ -196,7 +197,7 @@ class Plant:
 
 
 def _without_drift(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Move every common root at z = 1 to z = 0; they are exact zeros here, s being a factor of both."""
+    """Move every common root at z = 1 to z = 0; it is an exact zero here, because s is a factor of both."""
     while True:
         common = (D[0] == 0.0) & (N[0] == 0.0)
         if not common.any():

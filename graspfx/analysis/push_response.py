@@ -1,4 +1,4 @@
-"""Delay, mobility and drag of a fingertip from how it answers small pushes, by least squares."""
+"""Delay, mobility and drag of a fingertip from its response to small pushes, by least squares."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-GRID = 80  # delays looked at first
-REFINED = 40  # golden sections between two of them
+GRID = 80  # number of delays of the first grid
+REFINED = 40  # number of golden-section steps between two of them
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-GROUPS = 10  # of pushes, each of which is left out once for the error
-SLOW = 1e-6  # of p t: below it drag does not show
+GROUPS = 10  # groups of pushes, each of which is left out once to estimate the error
+SLOW = 1e-6  # p t below which drag is not noticeable
 
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A fingertip before and under a force along one axis, which begins to be written at time zero.
+    """Fingertip before and under a force along one axis; writing of the force begins at time zero.
 
     Attributes:
-        axis: of the force.
-        force: [N], with its sign.
-        time: when each reading began, (n,) [s].
-        position: that it gave, (n, d) [m].
+        axis: Axis of the force.
+        force: Signed force [N].
+        time: Start of each reading, (n,) [s].
+        position: Positions read, (n, d) [m].
     """
 
     axis: int
@@ -38,7 +38,7 @@ class Push:
 
 
 class Estimate(NamedTuple):
-    """A figure, and the standard error that leaving out a tenth of the data tells."""
+    """An estimate with its standard error, from leaving out a tenth of the data in turn."""
 
     value: float
     error: float
@@ -46,13 +46,13 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """How a fingertip answers a push.
+    """Response of a fingertip to pushes.
 
     Attributes:
-        delay: from the writing of a force to the beginning of the reading that sees its motion begin [s].
-        mobility: W, acceleration by force, (d, d) [1/kg].
-        mass: geometric mean of the principal values of W^-1 [kg].
-        explained: share of the motion that is that of a mass, at most 1.
+        delay: Time from the writing of a force to the start of the reading in which motion first shows [s].
+        mobility: Mobility W, acceleration per force, (d, d) [1/kg].
+        mass: Geometric mean of the principal values of W^-1 [kg].
+        explained: Share of the motion that a mass explains, at most 1.
     """
 
     delay: Estimate
@@ -62,15 +62,15 @@ class Response:
 
 
 def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
-    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on, x_0, v_0 of each push.
+    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on, x_0, v_0 for each push.
 
     Args:
-        pushes: along every axis.
-        drag: p, friction over mass [1/s].
-        longest: delay that is looked for [s].
+        pushes: Pushes along every axis.
+        drag: Drag p, friction over mass [1/s].
+        longest: Largest delay that is considered [s].
 
     Raises:
-        InputError: an axis without a push, or too few of them.
+        InputError: An axis has no pushes, or too few.
     """
     d = pushes[0].position.shape[1] if pushes else 0
     counts = [sum(push.axis == axis for push in pushes) for axis in range(d)]
@@ -94,14 +94,14 @@ def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
 
 
 def mean_mass(mobility: FloatArray) -> float:
-    """Give the geometric mean of the principal masses of a mobility (d, d) [kg]; infinite for what does not move."""
+    """Return the geometric mean of the principal masses of a mobility (d, d) [kg]; inf for a fixed fingertip."""
     d = len(mobility)
     values = np.linalg.eigvalsh(0.5 * (mobility + mobility.T))
     return float(np.prod(values) ** (-1.0 / d)) if values[0] > 0.0 else float("inf")
 
 
 class _Table:
-    """Pushes as arrays of one length, (N, n), and what is left of them without their own coasting x_0 + v_0 h(t)."""
+    """Pushes as arrays of equal length, (N, n), with their coasting x_0 + v_0 h(t) projected out."""
 
     def __init__(self, pushes: Sequence[Push], drag: float) -> None:
         n = max(len(push.time) for push in pushes)
@@ -114,12 +114,12 @@ class _Table:
             self.time[i, :count], self.weight[i, :count] = push.time, 1.0
             position[i, :count] = push.position
         slow = drag * float(np.abs(self.time).max()) < SLOW
-        self.coast = self.time if slow else -np.expm1(-drag * self.time) / drag  # of a finger at 1 m/s at time zero
+        self.coast = self.time if slow else -np.expm1(-drag * self.time) / drag  # path of a finger from 1 m/s
         self.position = self._free(position)
         self.size = float((self.position**2).sum())
 
     def _free(self, values: FloatArray) -> FloatArray:
-        """Take the best place and speed of a finger that coasts out of values (N, n, ...)."""
+        """Remove the best-fitting position and velocity of a coasting finger from values (N, n, ...)."""
         w = self.weight
         count = w.sum(axis=1)
         mean = (w * self.coast).sum(axis=1) / count
@@ -131,7 +131,7 @@ class _Table:
         return np.asarray(wide - w[..., None] * level[:, None] - t[..., None] * slope[:, None])
 
     def fit(self, delay: float, selection: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-        """Give the best W for a delay, and the sum of squares that is left."""
+        """Return the best W for a delay, and the remaining sum of squares."""
         basis = self._free((self.force[:, None] * _travel(self.time - delay, self.drag))[..., None])[..., 0]
         d = self.position.shape[2]
         W, left = np.zeros((d, d)), 0.0
@@ -145,7 +145,7 @@ class _Table:
 
 
 def _travel(t: FloatArray, drag: float) -> FloatArray:
-    """Compute g: how far a unit of force brings a unit of mass in a time t, nothing before zero."""
+    """Compute g: displacement of a unit mass by a unit force in the time t; zero before time zero."""
     s = np.maximum(t, 0.0)
     if drag * float(s.max(initial=0.0)) < SLOW:
         return np.asarray(0.5 * s * s)
@@ -153,7 +153,7 @@ def _travel(t: FloatArray, drag: float) -> FloatArray:
 
 
 def _least(badness: Callable[[float], float], longest: float) -> float:
-    """Find where a function is least: on a grid, then by golden sections about its best point."""
+    """Find the minimum of a function on a grid, then by golden sections about the best point."""
     grid = np.linspace(-0.25 * longest, longest, GRID)
     best = int(np.argmin([badness(t) for t in grid.tolist()]))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, GRID - 1)])
@@ -164,22 +164,22 @@ def _least(badness: Callable[[float], float], longest: float) -> float:
 
 
 def _jackknife(values: Sequence[float]) -> float:
-    """Estimate the standard error of a figure from those with a part of the data left out in turn."""
+    """Estimate the standard error of a value from values with parts of the data left out in turn."""
     n = len(values)
     return float(np.sqrt((n - 1) / n * ((np.array(values) - np.mean(values)) ** 2).sum()))
 
 
 def drag_matrix(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Fit P of x'' + P x' = 0 to coasting fingertips: x(t) = a + b t - P int x dt, a and b of each run its own.
+    """Fit P of x'' + P x' = 0 to coasting fingertips: x(t) = a + b t - P int x dt, with own a and b for each run.
 
     Args:
-        runs: times (n,) [s] and positions (n, d) [m] of each.
+        runs: Times (n,) [s] and positions (n, d) [m] of each run.
 
     Returns:
-        P (d, d) [1/s], and those without each run in turn, (runs, d, d).
+        P (d, d) [1/s], and P without each run in turn, (runs, d, d).
 
     Raises:
-        InputError: fewer than two runs.
+        InputError: There are fewer than two runs.
     """
     if len(runs) < 2:
         raise InputError("runs", len(runs), "two or more")
@@ -200,13 +200,13 @@ def _solved(left: Sequence[FloatArray], right: Sequence[FloatArray], rows: NDArr
 
 
 def mean_friction(mobility: FloatArray, drag: FloatArray) -> float:
-    """Give the geometric mean of the principal values of B = W^-1 P, never below zero [N s/m]."""
+    """Return the geometric mean of the principal values of B = W^-1 P, at least zero [N s/m]."""
     B = np.linalg.solve(mobility, drag)
     values = np.maximum(np.linalg.eigvalsh(0.5 * (B + B.T)), 0.0)
     return float(np.prod(values) ** (1.0 / len(values)))
 
 
 def friction_of(mobility: FloatArray, drag: FloatArray, others: FloatArray) -> Estimate:
-    """Give the mean friction with its error, from a drag and those with a run left out each (runs, d, d)."""
+    """Return the mean friction with its error, from a drag and the drags without each run (runs, d, d)."""
     values = [mean_friction(mobility, each) for each in others]
     return Estimate(mean_friction(mobility, drag), _jackknife(values))

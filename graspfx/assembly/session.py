@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import log, plugins
+from graspfx import log
 from graspfx.assembly.build import build, build_again
 from graspfx.assembly.live import keys_of, numbered, require_value, value_of
 from graspfx.assembly.provenance import header_of, split_rules
@@ -188,7 +188,9 @@ class Session(Carded):
         } | self.servo.coupling
 
     def _with_notes(self, recording: Recording) -> Recording:
-        recording._beside = plugins.upward("Recording.beside")(self.scene)
+        from graspfx.certificate.report import beside
+
+        recording._beside = beside(self.scene)
         return recording
 
     # Stepping -----------------------------------------------------------------------------------------------------

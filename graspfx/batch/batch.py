@@ -163,8 +163,9 @@ class Batch(Carded):
             MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
             InputError: recordings of different columns or lengths.
         """
-        data: xarray.Dataset = plugins.upward("Batch.to_xarray")(self)
-        return data
+        from graspfx.show.export import batch_dataset
+
+        return batch_dataset(self)
 
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame: a row per variant, a column per key and per component.
@@ -174,7 +175,9 @@ class Batch(Carded):
         Raises:
             MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
         """
-        return plugins.upward("Batch.to_frame")(self)
+        from graspfx.show.export import batch_frame
+
+        return batch_frame(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Write values, faults, measures and summaries as nested lists, for JSON."""

@@ -1,1 +1,1 @@
-"""Certificates of scenes: the stability limit of each gain, the plan of a tick, warnings about likely mistakes."""
+"""Certificates of scenes: stability limit of each gain, plan of a tick, warnings about likely mistakes."""

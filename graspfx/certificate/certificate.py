@@ -1,4 +1,4 @@
-"""A certificate of stability: the limits of a grasp's gains, what it assumes, and how it reads."""
+"""Certificate of stability: limits of a grasp's gains, assumptions, and the text of both."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 STABLE, NOT_STABLE, NOT_GRASPING = "stable", "NOT STABLE", "not grasping"
 STANDING, PUSHING = "standing on", "pushing with "
-MOST = 12  # limits on a card
-MOST_PUSHING = 3  # lines about fingers that push alone: more become a range
-MOST_GRIPS = 8  # fingers whose margins stand one by one
-ROUNDING = 1e-11  # what |z| of a motion that neither grows nor decays may exceed 1 by
+MOST = 12  # limits shown on a card
+MOST_PUSHING = 3  # lines about single pushing fingers; more become a range
+MOST_GRIPS = 8  # fingers whose margins are shown one by one
+ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",
     "recorded": "at the rest that the recording ends with",
     "provisional": "provisional, squeezed by one step from the start",
     "start": "at the start, not squeezed",
 }
-UNITS = {  # keys of plain data that have one
+UNITS = {  # units of keys of plain data
     "gain": "gain_N_per_m",
     "limit": "limit_N_per_m",
     "internal": "internal_N_per_m",
@@ -38,24 +38,25 @@ UNITS = {  # keys of plain data that have one
 
 
 def is_stable(radius: float) -> bool:
-    """Tell whether a spectral radius is that of a stable loop: margins are sought with the same band of rounding."""
+    """True if a spectral radius is that of a stable loop; margins use the same tolerance for rounding."""
     return radius <= 1.0 + ROUNDING
 
 
 @dataclass(frozen=True)
 class Limit:
-    """One mode of a grasp.
+    """Stability limit of one mode of a grasp.
 
     Attributes:
-        mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation"
-            (as if shifts and turns each had a k_ep of their own), "standing on ..." or "pushing with ...".
-        gain: as the scene has it: kip, kep, and of standing and pushing the stiffest that is left [N/m]; nan for
+        mode: "internal", "external" (k_ep of the scene), "external translation" and "external rotation" (as if
+            translations and rotations each had their own k_ep), "standing on ..." or "pushing with ...".
+        gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
             matrices.
-        limit: of that gain [N/m]; inf where none is too large.
-        margin: limit over gain.
-        frequency: at which stability is lost [Hz]; nan without a limit.
-        exact: from a mode in closed form, which the whole loop confirms to `difference`; else from the whole loop.
-        difference: of the two, relative; nan where there is only one.
+        limit: Stability limit of that gain [N/m]; inf if no gain is too large.
+        margin: Limit over gain.
+        frequency: Frequency at which stability is lost [Hz]; nan without a limit.
+        exact: True if the limit is that of a mode in closed form, which the whole loop confirms to `difference`; False
+            if it is that of the whole loop.
+        difference: Relative difference of the two; nan if there is only one.
     """
 
     mode: str
@@ -68,7 +69,7 @@ class Limit:
 
     @property
     def text(self) -> str:
-        """Gain, limit, margin, and the frequency at which stability is lost, in words."""
+        """Gain, limit, margin, and the frequency at which stability is lost, as text."""
         gain = "gains as they are" if math.isnan(self.gain) else f"{self.gain:.4g} N/m"
         if math.isinf(self.margin):
             return f"{gain}: no limit"
@@ -79,22 +80,23 @@ class Limit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Carded):
-    """The certificate of one object of a scene.
+    """Certificate of one object of a scene.
 
     Attributes:
-        object: its name.
+        object: Name of the object.
         at: "squeezed", "recorded", "provisional" or "start".
-        spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`); nan where no
-            finger touches the object, and nothing is judged.
-        limits: of every mode.
-        assumed: what that takes for granted.
-        passive: largest gains that are passive to any operator, or None.
-        why_not_passive: in a few words, where there is None.
-        grip: f_t/(mu f_n) at rest by the finger's name, 1 on the cone's edge; of fingers with a coefficient.
-        edge: the fingers on their cones' edges, which count as sticking.
-        notes: what sliding of those could do.
-        fade: where free fingers begin to leave the split, and where the forces at rest ask it to [m]; None for neither.
-        gap: from the object to the nearest finger where none touches it [m]; else nan.
+        spectral_radius: Spectral radius of the loop with the present gains, stable up to 1 within rounding
+            (`is_stable`); nan if no finger touches the object, so that nothing is judged.
+        limits: Limits of all modes.
+        assumed: Assumptions, as sentences.
+        passive: Largest gains that are passive for every operator, or None.
+        why_not_passive: Short reason if `passive` is None.
+        grip: Friction in use f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient.
+        edge: Names of the fingers on their cones' edges, which count as sticking.
+        notes: Possible consequences if those fingers slide.
+        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
+            None.
+        gap: Distance from the object to the nearest finger if no finger touches it [m]; else nan.
     """
 
     object: str
@@ -124,32 +126,32 @@ class Certificate(Carded):
 
     @property
     def stable(self) -> bool:
-        """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
+        """True if the loop is stable with the present gains, also with the object on its support at the start."""
         return is_stable(self.spectral_radius) and all(
             row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
 
     @property
     def grasps(self) -> bool:
-        """Whether a finger touches the object: else there is no grasp to judge."""
+        """True if a finger touches the object; otherwise there is no grasp to judge."""
         return math.isnan(self.gap)
 
     @property
     def verdict(self) -> str:
-        """The verdict in words: "stable", "NOT STABLE" or "not grasping", and the figure behind it."""
+        """Result as text: "stable", "NOT STABLE" or "not grasping", with the deciding number."""
         if not self.grasps:
             where = "at the end of the recording" if self.at == "recorded" else "with the hands closed and still"
             return f"{NOT_GRASPING}: nearest finger {1e3 * self.gap:.3g} mm away from {self.object}, {where}"
         return f"{STABLE if self.stable else NOT_STABLE}, spectral radius {self.spectral_radius:.6f}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the certificate for JSON, with units in the names of keys; what is infinite, or no number, is None."""
+        """Return the certificate for JSON, with units in the names of keys; None stands for inf and nan."""
         fields: dict[str, Any] = plain(self)
         return fields | {"stable": self.stable, "verdict": self.verdict}
 
 
 def plain(value: Any) -> Any:
-    """Write dataclasses, tuples, arrays and numbers as JSON has them; what is infinite, or no number, is None."""
+    """Convert dataclasses, tuples, arrays and numbers to JSON's types; None stands for inf and nan."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {UNITS.get(name, name): plain(each) for name, each in fields.items()}
@@ -168,7 +170,7 @@ def plain(value: Any) -> Any:
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """Write a certificate as lines: one per mode, fingers that push alike in one, of larger sets the weakest."""
+    """Yield a certificate as lines: one per mode; equal single fingers share one; of larger sets the weakest."""
     place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
     yield f"stability of {certificate.object}{place}: {certificate.verdict}"
     if not certificate.grasps:
@@ -190,7 +192,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
         yield f"  the fade begins at {begins:.3g} mm; the forces at rest ask for {required:.3g} mm{short}"
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
-        yield f"  taken for granted: {'; '.join(certificate.assumed)}"
+        yield f"  assumptions: {'; '.join(certificate.assumed)}"
 
 
 def _said_of_passivity(certificate: Certificate) -> str:
@@ -199,14 +201,14 @@ def _said_of_passivity(certificate: Certificate) -> str:
         return f"passivity is not judged: {certificate.why_not_passive}"
     values = {"internal": passive.internal, "external": passive.external}
     if all(value == 0.0 for value in values.values()):
-        return "passive for any operator: no gain; friction of devices and object does not cover what damping leaks"
+        return "passive for any operator: no gain; friction does not dissipate the energy that sampled damping creates"
     limits = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
     return f"passive for any operator: {limits}"
 
 
 def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
-    """Say how near the fingers are to sliding, the nearest first."""
-    ranked = sorted(grip.items(), key=lambda item: -round(item[1], 6))  # equal ones in their order
+    """Describe how close the fingers are to sliding, the closest first."""
+    ranked = sorted(grip.items(), key=lambda item: -round(item[1], 6))  # ties keep their order
     margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
     on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
@@ -214,7 +216,7 @@ def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
 
 
 def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
-    """Write one line for each mode; modes with the same figures in one, of sets of fingers that push the weakest."""
+    """Yield one line per mode; modes with equal numbers share one; of sets of pushing fingers only the weakest."""
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
         alike.setdefault(row.text, []).append(row)
@@ -230,7 +232,7 @@ def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
 
 
 def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
-    """Select all but the sets of several fingers that push with more room than another set of as many."""
+    """Drop sets of several pushing fingers that have a larger margin than another set of the same size."""
     weakest: dict[int, Limit] = {}
     for row in limits:
         count = max(_count(row), 1)
@@ -242,7 +244,7 @@ def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
 
 
 def _count(row: Limit) -> int:
-    """Count the fingers that push; 0 for a mode of the whole grasp."""
+    """Return the number of pushing fingers; 0 for a mode of the whole grasp."""
     return row.mode.count(", ") + 1 if row.mode.startswith(PUSHING) else 0
 
 
@@ -260,7 +262,7 @@ def _range(rows: Sequence[Limit]) -> str:
 
 
 def _span(values: Sequence[float], digits: str) -> str:
-    """Write the least and the largest of the finite numbers, as one number where they read the same."""
+    """Format the smallest and the largest finite number, as one number if they print alike."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return ""

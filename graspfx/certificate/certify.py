@@ -1,4 +1,4 @@
-"""The certificates of a scene: squeezed, provisional, or at the rest that a recording ends with."""
+"""Certificates of a scene: squeezed, provisional, or at the end of a recording."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificates(Carded, Sequence[Certificate]):
-    """The certificates of a scene, one for every object that fingers touch, in the order of the scene's objects.
+    """Certificates of a scene, one for each object that fingers touch, in the order of the scene's objects.
 
     Attributes:
-        scene: its name.
-        each: a `Certificate` for each object.
-        provisional: no rest was sought: the squeeze is that of one step from the start.
+        scene: Name of the scene.
+        each: `Certificate` of each object.
+        provisional: True if no rest was computed, and the squeeze is that of one step from the start.
     """
 
     scene: str
@@ -43,11 +43,11 @@ class Certificates(Carded, Sequence[Certificate]):
 
     @property
     def stable(self) -> bool:
-        """Whether every object's loop is stable as it is."""
+        """True if the loop of every object is stable with its present gains."""
         return all(certificate.stable for certificate in self.each)
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the certificates for JSON."""
+        """Return the certificates for JSON."""
         return {
             "scene": self.scene,
             "stable": self.stable,
@@ -83,32 +83,33 @@ def certify(
     quick: bool = False,
     recording: Recording | str | PathLike[str] | None = None,
 ) -> Certificates:
-    """Certify a scene: how far each gain can go before the sampled loop of devices, hands and objects is unstable.
+    """Certify a scene: how large each gain can be before the sampled loop of devices, hands and objects is unstable.
 
-    The grasp is taken at rest: where hands that neither move nor turn bring it, sought by closing them slowly. Contacts
-    that slide on the way stick where they have slid to; a run, which closes its hands at their own speed, leaves them
-    some per cent elsewhere, and `recording` takes the rest that it ended with. A limit is that of one gain with the
-    others as they are, the squeeze held.
+    The grasp is taken at rest, to which hands that neither move nor rotate bring it when they close slowly. Contacts
+    that slide on the way stick where they stop. In a run, hands close at their own speed and leave such contacts a few
+    per cent elsewhere; with `recording` the rest at its end is used instead. Each limit is that of one gain at the
+    present values of the others, with the squeeze held.
 
     Args:
-        scene: from `load`, or made in Python; or its name, or a path.
-        quick: hold the squeeze of one linear step from the start instead of seeking a rest. The result is provisional.
-        recording: of the scene, or its path: the grasp is that of its last row.
+        scene: Scene, name of a built-in scene, or path.
+        quick: Hold the squeeze of one linear step from the start instead of computing the rest. The result is
+            provisional.
+        recording: Recording of the scene, or its path; the grasp is that of its last row.
 
     Returns:
-        One `Certificate` for each object that has fingers; as text they say what `graspfx check` does. One that no
-        finger touches, not even with the hands closed, is not stable: its `gap` says how far away the nearest is.
+        A `Certificate` for each object that has fingers; as text they read as in `graspfx check`. An object that no
+        finger touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
 
     Raises:
-        InputError: both `quick` and a recording, a recording of another scene, or a device that does not tell its mass
-            or friction.
-        NoRestError: a grasp for which no rest is found, or a recording that ends without one.
-        SceneError: of a scene that is loaded.
-        RecordingError: a path that leads to no recording.
+        InputError: Both `quick` and a recording are given, the recording is of another scene, or a device does not
+            state its mass or friction.
+        NoRestError: No rest of a grasp is found, or the recording ends without one.
+        SceneError: A scene that is loaded has faults.
+        RecordingError: The path leads to no recording.
     """
     scene_ = to_scene(scene)
     if quick and recording is not None:
-        raise InputError("quick", True, "False with a recording", "a recording has its rest, and none is sought")
+        raise InputError("quick", True, "False with a recording", "the rest is that of the recording")
     if recording is not None:
         rest = recording_of(scene_, recording)
         answers = certificates(scene_, "recorded", rest)
@@ -121,13 +122,13 @@ def certify(
 
 @one_blas_thread()
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
-    """Judge every object that fingers touch.
+    """Certify every object that fingers touch.
 
-    Gains are those of the scene; a limit is that of one gain with the others as they are (half the common limit where
-    as they are nothing is stable), the squeeze held.
+    A limit is that of one gain at the scene's values of the others (at half the common limit if no gain is stable at
+    those), with the squeeze held.
 
     Raises:
-        InputError: a device that does not tell its mass or damping.
+        InputError: A device does not state its mass or damping.
     """
     touched = sorted(set(scene.finger_objects))
     return [_certificate_of(scene, at, scene.object[i].name, recording) for i in touched]
@@ -162,7 +163,7 @@ def _certificate(scene: Scene, loop: Linearised) -> Certificate:
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
-    """Say what contacts on their cones' edges could do if they slid; soft ones, which also spin, are named."""
+    """Report what contacts on their cones' edges could do if they slid; list soft ones, which also spin."""
     soft = [k for k, i in enumerate(loop.edge) if scene.finger[i].patch]
     hard = [k for k in range(len(loop.edge)) if k not in soft]
     T, V = loop.slip

@@ -1,4 +1,4 @@
-"""The certificate of a scene over a set of operators: in whose hands is it stable, and with which gains?"""
+"""Certificate of a scene over a set of operators: in whose hands it is stable, and with which gains."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
@@ -40,19 +39,19 @@ FloatArray = NDArray[np.float64]
 SAMPLES = 200
 QUANTILES = (0.0, 0.05, 0.5, 0.95)
 CONFIDENCE = 0.95
-HANDS = 60  # of a population that are looked at with other gains
-MOST_POINTS = 200  # of a region along each key
-LEAST = 0.02  # of the span of gains: where the grid begins
+HANDS = 60  # largest number of hands of a population that are judged with other gains
+MOST_POINTS = 200  # largest number of points of a region along each key
+LEAST = 0.02  # start of the grid of gains, relative to its span
 
 
 @dataclass(frozen=True)
 class Share:
-    """The share of a population that has a property, by a random sample.
+    """Share of a population that has a property, estimated from a random sample.
 
     Attributes:
-        count: of those that have it.
-        total: of the sample.
-        low, high: the interval of Clopper and Pearson (1934), which holds the share with 95 % confidence or more.
+        count: Number of those that have it.
+        total: Size of the sample.
+        low, high: Interval of Clopper and Pearson (1934) with a confidence of at least 95 %.
     """
 
     count: int
@@ -62,17 +61,17 @@ class Share:
 
     @property
     def value(self) -> float:
-        """The share in the sample."""
+        """Share in the sample."""
         return self.count / self.total
 
     @property
     def text(self) -> str:
-        """The share and its interval in per cent."""
+        """Share and its interval in per cent."""
         return f"{100 * self.value:.3g} % (95 % confidence: {100 * self.low:.3g} to {100 * self.high:.3g} %)"
 
 
 def share_of(count: int, total: int) -> Share:
-    """Give the share and its interval: ends at which the sample's count has a tail of 2.5 % of the binomial law."""
+    """Return the share and its interval, at whose ends the count has a binomial tail of 2.5 %."""
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -83,20 +82,20 @@ def share_of(count: int, total: int) -> Share:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OperatorCertificate(Carded):
-    """The certificate of a scene over a set of operators.
+    """Certificate of a scene over a set of operators.
 
     Attributes:
-        scene: its name.
-        operators: the set.
-        own: the judgement with the scene's own operator.
-        worst: the judgement of the worst operator that was met, in full; `pushing` as well.
-        population: judgements of operators drawn at random by the laws of the ranges, in their order.
-        share: of the population that is stable, with its interval.
-        box: every judgement of the search for the worst, by its point in the unit box.
-        passive: largest gains that are passive to any operator, or None.
-        is_passive: whether stability is guaranteed by passivity for the whole set: the scene's gains are no larger than
-            `passive`, ranges are of springs, dampers and masses of hands alone, and no hand reacts late or stiffens.
-        seed: that the population was drawn with.
+        scene: Name of the scene.
+        operators: Set of operators.
+        own: Judgement with the scene's own operator.
+        worst: Judgement in full of the worst operator that was found, including `pushing`.
+        population: Judgements of random operators, drawn by the laws of the ranges, in order.
+        share: Share of the population that is stable, with its interval.
+        box: All judgements of the search for the worst operator, by their point in the unit box.
+        passive: Largest gains that are passive for every operator, or None.
+        is_passive: True if passivity guarantees stability for the whole set: the gains do not exceed `passive`, ranges
+            only concern springs, dampers and masses of hands, and no hand reacts with a delay or stiffens.
+        seed: Seed of the population.
     """
 
     scene: str
@@ -113,7 +112,7 @@ class OperatorCertificate(Carded):
 
     @property
     def stable(self) -> bool:
-        """Whether it is stable in the hands of every operator that was judged."""
+        """True if the loop is stable for every operator that was judged."""
         return self.worst.stable and self.share.count == self.share.total
 
     @property
@@ -123,7 +122,7 @@ class OperatorCertificate(Carded):
 
     @property
     def sentence(self) -> str:
-        """The answer to "stable in whose hands?" in a sentence."""
+        """Answer to "stable in whose hands?" in one sentence."""
         row = self.worst.worst
         has = f"has {'no gain' if row is None else row.text}"
         if self.worst.at == "apart":
@@ -138,34 +137,36 @@ class OperatorCertificate(Carded):
         return f"stable in {drawn}, NOT in all; {worst}"
 
     def margins(self, mode: str | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Give the margin of each operator of the population; of one mode, inf where it has no limit."""
+        """Return the margin of each operator of the population; of one mode, with inf for no limit."""
         each = self.population
         return np.array([one.margin if mode is None else one.margin_of(mode) for one in each])
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """The modes that have limits."""
+        """Names of the modes that have limits."""
         return tuple(dict.fromkeys(row.limit.mode for one in self.population for row in one.limits))
 
     def region(self, keys: tuple[str, ...] | None = None, points: int = 24) -> OperatorRegion:
-        """Judge a grid over two of the ranges, the scene's own values for the rest: the stable region, to be drawn.
+        """Judge a grid over one or two ranges, with the scene's own values for the others: the stable region.
 
         Args:
-            keys: one or two of the operators' keys; the first two if None.
-            points: along each.
+            keys: One or two of the operators' keys; the first two if None.
+            points: Number of points along each key.
         """
         return operator_region(self._made_of, self.operators, keys, points)
 
     def gains(self, points: int = 40, span: float = 4.0) -> GainRegion:
-        """Tell for gains k_ep and k_ip up to `span` times the scene's which share of the population is stable."""
+        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's."""
         return gain_region(self._made_of, [one.values for one in self.population], points, span)
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
-        """Draw the margins' distribution and the region over the first two ranges; write it where a path is given."""
-        return plugins.upward("OperatorCertificate.plot")(self, path, width)
+        """Plot the distribution of margins and the region over the first two ranges; save it if a path is given."""
+        from graspfx.show.certificate_figures import plot
+
+        return plot(self, path, width)
 
     def lines(self) -> Iterator[str]:
-        """Write the sentence, each mode's margins, and what is guaranteed and what is sampled."""
+        """Yield the sentence, each mode's margins, and what is guaranteed and what is sampled."""
         yield f"in whose hands? {self.sentence}"
         yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
         own = self.own.worst
@@ -192,7 +193,7 @@ class OperatorCertificate(Carded):
 
     @property
     def guarantee(self) -> str:
-        """A sentence that says what is guaranteed and what is sampled."""
+        """Sentence about what is guaranteed and what is sampled."""
         if self.is_passive:
             return "guaranteed: the gains are passive to any hand of springs, dampers and masses, whatever the ranges"
         return (
@@ -202,7 +203,7 @@ class OperatorCertificate(Carded):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Write plain data for JSON."""
+        """Return plain data for JSON."""
         return {
             "scene": self.scene,
             "sentence": self.sentence,
@@ -231,25 +232,25 @@ def certify_operators(
     samples: int = SAMPLES,
     seed: int = 0,
 ) -> OperatorCertificate:
-    """Certify a scene over a set of operators: the worst of them, and the share of a population that is stable.
+    """Certify a scene over a set of operators: the worst operator, and the stable share of a population.
 
-    Every operator is a scene with other values, at a rest of its own, judged as `certify` does. The worst is sought
-    over the whole box of the ranges, not at its corners alone, since margins are not monotone in a hand's stiffness.
+    Every operator is a scene with other values at its own rest, judged as by `certify`. The search for the worst one
+    covers the whole box of the ranges, not only its corners, because margins are not monotonic in a hand's stiffness.
 
     Args:
-        scene: from `load`, or made in Python; or its name, or a path.
-        operators: ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with a law as third item; texts
-            "KEY=FROM:TO:LAW"; the scene's table [operators], else the usual ranges of its hands, if None.
-        samples: of the random population.
-        seed: of it; the same seed gives the same answer.
+        scene: Scene, name of a built-in scene, or path.
+        operators: Ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with an optional law as third item; or
+            texts "KEY=FROM:TO:LAW". If None, the scene's table [operators], or else the usual ranges of its hands.
+        samples: Size of the random population.
+        seed: Seed of the population; the same seed gives the same result.
 
     Returns:
-        An `OperatorCertificate`, whose `.sentence` says in whose hands the scene is stable.
+        `OperatorCertificate`, whose `.sentence` states in whose hands the scene is stable.
 
     Raises:
-        InputError: ranges that are none, a device that does not tell its mass or friction, samples below 1, a
-            seed that is no whole number from zero.
-        SceneError: a key or a value that the scene does not take.
+        InputError: Ranges are invalid, a device does not state its mass or friction, samples are below 1, or the seed
+            is not a non-negative integer.
+        SceneError: The scene does not accept a key or a value.
     """
     scene_ = to_scene(scene)
     count("samples", samples, 1)
@@ -280,7 +281,7 @@ def certify_operators(
 
 
 def _within(scene: Scene, passive: CouplingLimits | None) -> bool:
-    """Tell whether the gains are passive to any operator."""
+    """True if the gains are passive for every operator."""
     if passive is None:
         return False
     gains = scene.coupling.external.stiffness, scene.coupling.internal.stiffness
@@ -289,12 +290,12 @@ def _within(scene: Scene, passive: CouplingLimits | None) -> bool:
 
 
 def numbers(values: Mapping[str, float]) -> str:
-    """Write values by key."""
+    """Format values by key."""
     return ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
 
 
 def judgement_data(one: Judgement) -> dict[str, Any]:
-    """Write a judgement for JSON."""
+    """Return a judgement as data for JSON."""
     row = one.worst
     return {
         "values": plain(dict(one.values)),
@@ -311,13 +312,13 @@ def judgement_data(one: Judgement) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class OperatorRegion:
-    """Margins over one or two keys of a set of operators, the others as in the scene.
+    """Margins over one or two keys of a set of operators, with the scene's values for the others.
 
     Attributes:
-        ranges: one or two, evenly divided as their laws spread them.
-        values: of each range, (n,).
-        margin: the least of all modes at each point, (n,) or (n1, n2); less than 1 where the loop is not stable.
-        stable: whether it is, in the same shape.
+        ranges: One or two ranges, divided evenly in the scale of their laws.
+        values: Values of each range, (n,).
+        margin: Smallest margin of all modes at each point, (n,) or (n1, n2); below 1 if the loop is unstable.
+        stable: Mask of the points with a stable loop, of the same shape.
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -326,7 +327,7 @@ class OperatorRegion:
     stable: NDArray[np.bool_]
 
     def to_dict(self) -> dict[str, Any]:
-        """Write plain data for JSON."""
+        """Return plain data for JSON."""
         return {
             "keys": [each.key for each in self.ranges],
             "values": [each.tolist() for each in self.values],
@@ -338,11 +339,11 @@ class OperatorRegion:
 def operator_region(
     scene: Scene, operators: OperatorSet, keys: tuple[str, ...] | None = None, points: int = 24
 ) -> OperatorRegion:
-    """Judge a grid over one or two of the ranges; of a set with one range, or one key, a line.
+    """Judge a grid over one or two of the ranges; one range, or one key, gives a line.
 
     Raises:
-        InputError: another number of keys, or of points.
-        UnknownNameError: a key that is not in the set.
+        InputError: The number of keys, or of points, is out of range.
+        UnknownNameError: A key is not in the set.
     """
     if not 2 <= points <= MOST_POINTS:
         raise InputError("points", points, f"from 2 to {MOST_POINTS}")
@@ -368,14 +369,14 @@ def operator_region(
 
 @dataclass(frozen=True, eq=False)
 class GainRegion:
-    """The share of a population that is stable with each pair of gains.
+    """Share of a population that is stable with each pair of gains.
 
     Attributes:
-        external: k_ep, (n,) [N/m].
-        internal: k_ip, (n,) [N/m].
-        share: of the hands with which the loop is stable, (external, internal), from 0 to 1.
-        hands: how many were looked at.
-        present: k_ep and k_ip of the scene [N/m].
+        external: Gains k_ep, (n,) [N/m].
+        internal: Gains k_ip, (n,) [N/m].
+        share: Share of hands with which the loop is stable, (external, internal), from 0 to 1.
+        hands: Number of hands that were judged.
+        present: Gains k_ep and k_ip of the scene [N/m].
     """
 
     external: FloatArray
@@ -385,7 +386,7 @@ class GainRegion:
     present: tuple[float, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Write plain data for JSON."""
+        """Return plain data for JSON."""
         return {
             "external_N_per_m": self.external.tolist(),
             "internal_N_per_m": self.internal.tolist(),
@@ -396,19 +397,20 @@ class GainRegion:
 
 
 def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int = 40, span: float = 4.0) -> GainRegion:
-    """Tell for a grid of gains in how many of the hands the whole loop is stable.
+    """Compute on a grid of gains the share of hands in which the whole loop is stable.
 
-    Each hand is brought to rest once, with the scene's gains; with others its contacts stay, and its squeeze becomes
-    that of hand and k_ip in series (`judgement.altered`): a linearisation for each hand, not for each pair.
+    Each hand is brought to rest once, with the scene's gains. For other gains its contacts are kept, and its squeeze
+    becomes that of hand and k_ip in series (`judgement.altered`). This takes one linearisation per hand, not per pair
+    of gains.
 
     Args:
-        scene: with its gains, which the span is of.
-        hands: values by key; of more than 60 the first 60.
-        points: along each gain.
-        span: times the scene's gain, where the grid ends.
+        scene: Scene with its gains, to which the span refers.
+        hands: Values by key; only the first 60 are used.
+        points: Number of points along each gain.
+        span: End of the grid, as a multiple of the scene's gain.
 
     Raises:
-        InputError: gains that are no numbers above zero, points or a span out of range.
+        InputError: Gains are not numbers above zero, or points or span are out of range.
     """
     present = tuple(part.stiffness for part in (scene.coupling.external, scene.coupling.internal))
     if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
@@ -429,7 +431,7 @@ def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int 
 
 
 def _stable(scene: Scene, loop: Linearised, factors: FloatArray) -> NDArray[np.bool_]:
-    """Tell which pairs of factors (external, internal) are stable."""
+    """Return the mask of pairs of factors (external, internal) that are stable."""
     result = np.zeros((len(factors), len(factors)), dtype=bool)
     for j, internal in enumerate(factors.tolist()):
         whole = WholeLoop(altered(scene, loop, Change(internal=internal)), loop.gains)

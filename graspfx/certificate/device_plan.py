@@ -1,4 +1,4 @@
-"""Rows of a plan about devices: the safety chain before them, the loop that runs them, late forces, moments."""
+"""Rows of a plan about devices: safety chain, servo loop, late forces, moments."""
 
 from __future__ import annotations
 
@@ -23,28 +23,30 @@ from graspfx.system.child_process import is_possible
 Row = tuple[str, bool, str]
 FloatArray = NDArray[np.float64]
 
-BACK = "; makes energy where it bites, which passivity = 'control' takes back"
+BACK = "; generates energy when it limits, which passivity = 'control' removes"
 
 
 def safety_rows(parts: Parts) -> Iterator[Row]:
-    """List the steps of the chain in their order."""
+    """Yield the steps of the safety chain in order."""
     limits, table = parts.safety, chain_table(parts.scene, parts.wires)
     if limits is None or table is None:
-        yield "safety", False, "no [safety]: devices are told what the law and their own limits leave"
+        yield "safety", False, "no [safety]: only the law and the devices' own limits bound the forces"
         return
-    usual = "by the usual values, as hardware is never without; " if parts.scene.safety is None else ""
-    why = "what is not finite gives no force and a fault; the object receives what comes out of this"
+    usual = "default values, because hardware always has a safety chain; " if parts.scene.safety is None else ""
+    why = "a non-finite force becomes zero, with a fault; the object receives the limited forces"
     yield "safety", True, f"{usual}{why}"
     yield _soft_start(limits)
     fused = parts.simulated
     decay = f"forces decay in {1e3 * DECAY:g} ms, then a fault"
-    why = f"after {limits.hold} samples in a row without a new one {decay}"
-    yield "stale readings", True, f"{why}{'; simulated ones are always new' if fused else ''}"
-    yield "tank", True, "a soft start under load, and stiffer gains of a session, as far as its energy goes"
-    yield _each("rate", limits.rate, "N/s of growth, towards zero unlimited", BACK, "any growth: no safety.rate")
+    why = f"after {limits.hold} consecutive samples without a new reading {decay}"
+    yield "stale readings", True, f"{why}{'; simulated readings are always new' if fused else ''}"
+    yield "tank", True, "energy budget of a soft start under load, and of stiffer gains during a session"
+    yield _each(
+        "rate", limits.rate, "N/s of growth; decrease is not limited", BACK, "growth is not limited: no safety.rate"
+    )
     yield _workspace(limits)
-    yield _each("over speed", limits.speed, f"m/s, beyond which {decay}", "", "any speed: no safety.speed")
-    yield _each("clamp", limits.force, "N, last: what limits, brake and all before have left is no longer", "", "")
+    yield _each("over speed", limits.speed, f"m/s, beyond which {decay}", "", "speed is not limited: no safety.speed")
+    yield _each("clamp", limits.force, "N, applied last, after limits and passivity", "", "")
     if fused:
         yield "watchdog", False, "simulated time is never late"
     else:
@@ -54,13 +56,13 @@ def safety_rows(parts: Parts) -> Iterator[Row]:
 
 def _soft_start(limits: SafetyLimits) -> Row:
     if limits.soft_start == 0.0:
-        return "soft start", False, "soft_start = 0: stiffness and damping are whole from the first tick on"
+        return "soft start", False, "soft_start = 0: stiffness and damping have their values from the first tick"
     why = "so that the first force is zero, on both sides"
     return "soft start", True, f"stiffness and damping grow over {limits.soft_start:g} s, {why}"
 
 
 def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
-    """Write a limit that fingers have, each its own, or why there is none."""
+    """Return the row of a limit that each finger has, or the reason why there is none."""
     if not np.isfinite(values).any():
         return step, False, none
     low, high = float(values.min()), float(values.max())
@@ -71,19 +73,23 @@ def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row
 def _workspace(limits: SafetyLimits) -> Row:
     count = int((np.isfinite(limits.lower) | np.isfinite(limits.upper)).any(axis=1).sum())
     if not count:
-        return "workspace", False, "no box: no device tells its own, and safety.workspace has none"
+        return "workspace", False, "no box: no device states one, and safety.workspace gives none"
     return "workspace", True, f"{count} of {len(limits.force)} fingers: no force pushes one out of its box"
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """List what runs between ticks, where the servo runs, and what becomes of each force if its process dies."""
+    """Yield what runs between ticks, where the servo runs, and what happens to forces if its process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
     if is_possible():
-        yield "process", True, "the servo has a process of its own with --real-time; who records stands guard over it"
+        yield "process", True, "with --real-time the servo has its own process; the recording process guards it"
     else:
-        yield "process", False, "this system has none with shared memory: the servo runs where the recording is written"
+        yield (
+            "process",
+            False,
+            "this system has no processes with shared memory: the servo runs in the recording process",
+        )
     try:
         devices = quenchers(parts)
     except InputError as error:
@@ -96,7 +102,7 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
 
 
 def _loop(parts: Parts) -> str:
-    """Say which loop it is, and why."""
+    """Return the kind of the servo loop, with the reason."""
     scene = parts.scene
     stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
     why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)
@@ -107,19 +113,19 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """List the devices whose forces come late by a time that is no count of samples."""
+    """Yield the devices whose forces are late by a time that is not a whole number of samples."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period
         text = f"{names}: {1e3 * late:.3g} ms from a motion to the force, {share:.3g} samples, in the certificate"
         if isinstance(wire.device, SimulatedDevice):
-            yield "lateness", False, f"{text}; a run refuses it, as simulated forces begin with a sample"
+            yield "lateness", False, f"{text}; a run refuses it, because simulated forces change only at samples"
         else:
-            yield "lateness", True, f"{text}; half a hold comes to it by itself"
+            yield "lateness", True, f"{text}; half a sample of hold is added"
 
 
 def moment_rows(scene: Scene) -> Iterator[Row]:
-    """Say what of soft fingers' torsion their operators do not feel: devices are told forces alone."""
+    """Report the torsion of soft fingers that operators do not feel, because devices display forces only."""
     soft = [finger for finger in scene.finger if finger.model == "soft"]
     if not soft:
         return
@@ -127,6 +133,6 @@ def moment_rows(scene: Scene) -> Iterator[Row]:
     levers = [1e3 * mu * (finger.patch or 0.0) for mu, finger in zip(coefficients, soft, strict=True)]
     low, high = float(np.min(levers)), float(np.max(levers))
     size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    bound = f", up to mu rho = {size} N mm for each newton that presses" if high > 0.0 else ", without a bound"
+    bound = f", up to mu rho = {size} N mm per newton of normal force" if high > 0.0 else ", without a bound"
     text = f"torsion of {len(soft)} soft fingers{bound}: the object feels it, the operators do not"
     yield "displayed moments", False, f"{text}; finger_moment records it"

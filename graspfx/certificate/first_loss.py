@@ -1,9 +1,9 @@
-"""The first loss of stability as a gain of a whole loop grows, the others as they are: any fingers, any preload.
+"""First loss of stability as one gain of a whole loop grows, for any fingers and any preload.
 
-The loop is divided into parts that move by themselves. Where its matrix is a line in the gain's factor, A_0 + s A_1,
-the farthest eigenvalues of a grid of factors tell between which two stability is lost, and Newton's method on the one
-that leaves the unit circle where. Other loops have a bracket on the spectral radius, and loops with a late reaction one
-on the number of eigenvalues beyond the circle.
+The loop is divided into independent parts. If its matrix is linear in the gain's factor, A_0 + s A_1, the largest
+eigenvalues on a grid of factors bracket the loss of stability, and Newton's method on the eigenvalue that leaves the
+unit circle finds it. For other loops the spectral radius is bracketed, and for loops with a late reaction the number of
+eigenvalues outside the circle.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from graspfx.certificate.certificate import ROUNDING, is_stable
 FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
 
-LEAST, MOST = 0.01, 100.0  # of a gain: where its limit is looked for
-GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
+LEAST, MOST = 0.01, 100.0  # range of factors of a gain in which its limit is searched
+GRID = 64  # factors between them, 16 % apart; a narrower gap in the stable range can be missed
 ABOVE = tuple(np.geomspace(1.0, MOST, GRID // 2).tolist())
 BELOW = tuple(np.geomspace(LEAST, 1.0, GRID // 2).tolist())
-BATCH = 2  # of factors that are looked at together, upwards until one is not stable
-BEYOND = 1e-9  # of the limit: where the root that has crossed is looked at
-ANOTHER = 1e-7  # above 1 there: |z| of a root that has crossed earlier
-ROUNDS = 8  # in which another root is looked for that crosses earlier
-STEPS = 12  # of Newton's method
-SAME = 1e-13  # relative: steps that are rounding
-NEAREST = 1e-12  # relative: the width of a bracket that is narrow enough
+BATCH = 2  # factors that are evaluated together, in ascending order until one is unstable
+BEYOND = 1e-9  # relative to the limit: distance above it at which the crossed root is examined
+ANOTHER = 1e-7  # excess of |z| over 1 there that reveals a root that crossed earlier
+ROUNDS = 8  # largest number of searches for an earlier root
+STEPS = 12  # largest number of Newton steps
+SAME = 1e-13  # relative: smaller steps are rounding
+NEAREST = 1e-12  # relative width at which a bracket is narrow enough
 MOST_HALVINGS = 200
 NARROW = 1e-3  # relative width of a bracket in which an eigenvalue of a late loop is followed
-FARTHEST = 0.05  # that it moves there
+FARTHEST = 0.05  # largest displacement of that eigenvalue
 
 
 # Loops over the factor of a gain -------------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ class Line:
 
 
 class PartLoop:
-    """A(K) of a part, without motions that change no force: A(0) + W K C but for the implicit integrator."""
+    """A(K) of a part, without motions that change no force: A(0) + W K C, except for the implicit integrator."""
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part
@@ -80,7 +80,7 @@ class PartLoop:
         return A if self._basis is None else np.asarray(self._basis.T @ A @ self._basis)
 
     def matrices(self, stiffness: Stiffness, factors: Sequence[float]) -> FloatArray:
-        """Give A for each factor, (f, states, states)."""
+        """Return A for each factor, (f, states, states)."""
         K = [self._part.stiffness(stiffness(s)) for s in factors]
         if self.affine:
             return np.stack([self._still + self._W @ (each @ self._C) for each in K])
@@ -88,22 +88,22 @@ class PartLoop:
         return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
 
     def late_loop(self, stiffness: FloatArray) -> LateLoop:
-        """Give the loop of a stiffness, opened where its late reaction enters."""
+        """Return the loop for a stiffness, opened where its late reaction enters."""
         part = self._part
         return late_loop(part.linear.with_arrays(stiffness=part.stiffness(stiffness)), self._motions)
 
     def line(self, stiffness: Line) -> Line:
-        """Give A_0 + s A_1."""
+        """Return A_0 + s A_1."""
         still, slope = (self._W @ (self._part.stiffness(K) @ self._C) for K in (stiffness.still, stiffness.slope))
         return Line(self._still + still, slope)
 
 
 class WholeLoop:
-    """A loop without its stiffness, in parts that move by themselves whatever that is put together from.
+    """A loop without its stiffness, divided into parts that are independent for every stiffness of given gains.
 
     Args:
-        linear: the loop as it is.
-        gains: matrices (m, m) that every stiffness to come is a combination of; None where it is not known of which.
+        linear: Loop with its present gains.
+        gains: Matrices (m, m) of which every stiffness is a linear combination; None if they are unknown.
     """
 
     def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
@@ -113,7 +113,7 @@ class WholeLoop:
 
 
 class Family:
-    """The loops of all factors s of a gain, with K(s)."""
+    """Loops for all factors s of a gain, with K(s)."""
 
     def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
         self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
@@ -121,42 +121,42 @@ class Family:
 
     @property
     def size(self) -> int:
-        """States of the largest part."""
+        """Number of states of the largest part."""
         return max(part.size for part in self.loop.parts)
 
     @property
     def late(self) -> bool:
-        """Whether a part has a reaction too late for a state for each sample of it."""
+        """True if the delay of a part's reaction is too long to give each of its samples a state."""
         return any(part.late for part in self.loop.parts)
 
     @cached_property
     def lines(self) -> list[Line] | None:
-        """A_0 and A_1 of each part with A(s) = A_0 + s A_1; None where A is no line in s."""
+        """A_0 and A_1 of each part with A(s) = A_0 + s A_1; None if A is not linear in s."""
         stiffness, parts = self.stiffness, self.loop.parts
         if not isinstance(stiffness, Line) or not all(part.affine for part in parts):
             return None
         return [part.line(stiffness) for part in parts]
 
     def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:
-        """Give A of each part for each factor."""
+        """Return A of each part for each factor."""
         if self.lines is None:
             return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
         s = np.asarray(factors)[:, None, None]
         return (line.still + s * line.slope for line in self.lines)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Find the eigenvalues for each factor, (f, states), without motions that change no force, alike ones once."""
+        """Compute the eigenvalues for each factor, (f, states), without motions that change no force or duplicates."""
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
     def radius(self, factor: float) -> float:
-        """Find the largest |z| for a factor."""
+        """Compute the largest |z| for a factor."""
         if self.late:
             return abs(self.farthest(factor))
         return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
 
     def farthest(self, factor: float) -> complex:
-        """Find an eigenvalue of largest |z| for a factor, of parts with late reactions too."""
+        """Find an eigenvalue of largest |z| for a factor, including parts with late reactions."""
         return max((self.farthest_of(part, factor) for part in self.loop.parts), key=abs, default=0j)
 
     def farthest_of(self, part: PartLoop, factor: float) -> complex:
@@ -167,11 +167,11 @@ class Family:
         return complex(z[np.abs(z).argmax()]) if z.size else 0j
 
     def unstable(self, factor: float) -> bool:
-        """Tell whether an eigenvalue lies beyond the circle."""
+        """True if an eigenvalue lies outside the unit circle."""
         return any(self.unstable_of(part, factor) for part in self.loop.parts)
 
     def unstable_of(self, part: PartLoop, factor: float) -> bool:
-        """Tell whether an eigenvalue of a part lies beyond the circle; those of a late one are counted."""
+        """True if an eigenvalue of a part lies outside the circle; eigenvalues of a late part are counted."""
         if part.late:
             return roots_beyond(part.late_loop(self.stiffness(factor)), 1.0 + ROUNDING) > 0
         return abs(self.farthest_of(part, factor)) > 1.0 + ROUNDING
@@ -182,7 +182,7 @@ class Family:
 
 @dataclass(frozen=True)
 class Reach:
-    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
+    """Largest stable factor of a gain, and frequency of the oscillation that begins there [Hz]; inf and nan if none."""
 
     factor: float
     frequency: float
@@ -190,9 +190,9 @@ class Reach:
 
 @dataclass
 class _Search:
-    """The search of one family: factors yet to look at, the last stable one, the first that is not, the edge between.
+    """Search for one family: remaining factors, the last stable one, the first unstable one, the edge between them.
 
-    `roots` are those farthest out, by factor; `beyond` is that of a factor just above the edge.
+    `roots` are the largest eigenvalues by factor; `beyond` is the one at a factor just above the edge.
     """
 
     family: Family
@@ -205,11 +205,11 @@ class _Search:
     roots: dict[float, complex] = field(default_factory=dict)
 
     def upcoming(self) -> Sequence[float]:
-        """Give the factors to look at now; none where the search is over."""
+        """Return the factors to evaluate next; none if the search is over."""
         return self.factors[: 1 if self.family.late else BATCH] if self.lost is None else ()
 
     def take(self, factors: Sequence[float], roots: Sequence[complex]) -> None:
-        """Take the farthest roots of these factors into account."""
+        """Update the search with the largest eigenvalues at these factors."""
         self.factors = self.factors[len(factors) :]
         for s, z in zip(factors, roots, strict=True):
             self.roots[s] = z
@@ -218,43 +218,43 @@ class _Search:
             elif self.before is not None:
                 self.lost = s
                 return
-            elif not self.from_below:  # the present gain is not stable
+            elif not self.from_below:  # the present gain is unstable
                 self.from_below, self.factors = True, BELOW
                 return
 
     @property
     def bracket(self) -> tuple[float, float]:
-        """The last stable factor and the first that is not."""
+        """The last stable and the first unstable factor."""
         return self.before or 0.0, self.lost or 0.0
 
     @property
     def reach(self) -> Reach:
-        """The answer, once the search is over."""
+        """Result, once the search is over."""
         if self.edge is None or self.beyond is None:
             return Reach(0.0 if self.before is None else math.inf, math.nan)
         return Reach(self.edge, abs(float(np.angle(self.beyond))) / (2 * math.pi * self.family.loop.linear.period))
 
 
 def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
-    """Find the first loss of stability above the present gain, or, where that is unstable, above the first stable one.
+    """Find the first loss of stability above the present gain, or above the first stable gain if that is unstable.
 
     Args:
-        linear: with s = 1.
-        stiffness: K(s).
+        linear: Loop for s = 1.
+        stiffness: Function K(s).
     """
     return reaches([Family(linear, stiffness)])[0]
 
 
 def reaches(families: Sequence[Family]) -> list[Reach]:
-    """Find the reach of each family, as `reach` does; those of as many states share their eigenproblems."""
+    """Find the reach of each family, as `reach` does; families with equal numbers of states are solved together."""
     return [reach for [reach] in least_reaches([[family] for family in families])]
 
 
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
-    """Find the reach of each family in groups whose least reach counts.
+    """Find each group's smallest stability limit.
 
-    A family that is stable up to a factor beyond which another of its group is not has a larger reach: its search ends
-    there, and it is told as inf.
+    If a family is stable up to a factor at which another of its group is not, its own limit is larger. Its search ends
+    there with the result inf.
     """
     searches = [[_Search(family) for family in group] for group in groups]
     each = [search for group in searches for search in group]
@@ -272,7 +272,7 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
 
 
 def _drop_larger(group: Sequence[_Search]) -> None:
-    """End the searches of a group that are stable where another one is not."""
+    """End the searches of families that are stable where another one of the group is not."""
     least = min((search.lost for search in group if search.lost is not None), default=math.inf)
     for search in group:
         if search.before is not None and not search.from_below and search.before >= least:
@@ -280,9 +280,9 @@ def _drop_larger(group: Sequence[_Search]) -> None:
 
 
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
-    """Find the eigenvalue of largest |z| of each family for each of its factors; matrices of one size go together.
+    """Find the largest eigenvalue of each family for each of its factors, solving matrices of equal size together.
 
-    Of late families only on which side of the circle it is: 0 or 2.
+    For late families only the side of the unit circle is found: 0 or 2.
     """
     stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
     places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -309,10 +309,10 @@ def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[co
 
 
 def _find_edges(searches: Sequence[_Search]) -> None:
-    """Find where between its last stable factor and the first that is not each search's family loses stability."""
+    """Find for each search where its family loses stability between the last stable and the first unstable factor."""
     for search in searches:
         if abs(search.roots[search.bracket[0]]) >= 1.0:
-            search.edge = search.before  # on the circle to rounding
+            search.edge = search.before  # on the circle, within rounding
     upper = {id(search): (search.bracket[1], search.roots[search.bracket[1]]) for search in searches}
     pending = [search for search in searches if search.edge is None]
     for _ in range(ROUNDS):
@@ -341,21 +341,21 @@ def _find_edges(searches: Sequence[_Search]) -> None:
 
 
 def _just_above(searches: Sequence[tuple[_Search, float]]) -> list[complex]:
-    """Find the eigenvalue of largest |z| just above a factor of each search."""
+    """Find the largest eigenvalue just above a factor of each search."""
     return [z for (z,) in farthest([(search.family, [s * (1.0 + BEYOND)]) for search, s in searches])]
 
 
 def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | None]:
-    """Follow one eigenvalue z of A(s) = A_0 + s A_1 of each family to |z| = 1, from a factor s and z there.
+    """Follow one eigenvalue z of A(s) = A_0 + s A_1 of each family from a factor s to |z| = 1.
 
-    With right and left eigenvectors x and y, by inverse iteration, z = y'A x / y'x and dz/ds = y'A_1 x / y'x; Newton's
-    steps on log |z|. Families whose A is no line in s, and eigenvalues that are lost on the way, give None.
+    With right and left eigenvectors x and y by inverse iteration, z = y'A x / y'x and dz/ds = y'A_1 x / y'x give Newton
+    steps on log |z|. The result is None if A is not linear in s, or if the eigenvalue is lost on the way.
     """
     answers: list[float | None] = [None] * len(starts)
     groups: defaultdict[int, list[tuple[int, Line, float, complex]]] = defaultdict(list)
     for k, (family, s, z) in enumerate(starts):
         lines = family.lines or []
-        if len(lines) > 1:  # the part that z is an eigenvalue of
+        if len(lines) > 1:  # select the part that has the eigenvalue z
             distances = [np.abs(np.linalg.eigvals(line(s)) - z).min(initial=np.inf) for line in lines]
             lines = [lines[int(np.argmin(distances))]]
         for line in lines:
@@ -367,7 +367,7 @@ def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | N
 
 
 def _newton(group: Sequence[tuple[int, Line, float, complex]]) -> list[float | None]:
-    """Take Newton's steps for matrices of one size together."""
+    """Take Newton steps for matrices of equal size together."""
     A_0 = np.stack([line.still for _, line, _, _ in group]).astype(complex)
     A_1 = np.stack([line.slope for _, line, _, _ in group]).astype(complex)
     s, z = np.array([each[2] for each in group]), np.array([each[3] for each in group])
@@ -398,9 +398,9 @@ def _newton(group: Sequence[tuple[int, Line, float, complex]]) -> list[float | N
 
 
 def bracketed(function: Callable[[float], float], low: float, high: float) -> float:
-    """Find a zero between two factors at which a function has unlike signs, by the method of Chandrupatla (1997).
+    """Find a zero of a function between two factors at which its signs differ, by Chandrupatla's method (1997).
 
-    Inverse quadratic interpolation where three points allow it, else the middle; the bracket shrinks in every step.
+    The step is inverse quadratic interpolation if three points allow it, else bisection; the bracket always shrinks.
     """
     a, b = high, low
     f_a, f_b = function(a), function(b)
@@ -430,8 +430,8 @@ def bracketed(function: Callable[[float], float], low: float, high: float) -> fl
 def _late_edge(family: Family, before: float, lost: float) -> tuple[float, complex]:
     """Find where a late family loses stability, and the eigenvalue there.
 
-    The bracket is halved by counting; when it is narrow, the eigenvalue next to the circle is followed onto it, and
-    counting just below and just above tells whether it was the first. Where it was not, halving goes on.
+    The bracket is bisected by counting eigenvalues. Once it is narrow, the eigenvalue next to the circle is followed
+    onto it, and counts just below and just above tell whether it was the first. If not, bisection continues.
     """
     low, high = _halved(family, before, lost, NARROW)
     crossing = _followed(family, low, high)
@@ -451,7 +451,7 @@ def _halved(family: Family, low: float, high: float, width: float) -> tuple[floa
 
 
 def _followed(family: Family, low: float, high: float) -> tuple[float, complex] | None:
-    """Find the factor at which an eigenvalue that is beyond the circle at `high` is on it; None where it gets lost."""
+    """Find the factor at which an eigenvalue outside the circle at `high` crosses it; None if it gets lost."""
     part = next(part for part in family.loop.parts if family.unstable_of(part, high))
     if not part.late:
         edge = bracketed(lambda s: abs(family.farthest_of(part, s)) - 1.0, low, high)

@@ -1,4 +1,4 @@
-"""One grasped object with its fingers: how its forces change about where it is, friction cones, and the ground."""
+"""A grasped object with its fingers: derivatives of its forces, friction cones, and the ground."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ from graspfx.spatial import Vector, exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
-ROUGH = 1e3  # times its coefficient: that of a frozen contact
-RATE = 1e-5  # of a difference quotient [rad/s]
-SHIFT = 2e-6  # of a difference quotient [m]: 1e-9 of a radius of 25 mm, squared, and 1e-10 in rounding
-EDGE = 1e-3  # of the largest friction: what a contact on the cone's edge may lack of it
-ALL_SETS = 5  # contacts on the edge up to which every set of them may slide; of more, single ones and all
-GROWTH = 1e-9  # above 1: a spectral radius that is no rounding
-LOW = 2e-5  # [m]: an object of a scene starts up to 10 um inside its floor, or as far above it
+ROUGH = 1e3  # factor on the coefficient of friction of a frozen contact
+RATE = 1e-5  # step of a difference quotient of angular velocity [rad/s]
+SHIFT = 2e-6  # step of a difference quotient [m]: error 1e-9 for a radius of 25 mm, squared, and rounding of 1e-10
+EDGE = 1e-3  # relative: a contact this close to the largest friction is on the cone's edge
+ALL_SETS = 5  # up to this many contacts on the edge all sets are examined; beyond, single contacts and all together
+GROWTH = 1e-9  # excess of a spectral radius over 1 that is not rounding
+LOW = 2e-5  # largest gap of an object that stands [m]; scenes start it up to 10 um inside or above its floor
 
 
 @dataclass
 class Grip:
-    """One grasped object with its fingers, as one coordinate vector y = (fingers n d, object's free freedoms r).
+    """One grasped object with its fingers, with coordinates y = (fingers n d, free freedoms r of the object).
 
-    Fingers in world axes [m]; the object by shifts [m] and turns [rad] from where it is.
+    Fingers are in world axes [m]; the object is displaced from its pose by shifts [m] and rotations [rad].
     """
 
     grasped: GraspedObject
@@ -62,16 +62,16 @@ class Grip:
         self.rows_of_wrench = np.flatnonzero(self.free)
         mesh = int(g.block[start_of(GraspState, "mesh")])
         self._sample = compiled_sample(g)
-        self.changing = g.block[: mesh or None]  # all that a sample changes: a mesh, which stands last, is only read
+        self.changing = g.block[: mesh or None]  # everything that a sample changes; the mesh at the end is only read
 
     def forces(self) -> FloatArray | None:
-        """Compute (f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
+        """Compute (forces on the object, wrench on its free freedoms) of a sample, (m + r,); None if it faults."""
         if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
-        """Move fingers and object by y from where they are."""
+        """Displace fingers and object by y."""
         g, S = self.grasped, self.grasped.block
         g.finger_position += y[: self.m].reshape(self.n, self.d)
         shift = np.zeros(6)
@@ -84,7 +84,7 @@ class Grip:
             R[:] = np.array(list(numbers(turn))).reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:
-        """Compute `forces` after a motion y, from which nothing remains."""
+        """Compute `forces` after a displacement y, and undo the displacement."""
         before = self.changing.copy()
         self.move(y)
         forces = self.forces()
@@ -93,7 +93,7 @@ class Grip:
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """Make touching contacts stick where they are, also on their cones' edges; those without friction slip on."""
+        """Make touching contacts stick, also those on their cones' edges; contacts without friction still slip."""
         mu = self.grasped.rows[:, at.COEFFICIENT]
         coefficients = mu.copy()
         mu *= ROUGH
@@ -118,7 +118,7 @@ class Grip:
         return J
 
     def turning_damping(self) -> FloatArray:
-        """Compute -d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
+        """Compute -d wrench/d(angular velocity) on the free freedoms (r, r), including the damping of torsion."""
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
@@ -135,14 +135,14 @@ class Grip:
         return B
 
     def wrenches(self, arms: FloatArray) -> FloatArray:
-        """Form G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+        """Compute G (r, m) for forces at arms (n, d) from the object's centre, on its free freedoms."""
         wide = np.zeros((self.n, 3))
         wide[:, : self.d] = arms
         full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, : self.d] for arm in wide])
         return np.asarray(full[np.array(ROWS[self.d])[self.free]])
 
     def inertia(self) -> FloatArray:
-        """Form the body's inertia on its free freedoms (r, r)."""
+        """Compute the body's inertia on its free freedoms (r, r)."""
         state, full = self.grasped.body_state, np.zeros((6, 6))
         R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
         full[:3, :3] = state[body.MASS] * np.eye(3)
@@ -150,7 +150,7 @@ class Grip:
         return np.asarray(full[np.ix_(self.axes, self.axes)])
 
     def lengths(self) -> FloatArray:
-        """Give a small motion for each coordinate: that of `SHIFT` at the fingertips."""
+        """Return a small displacement for each coordinate, which moves fingertips by `SHIFT`."""
         g = self.grasped
         arms = g.finger_position - g.body_state[body.POSITION : body.POSITION + self.d]
         far = max(float(np.linalg.norm(arms, axis=1).max(initial=0.0)), 1e-3)
@@ -159,9 +159,9 @@ class Grip:
 
 
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
-    """Give a function that computes a sample of this grasp as `GraspedObject.sample` does, some hundred times as fast.
+    """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
 
-    It is machine code of the step, with the bits of the kernel that Python runs; without LLVM it is that method itself.
+    It is machine code with the bits of the interpreted kernel; without LLVM it is that method itself.
     """
     if find_spec("llvmlite") is None:
         return grasped.sample
@@ -172,9 +172,9 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
 
 
 def grip_margins(grasped: GraspedObject) -> FloatArray:
-    """Give f_t/(mu f_n) of each finger's last elastic force, (n,); nan for one without coefficient or normal force.
+    """Compute f_t/(mu f_n) of each finger's last elastic force, (n,); nan without a coefficient or normal force.
 
-    1 is the edge of the friction cone. The torsion of a soft finger counts as in its limit surface,
+    1 is the edge of the friction cone. The torsion of a soft finger enters by its limit surface,
     sqrt(f_t^2 + (tau/rho)^2).
     """
     margins = np.full(grasped.fingers, np.nan)
@@ -186,7 +186,7 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Give T and V (n d, fingers), world axes: along t each contact slides, and V'f = f_t - mu f_n = 0 meanwhile."""
+    """Return T and V (n d, fingers) in world axes: a contact slides along t, and V'f = f_t - mu f_n = 0 meanwhile."""
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))
@@ -202,7 +202,7 @@ def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[Flo
 
 
 def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
-    """Give the normal force of each finger, and its tangential force in the object's axes (3,)."""
+    """Yield the normal force of each finger, and its tangential force in the object's axes (3,)."""
     for row in grasped.rows:
         normal, force = row[at.NORMAL : at.NORMAL + 3], row[at.LOCAL : at.LOCAL + 3].copy()
         force[grasped.dimensions :] = 0.0
@@ -213,15 +213,15 @@ def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
 def sliding_notes(
     linear: Linearisation, T: FloatArray, V: FloatArray, names: Sequence[str]
 ) -> Iterator[str]:  # fmt: skip
-    """Say which contacts on their cones' edges could not slide calmly at the gains that are there.
+    """Report contacts on their cones' edges whose sliding would be unstable at the present gains.
 
-    A note, no limit: while they slide the loop also does other things than these linear ones, and the smallest limit
-    over all sets of sliding contacts would warn of grasps that stay where they are.
+    This is a note, not a limit: while contacts slide, the loop is not linear, and the smallest limit over all sets of
+    sliding contacts would warn of grasps that remain at rest.
 
     Args:
-        linear: the loop with sticking contacts, at rest.
-        T, V: of `edge_directions` in its coordinates, (m, contacts).
-        names: of their fingers.
+        linear: Loop at rest, with sticking contacts.
+        T, V: Directions from `edge_directions` in the loop's coordinates, (m, contacts).
+        names: Names of the fingers.
     """
     count = len(names)
     sizes = range(1, count + 1) if count <= ALL_SETS else (1, count)
@@ -231,7 +231,7 @@ def sliding_notes(
             t, v = T[:, some], V[:, some]
             K = released(linear.stiffness, t, v)
             if K is None:
-                yield f"if {of} slid, friction would have no answer to it (det V'K T <= 0): a jump is possible"
+                yield f"if {of} slid, Coulomb's law would have no solution (det V'K T <= 0): a jump is possible"
                 continue
             D = released(linear.damping, t, v) if linear.damping.any() else linear.damping
             radius = radius_of(linear.with_changes(stiffness=K, damping=linear.damping if D is None else D))
@@ -244,12 +244,12 @@ def sliding_notes(
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Obstacles that an object stands on.
+    """Obstacles on which an object stands.
 
     Attributes:
-        names: of the obstacles.
-        stiffness, damping: K_g, B_g (r, r) on the object's free freedoms, all contact points sticking.
-        points: how many there are.
+        names: Names of the obstacles.
+        stiffness, damping: Matrices K_g and B_g (r, r) on the object's free freedoms, with all contact points sticking.
+        points: Number of contact points.
     """
 
     names: tuple[str, ...]
@@ -259,10 +259,10 @@ class Ground:
 
 
 def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
-    """Give the ground of an object where it is, or `lower` [m] along gravity; None for what no floor or wall bears.
+    """Return the ground of an object at its position, or `lower` [m] along gravity; None if no plane supports it.
 
-    K_g = sum k J'J over the points that bear, J (d, r) the velocity of a point per motion of the object, k that of the
-    world; B_g with b = 2 sqrt(k m). Only native objects on half-spaces and planes.
+    K_g = sum k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, and
+    k the world's stiffness; B_g likewise with b = 2 sqrt(k m). Only for native objects on half-spaces and planes.
     """
     scene, part, obstacles = parts.scene, parts.objects[index], parts.obstacles
     table, d = part.table, scene.dimensions
@@ -296,7 +296,7 @@ def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) ->
 
 
 def bearers(scene: Scene, index: int) -> Iterator[str]:
-    """Name whatever could carry an object besides its fingers."""
+    """Yield the names of everything that could support an object besides its fingers."""
     table = scene.object[index]
     if table.shape is None:
         return

@@ -1,4 +1,4 @@
-"""A scene with other values, judged: at a rest of its own in full, or at once at the rest that it has."""
+"""Judgement of a scene with other values: at its own rest in full, or quickly at the present rest."""
 
 from __future__ import annotations
 
@@ -26,51 +26,51 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-TINY = 1e-15  # [J]: a squeeze that is rounding
-UNFELT = 1e-12  # [N]
-INSTANTS = 400  # of a motion that are looked at
+TINY = 1e-15  # energy of a squeeze that is rounding [J]
+UNFELT = 1e-12  # force that counts as zero [N]
+INSTANTS = 400  # number of instants of a motion that are examined
 FRICTION = ("coupling.friction", "finger.*.friction")
 FIELDS = dict(zip(GAINS, ("external", "external_damping", "internal", "internal_damping"), strict=True))
 OF_OBJECT = {
     "object.*.mass": "mass", "object.*.viscosity": "viscosity", "object.*.rotational_viscosity": "rotational_viscosity",
 }  # fmt: skip
-MOVING = ("motion", "duration", "start", "position")  # parts of keys by which a hand's course changes
+MOVING = ("motion", "duration", "start", "position")  # parts of keys that change the course of a hand
 
 
 @dataclass(frozen=True)
 class ObjectLimit:
-    """A limit of one object's grasp."""
+    """Limit of one object's grasp."""
 
     object: str
     limit: Limit
 
     @property
     def text(self) -> str:
-        """Mode, gain, limit, margin and frequency in words."""
+        """Mode, gain, limit, margin and frequency as text."""
         return f"{self.limit.mode} {self.limit.text}"
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A scene with some values, judged.
+    """Judgement of a scene with some values.
 
     Attributes:
-        values: by dotted key, that were replaced.
-        stable: whether each object's loop is known to be, as `Certificate.stable`; False where there is no rest.
-        spectral_radius: of the loop that is nearest to instability; inf where there is no rest, or no finger touches an
+        values: Replaced values by dotted key.
+        stable: True if each object's loop is known to be stable (`Certificate.stable`); False without a rest.
+        spectral_radius: Spectral radius of the least stable loop; inf without a rest, or if no finger touches an
             object.
-        limits: of the modes of all objects, and of what they stand on.
-        pushing: of fingers that push alone; none unless asked for.
-        grip: squeeze over the least one that holds the load (`grip_of`), the least of all objects.
-        depth: of the deepest fingertip at rest [m]; nan without a rest.
-        squeeze: internal force of the finger that squeezes most, at rest [N]; nan without a rest.
-        force: of the finger that presses most, at rest [N]; nan without a rest.
-        displayed: stiffness of the squeeze at rest, pads in series: |f_i|^2/(f_i.e), e from contact to fingertip [N/m];
-            nan without a rest.
-        at: "squeezed"; "start" where a finger does not touch at rest, "" where no rest was found, "apart" where no
-            finger touches an object.
-        assumed: what the certificates take for granted.
-        scene: with the values.
+        limits: Limits of the modes of all objects, and of the grasps on their supports.
+        pushing: Limits of fingers that push alone; empty unless requested.
+        grip: Squeeze over the smallest squeeze that holds the load (`grip_of`), the smallest of all objects.
+        depth: Penetration depth of the deepest fingertip at rest [m]; nan without a rest.
+        squeeze: Largest internal force of a finger at rest [N]; nan without a rest.
+        force: Largest force of a finger at rest [N]; nan without a rest.
+        displayed: Stiffness of the squeeze at rest, with pads in series: |f_i|^2/(f_i.e), e from contact to fingertip
+            [N/m]; nan without a rest.
+        at: "squeezed"; "start" if a finger does not touch at rest, "" if no rest was found, "apart" if no finger
+            touches an object.
+        assumed: Assumptions of the certificates.
+        scene: Scene with the values.
     """
 
     values: Mapping[str, float]
@@ -89,27 +89,27 @@ class Judgement:
 
     @property
     def worst(self) -> ObjectLimit | None:
-        """The row of least margin, the most special of equal ones; None without gains."""
+        """Limit with the smallest margin, of equal ones the most specific; None without gains."""
         return min(self.limits, key=lambda row: (round(row.limit.margin, 9), -len(row.limit.mode)), default=None)
 
     @property
     def margin(self) -> float:
-        """The least limit over gain; of a loop that is not stable although no gain is beyond its limit, 1/radius."""
+        """Smallest ratio of limit to gain; 1/radius for a loop that is unstable although no gain exceeds its limit."""
         least = min((row.limit.margin for row in self.limits), default=math.inf)
         return least if self.stable else min(least, 1.0 / self.spectral_radius)
 
     def margin_of(self, mode: str) -> float:
-        """Give the least margin of one mode over the objects; inf where no object has the mode."""
+        """Return the smallest margin of one mode over the objects; inf if no object has the mode."""
         rows = (*self.limits, *self.pushing)
         return min((row.limit.margin for row in rows if row.limit.mode == mode), default=math.inf)
 
 
 class Judge:
-    """Judgements of a scene with other values, each at a rest of its own.
+    """Judgements of a scene with other values, each at its own rest.
 
     Args:
-        scene: whose values are replaced.
-        grips: whether grip and forces are of interest, too.
+        scene: Scene whose values are replaced.
+        grips: True to compute grip and forces too.
     """
 
     def __init__(self, scene: Scene, *, grips: bool = False) -> None:
@@ -122,21 +122,21 @@ class Judge:
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Judge many within: installed packages and shelves are looked up once, one BLAS thread solves."""
+        """Speed up many judgements: installed packages are looked up once, and BLAS uses one thread."""
         with plugins.unchanged(), one_blas_thread():
             yield
 
     def loops(self, values: Mapping[str, Any]) -> tuple[Scene, list[Linearised]]:
-        """Give the scene with these values, and the loop of each object that fingers touch."""
+        """Return the scene with these values, and the loop of each object that fingers touch."""
         scene = self.scene.replace(values) if values else self.scene
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full, but for fingers that push alone unless asked for.
+        """Judge the scene with these values in full; fingers that push alone only on request.
 
         Raises:
-            SceneError: a key or a value that the scene does not take.
-            InputError: a device that does not tell its mass or damping.
+            SceneError: The scene does not accept a key or a value.
+            InputError: A device does not state its mass or damping.
         """
         self.count += 1
         try:
@@ -168,7 +168,7 @@ class Judge:
         each = []
         for index, loop in zip(self._touched, loops, strict=True):
             f, away = loop.forces, loop.tips - loop.contacts
-            if np.isnan(f).any():  # no rest: nothing presses
+            if np.isnan(f).any():  # no rest: no forces
                 return {}
             internal = np.asarray(loop.splits[0].divide(f.ravel())[1]).reshape(f.shape)
             along = float((internal * away).sum())
@@ -186,7 +186,7 @@ class Judge:
         }  # fmt: skip
 
     def _course(self, scene: Scene, index: int, values: Mapping[str, Any]) -> HandCourse:
-        """Give the course of an object's hands, which is followed anew only where a key changes it."""
+        """Return the course of an object's hands; recompute it only if a key changes it."""
         if any(part in key for key in values for part in MOVING):
             return hand_course(scene, index)
         if index not in self._courses:
@@ -199,18 +199,18 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class HandCourse:
-    """The motion that hands intend for an object: velocity and acceleration of their fingers' mean, (k, d) each."""
+    """Intended motion of hands for an object: velocity and acceleration of their fingers' mean, (k, d) each."""
 
     velocity: FloatArray
     acceleration: FloatArray
 
 
 def hand_course(scene: Scene, index: int) -> HandCourse:
-    """Follow the hands' intended motion of an object's fingers, no squeeze and no turns; plug-ins' hands stay still.
+    """Compute the intended motion of an object's fingers, without squeeze and rotations; plug-in hands stay still.
 
     Args:
-        scene: with the hands.
-        index: of the object.
+        scene: Scene with the hands.
+        index: Index of the object.
     """
     parts = resolve(scene)
     d, start = scene.dimensions, parts.start
@@ -230,7 +230,7 @@ def hand_course(scene: Scene, index: int) -> HandCourse:
 
 
 def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> FloatArray:
-    """Compute the wrenches (k, r) about the object's centre that fingers exert, m (a - g) + b v, moments zero."""
+    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, moments zero."""
     table, d = scene.object[index], scene.dimensions
     free = scene.free(table)
     shifts = int(sum(free[:d]))
@@ -245,16 +245,16 @@ def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> Flo
 
 
 def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
-    """Compute by how much the squeeze at rest exceeds the least one with which no finger slides or lets go.
+    """Compute the ratio of the squeeze at rest to the smallest one at which no finger slides or lets go.
 
-    With f_i the internal part of the forces at rest and f_e = P-weighted least forces of a load, the least share s of
-    the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s for the worst instant of
-    the hands' motion. Fingers without a coefficient (that stick, or slip freely) have to push, no more. Torsion of
-    soft fingers does not count.
+    Let f_i be the internal part of the forces at rest, and f_e the P-weighted smallest forces for a load. s is the
+    smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s at the
+    worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) only have to push.
+    Torsion of soft fingers is ignored.
 
     Returns:
-        1 where the squeeze just suffices; inf where none is needed, or contacts are attached; 0 where no squeeze along
-        f_i holds; nan without forces at rest.
+        1 if the squeeze just suffices; inf if none is needed, or contacts are attached; 0 if no squeeze along f_i holds
+        the load; nan without forces at rest.
     """
     if scene.coupling.contact == "attached":
         return float("inf")
@@ -277,10 +277,10 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
 
 
 def needed_share(external: FloatArray, internal: FloatArray, normal: FloatArray, mu: float) -> float:
-    """Find the least s >= 0 with external (k, d) + s internal (d,) in the cone of every row; inf where none is."""
+    """Find the smallest s >= 0 with external (k, d) + s internal (d,) in the cone for every row; inf if none exists."""
     n_e, n_i = external @ normal, float(internal @ normal)
     t_e, t_i = external - n_e[:, None] * normal, internal - n_i * normal
-    if n_i <= UNFELT:  # nothing presses: the load alone has to
+    if n_i <= UNFELT:  # no squeeze: the load alone has to satisfy the cone
         inside = n_e >= -UNFELT if np.isinf(mu) else np.linalg.norm(t_e, axis=1) <= mu * n_e + UNFELT
         return 0.0 if bool(inside.all()) else float("inf")
     least = np.maximum(-n_e / n_i, 0.0)
@@ -299,14 +299,14 @@ def needed_share(external: FloatArray, internal: FloatArray, normal: FloatArray,
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a loop: factors of its gains, and numbers of its object.
+    """Change of a loop: factors of its gains, and properties of its object.
 
     Attributes:
-        external, internal: factors of the stiffness.
-        external_damping, internal_damping: factors of the damping.
-        mass: of the object [kg]; None where it stays.
-        viscosity: [N s/m]; None where it stays.
-        rotational_viscosity: [N m s]; None where it stays.
+        external, internal: Factors of the stiffness.
+        external_damping, internal_damping: Factors of the damping.
+        mass: Mass of the object [kg]; None if unchanged.
+        viscosity: Viscosity [N s/m]; None if unchanged.
+        rotational_viscosity: Rotational viscosity [N m s]; None if unchanged.
     """
 
     external: float = 1.0
@@ -319,23 +319,23 @@ class Change:
 
     @property
     def is_external(self) -> bool:
-        """Whether the external stiffness alone changes, if anything does."""
+        """True if at most the external stiffness changes."""
         return self == Change(external=self.external)
 
 
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
-    """Give the change of an object's loop that leads from a scene to one with these values by live key.
+    """Return the change of an object's loop from a scene to one with these values by live key.
 
-    None where the loop changes otherwise: matrices, gains from zero, other keys of objects, hands, devices.
+    None if the loop changes in another way: matrices, gains from zero, other keys of objects, hands, devices.
 
     Raises:
-        InputError, UnknownNameError: keys that the scene does not have.
+        InputError, UnknownNameError: The scene does not have a key.
     """
     changes: dict[str, float] = {}
     for key, value in values.items():
         plain, old = general(key), value_of(scene, numbered(scene, key))
         if plain in FRICTION or old == value:
-            continue  # contacts stick whatever their friction is
+            continue  # contacts stick at any friction
         if plain in FIELDS:
             if not (_is_number(old) and _is_number(value)) or old <= 0.0 or value < 0.0:
                 return None
@@ -355,14 +355,14 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 def _is_of(scene: Scene, key: str, name: str) -> bool:
-    """Tell whether a key of objects is of the one with this name."""
+    """True if a key of objects refers to the one with this name."""
     number = numbered(scene, key).split(".")[1]
     index = int(number) if number.isdecimal() else 0
     return number == "*" or scene.object[index].name == name
 
 
 def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
-    """Give the matrices of a loop with a change, but for those of its stiffness."""
+    """Return the matrices of a loop with a change, except its stiffness."""
     linear = loop.linear
     table = next(each for each in scene.object if each.name == loop.objects[0])
     shifts = sum(scene.free(table)[: scene.dimensions])
@@ -370,14 +370,14 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
     if change.mass is not None and table.mass is not None:
         ratio = change.mass / table.mass
         inertia[:shifts, :shifts] *= ratio
-        if table.inertia is None:  # the moment of a solid shape grows with its mass
+        if table.inertia is None:  # the moment of a solid shape is proportional to its mass
             inertia[shifts:, shifts:] *= ratio
     arrays: dict[str, np.ndarray] = {"inertia": inertia}
     for value, old, first, last in (
         (change.viscosity, table.viscosity, 0, shifts),
         (change.rotational_viscosity, table.rotational_viscosity, shifts, len(viscosity)),
     ):
-        if value is not None:  # what torsion adds stays
+        if value is not None:  # the part from torsion stays
             places = np.arange(first, last)
             viscosity[places, places] += value - (old or 0.0)
     arrays["viscosity"] = viscosity
@@ -387,7 +387,7 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
 
 
 def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
-    """Give what the squeeze becomes: that of a hand and the internal stiffness in series, closed as far as before."""
+    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, with the same closing."""
     gain = scene.coupling.internal.stiffness
     if change.internal == 1.0 or not _is_number(gain):
         return 1.0

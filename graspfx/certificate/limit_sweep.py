@@ -1,4 +1,4 @@
-"""Limits of internal, external and conventional gains over values of one or two keys of a scene."""
+"""Limits of internal, external and conventional gains over the values of one or two keys of a scene."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from graspfx.scene.model import Scene
 FloatArray = NDArray[np.float64]
 
 MOST_POINTS = 10_000_000
-MOST_SCENES = 20_000  # that are made one by one
+MOST_SCENES = 20_000  # largest number of scenes that are created one by one
 
-# keys that a closed form has as a parameter; a gain without a preload changes no limit of itself or the other
+# keys that are parameters of a closed form; without a preload a gain changes neither its own limit nor the other's
 MODAL = {
     "period": "T",
     "object.mass": "m_v",
@@ -48,17 +48,17 @@ MODAL = {
 
 @dataclass(frozen=True)
 class Sweep:
-    """A key of a scene and its values."""
+    """Key of a scene with its values."""
 
     key: str
     values: FloatArray
 
     @classmethod
     def read(cls, text: str) -> Sweep:
-        """Read KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
+        """Parse KEY=FROM:TO:COUNT, evenly spaced values including both ends.
 
         Raises:
-            InputError: anything else.
+            InputError: The text has another form.
         """
         form = "KEY=FROM:TO:COUNT, as in object.viscosity=0.8:1.5:15"
         key, equals, span = text.partition("=")
@@ -78,15 +78,15 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class SweptLimits:
-    """Limits [N/m] in the shape of the sweeps' values, (n,) or (n1, n2); inf where no gain is too large.
+    """Limits [N/m] of the shape of the sweeps' values, (n,) or (n1, n2); inf if no gain is too large.
 
     Attributes:
-        sweeps: one or two; none for a scene as it is.
-        internal: of kip, kep as it is.
-        external: of kep, kip as it is: shifts and turns together.
-        conventional: of one gain for both, kp = kep = kip.
-        modal: in closed form, from modes by themselves; else from a scene made for each point.
-        seconds: that it took.
+        sweeps: One or two sweeps; none for the unchanged scene.
+        internal: Limit of kip at the scene's kep.
+        external: Limit of kep at the scene's kip, for translations and rotations together.
+        conventional: Limit of a single gain, kp = kep = kip.
+        modal: True if computed in closed form from separate modes; False if from a scene per point.
+        seconds: Computing time.
     """
 
     sweeps: tuple[Sweep, ...]
@@ -97,13 +97,13 @@ class SweptLimits:
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Write for JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
+        """Return data for JSON: keys, values (for two keys two lists), and three limits, null if there is none."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
         table = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
         return table | {f"{name}_limit": plain(part) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
-        """Write ranges, how limits begin and end over them, and how they were computed."""
+        """Yield lines about ranges, the first and last limits, and the method."""
         for sweep in self.sweeps:
             yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
         for name, part in self._parts():
@@ -120,14 +120,15 @@ class SweptLimits:
 
 @one_blas_thread()
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
-    """Compute the limits of a scene with one object in fingers, over its keys.
+    """Compute the limits of a scene with one grasped object, over its keys.
 
-    Where modes separate and the keys are parameters of their closed forms, those are taken for all points at once;
-    else a scene is made and linearised for each.
+    If the modes separate and the keys are parameters of their closed forms, these are evaluated for all points at once.
+    Otherwise a scene is created and linearised for each point.
 
     Raises:
-        InputError: more than two sweeps or one key twice, too many points, gains that are matrices, several objects.
-        SceneError: a key or a value at an end of its range that the scene does not take.
+        InputError: There are more than two sweeps, a key twice, too many points, gains that are matrices, or several
+            objects.
+        SceneError: The scene does not accept a key, or a value at an end of its range.
     """
     if not 1 <= len(sweeps) <= 2:
         raise InputError("--sweep", len(sweeps), "one or two of them")
@@ -160,7 +161,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
 
 @one_blas_thread()
 def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
-    """Compute the three limits of an unchanged scene, each an array without axes."""
+    """Compute the three limits of an unchanged scene, each as an array without axes."""
     _require_numbers(scene)
     began = perf_counter()
     internal, external, conventional = (np.array(value) for value in _point(scene, at))
@@ -201,12 +202,12 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
     if "period" in keys and loop.linear.latency.any():
-        return False  # the same time is another part of each sample
+        return False  # the same time is a different share of each sample
     return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 
 def _of_lone_object(scene: Scene, key: str) -> str:
-    """Write object.0.mass and object.*.mass of a lone object as object.mass."""
+    """Rewrite object.0.mass and object.*.mass of a single object as object.mass."""
     first, *rest = key.split(".")
     if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
         rest = rest[1:]
@@ -214,7 +215,7 @@ def _of_lone_object(scene: Scene, key: str) -> str:
 
 
 def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
+    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i are linear in the swept values."""
     linear, table = loop.linear, scene.object[scene.finger_objects[0]]
     m, r = linear.coordinates
     root = np.sqrt(linear.mass / linear.mass.mean())
@@ -248,7 +249,7 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
         if name:
             values[name] = sweep.values.reshape(shape)
     whole = tuple(len(sweep.values) for sweep in sweeps)
-    # the moment of a solid shape grows with its mass
+    # the moment of inertia of a solid shape is proportional to its mass
     growth = values["m_v"] / m_v if table.inertia is None else 1.0
     internal, external = np.full(whole, math.inf), np.full(whole, math.inf)
     device = Plant(

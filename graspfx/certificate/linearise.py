@@ -1,4 +1,4 @@
-"""A scene linearised about its grasp: contacts, gains, devices, hands and objects as the matrices of the analysis."""
+"""Linearisation of a scene about its grasp: contacts, gains, devices, hands and objects as matrices."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from graspfx.certificate.matrices import (
     turned_operator,
 )
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
-from graspfx.certificate.rest import Place, provisional, require_contact, squeezed
+from graspfx.certificate.rest import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.coupling import block as at
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
@@ -43,38 +43,40 @@ from graspfx.scene.tables.part_tables import Object
 FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start", "provisional", "recorded")
-TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # of a plug-in; implicit ones are solved with their forces
-STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
+TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; implicit ones need their forces
+STIFFEST = 1e-6  # relative to the stiffest: a smaller effect of a preload is rounding of its difference quotients
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A scene, or one object of it, about its grasp at rest.
+    """A scene, or one of its objects, linearised about its grasp at rest.
 
     Attributes:
-        linear: its matrices. Coordinates are the fingers' along the principal axes of their devices' masses, which are
-            the world's unless a device is heavier one way than another.
-        objects: names of the objects that fingers touch, in the order of their coordinates.
-        fingers: the numbers of their fingers in the scene.
-        finger_of_column: (m,) of the grasp matrix, by those numbers.
-        contacts: (n, d), world axes [m].
-        tips: the fingertips, (n, d), world axes [m].
-        normals: unit, into the object, (n, d), world axes.
-        forces: of the fingers on the object at rest, (n, d), world axes [N]; nan at the start.
+        linear: Matrices. Coordinates of a finger are along the principal axes of its device's mass, which are the
+            world's unless the mass depends on direction.
+        objects: Names of the objects that fingers touch, in the order of their coordinates.
+        fingers: Indices of their fingers in the scene.
+        finger_of_column: Index of the finger of each column of the grasp matrix, (m,).
+        contacts: Contact points in world axes, (n, d) [m].
+        tips: Fingertips in world axes, (n, d) [m].
+        normals: Unit normals into the object in world axes, (n, d).
+        forces: Forces of the fingers on the object at rest in world axes, (n, d) [N]; nan at the start.
         at: "squeezed" or "start" for each object.
-        assumed: in words, what the matrices take for granted.
-        splits: of each object's grasp.
-        margins: f_t/(mu f_n) of each finger at rest, (n,); nan where nothing rubs.
-        edge: the numbers of the fingers on their cones' edges.
-        slip: T and V (m, edge) of those, as `edge_directions` gives them.
-        standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
-        fade: of each object, where the fade begins and where the forces at rest ask it to [m]; None where nothing does.
-        stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
-        damping: D (m, m) for external damping times a and internal damping times b: a function.
-        gains: K of shifts, turns and internal (m, m), of which `stiffness` is the sum; None where it is no such sum.
-        conventional: K (m, m) where every finger has the stiffness k by itself: a function.
-        compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
-        pads: normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; None without any.
+        assumed: Assumptions of the matrices, as sentences.
+        splits: Split of each object's grasp.
+        margins: Friction in use f_t/(mu f_n) of each finger at rest, (n,); nan without friction.
+        edge: Indices of the fingers on their cones' edges.
+        slip: T and V (m, edge) of those fingers, from `edge_directions`.
+        standing: Ground of each object at the start, which `linear` leaves out; None for an object in the air.
+        fade: For each object, gap at which the fade begins, and gap that the forces at rest require [m]; None for no
+            fade.
+        stiffness: Function of (a, b, c) that returns K (m, m): external gains times a, of rotations times b, internal
+            times c.
+        damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
+        gains: K of shifts, rotations and internal (m, m), whose sum `stiffness` scales; None if it is not such a sum.
+        conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
+        compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
+        pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
     """
 
     linear: Linearisation
@@ -105,25 +107,26 @@ class Linearised:
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:
-    """Linearise the scene's small motions about its grasp at rest.
+    """Linearise a scene's small motions about its grasp at rest.
 
-    "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
-    coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
-    meet the object at first, without any force; it stands in where a finger does not touch at rest, and `assumed` says
-    so.
-    "provisional" is squeezed by one linear step from the start, "recorded" the last row of a recording. A contact that
-    touches counts as sticking wherever it has slid to, also on the edge of its friction cone.
+    "squeezed" is the rest to which hands that neither move nor rotate, closed to their largest squeeze, bring the
+    object against the coupling. It is found with the contacts, split and cones of a run, and with gravity. "start" is
+    where the fingers first meet the object, without force; it replaces the rest if a finger does not touch there, as
+    `assumed` reports.
+    "provisional" is one linear step of squeezing from the start, and "recorded" is the last row of a recording. A
+    touching contact counts as sticking where it is, even if it has slid there or lies on the edge of its friction cone.
 
     Args:
         at: "squeezed", "start", "provisional" or "recorded".
-        object: one of the scene's; all that fingers touch if None, in one linearisation.
-        recording: of the scene, for "recorded"; of hardware, its forces come as late as in it.
+        object: Name of one of the scene's objects; if None, all objects that fingers touch, in one linearisation.
+        recording: Recording of the scene, for "recorded". A recording of hardware also provides the lateness of its
+            forces.
 
     Raises:
-        InputError: a device that does not tell its mass or damping; objects with different integrators together; an
-            object that no finger touches (`NotGraspingError`), unless at the start.
-        NoRestError: a grasp for which no rest is found.
-        UnknownNameError: no such object.
+        InputError: A device does not state its mass or damping; objects with different integrators are linearised
+            together; or no finger touches an object (`NotGraspingError`), unless at the start.
+        NoRestError: No rest of a grasp is found.
+        UnknownNameError: No object has that name.
     """
     if at not in WHERE:
         raise UnknownNameError("place of a linearisation", at, WHERE)
@@ -141,11 +144,11 @@ def linearise(
 
 
 def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> Linearisation:
-    """Linearise a scene where a recording of it ends, with the lateness that its forces had there.
+    """Linearise a scene at the end of a recording of it, with the lateness that its forces had there.
 
     Raises:
-        InputError: a recording of another scene, or without a row; a device that does not tell its mass or friction.
-        RecordingError: a path that leads to no recording.
+        InputError: The recording is of another scene or has no rows, or a device does not state its mass or friction.
+        RecordingError: The path leads to no recording.
     """
     return linearise(scene, "recorded", recording=recording_of(scene, recording)).linear
 
@@ -154,13 +157,13 @@ def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> L
 
 
 @dataclass(frozen=True, eq=False)
-class _Share:
-    """One object's share of the matrices, in world axes, and where its fingers are."""
+class _ObjectMatrices:
+    """Matrices of one object in world axes, and positions of its fingers."""
 
     name: str
     fingers: NDArray[np.intp]
     grip: Grip
-    place: Place
+    place: OperatingPoint
     assumed: list[str]
     edge: NDArray[np.intp]
     slip: tuple[FloatArray, FloatArray]
@@ -183,9 +186,9 @@ class _Share:
         return np.full_like(g.force, np.nan) if self.place.stiffness is None else g.force
 
 
-def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _Share:
+def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _ObjectMatrices:
     scene, part, start = parts.scene, parts.objects[index], parts.start
-    # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
+    # forces as functions of the pose; with "implicit" of the predicted pose, which the analysis inserts
     grasped, fingers = part.grasped(predicts=False), part.fingers
     state = grasped.body_state
     state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0
@@ -195,7 +198,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     inward[fingers] = grasped.inward()
     set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward, start)
     initial = grip.changing.copy()
-    place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
+    place, ground, standing = OperatingPoint("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
             raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
@@ -221,8 +224,8 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
 
 
 def _matrices(
-    parts: Parts, part: ObjectPart, grip: Grip, place: Place, ground: Ground | None, standing: Ground | None
-) -> _Share:
+    parts: Parts, part: ObjectPart, grip: Grip, place: OperatingPoint, ground: Ground | None, standing: Ground | None
+) -> _ObjectMatrices:
     scene, table, fingers, g = parts.scene, part.table, part.fingers, grip.grasped
     J, assumed, state, rules = place.stiffness, place.assumed, g.body_state, scene.coupling
     n, d, m, r = grip.n, grip.d, grip.m, grip.r
@@ -234,10 +237,10 @@ def _matrices(
     split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
     normals = force_directions(scene, grip, fingers)
     if normals is not None and normals.shape[1] == n:
-        assumed.append("contacts without friction: forces along the normals alone")
+        assumed.append("contacts without friction: forces act along the normals only")
     elif normals is not None:
         smooth = ", ".join(scene.finger_names[i] for i in fingers if not scene.coefficients[i])
-        assumed.append(f"contacts stick, but for {smooth} without friction: forces along the normals alone")
+        assumed.append(f"contacts stick, except {smooth} without friction: forces act along the normals only")
     elif rules.contact != "attached" and d > 1:
         assumed.append("contacts stick")
     if rules.contact != "attached":
@@ -247,11 +250,11 @@ def _matrices(
         law = law.turned(R[:d, :d] if rules.axes == "object" else contact_axes(g, R))
     pads = pads_of(g, at_rest=J is not None)
     if pads is not None and not pads[1].all():
-        assumed.append("pads give way where nothing presses yet: no stiffness along their normals")
+        assumed.append("unloaded pads have no stiffness along their normals")
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     gains = ScaledGains(law, split, n, normals, pads, compliance)
     if np.isinf(compliance).any():
-        assumed.append("no damping where nothing presses yet: it grows with depth")
+        assumed.append("unloaded contacts have no damping, which grows with depth")
     D = gains.damping(1.0, 1.0)
     G, G_e = grip.wrenches(contacts if rules.reaction == "contact" else tips), grip.wrenches(tips)
     N = np.zeros((m + r, m + r))
@@ -263,7 +266,7 @@ def _matrices(
         unit = grip.lengths() / grip.lengths()[0]
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
-    if not N.any():  # without a preload the levers are those of the contacts
+    if not N.any():  # without a preload the arms are those of the contacts
         G = G_e = grip.wrenches(contacts)
     if ground is not None:
         assumed.append(
@@ -279,7 +282,7 @@ def _matrices(
         extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
         viscosity[np.ix_(turning, turning)] += extra
         assumed.append("the damping of torsion counts as the object's own viscosity")
-    return _Share(
+    return _ObjectMatrices(
         name=table.name,
         fingers=fingers,
         grip=grip,
@@ -302,10 +305,10 @@ def _matrices(
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
-    """Name the step of an object's body; of a plug-in's the one that its module tells, or an assumption.
+    """Return the integrator of an object's body; for a plug-in, the one that its module states, or an assumption.
 
     Raises:
-        InputError: a plug-in tells one that no body of its kind has.
+        InputError: A plug-in states an integrator that its kind of body does not have.
     """
     if table.dynamics == "native":
         return table.integrator
@@ -315,7 +318,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
     told = getattr(module, "INTEGRATOR", None)
     if told is None:
         assumed.append(
-            f"the dynamics {table.dynamics} do not tell their integrator: semi-implicit (`INTEGRATOR` of their module)"
+            f"the dynamics {table.dynamics} do not state their integrator: semi-implicit (`INTEGRATOR` of their module)"
         )
         return "semi-implicit"
     if told not in TOLD:
@@ -326,14 +329,14 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
 # All objects ---------------------------------------------------------------------------------------------------------
 
 
-def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None) -> Linearised:
-    """Join the matrices of all shares into one, along the principal axes of the devices' masses."""
+def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recording | None) -> Linearised:
+    """Join the matrices of all objects, along the principal axes of the devices' masses."""
     d, period = parts.scene.dimensions, parts.scene.period
     position, force = parts.start.copy(), np.zeros_like(parts.start)
     for share in shares:
         position[share.fingers] = share.grip.grasped.finger_position
         force[share.fingers] = np.nan_to_num(share.force)
-    # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
+    # only stiffness and damping of the hands are needed here, which do not depend on where they close to
     hands = list(still_hands(parts, np.zeros_like(position)))
     devices = mechanics(parts, position, hands)
     operator, stiffer, damper = operated(parts, hands, force)
@@ -416,7 +419,7 @@ def _joined(parts: Parts, shares: Sequence[_Share], recording: Recording | None)
     )
 
 
-def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
+def _preload(shares: Sequence[_ObjectMatrices], V: FloatArray) -> FloatArray | None:
     if not any(share.N.any() for share in shares):
         return None
     m, r = len(V), sum(len(share.G) for share in shares)
@@ -431,8 +434,8 @@ def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
     return N
 
 
-def _joined_ground(shares: Sequence[_Share]) -> tuple[FloatArray, FloatArray] | None:
-    """Put stiffness and damping of what the objects stand on along a diagonal; None without any."""
+def _joined_ground(shares: Sequence[_ObjectMatrices]) -> tuple[FloatArray, FloatArray] | None:
+    """Assemble stiffness and damping of the ground of all objects as block diagonals; None if there is none."""
     if all(share.ground is None for share in shares):
         return None
     none = [np.zeros((len(share.G), len(share.G))) for share in shares]

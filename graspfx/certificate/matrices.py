@@ -1,4 +1,4 @@
-"""Matrices of a grasp at rest: gains of eq. (4) times factors, compliant fingertips, operators who are not springs."""
+"""Matrices of a grasp at rest: scaled gains of eq. (4), compliant fingertips, and operators with limbs or reactions."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ScaledGains:
-    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
+    """K of the law on one grasp: translations, rotations and internal gains times factors, slipping tangents freed."""
 
     law: Coupling
     split: Split
     fingers: int
-    normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
-    pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
-    compliance: FloatArray | float = 0.0  # of dampers in series (m,) [m/(N s)]
+    normals: FloatArray | None  # (m, p), orthonormal directions of forces, if some tangents carry none
+    pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) and stiffness of compliant fingertips [N/m]
+    compliance: FloatArray | float = 0.0  # compliance of dampers in series, (m,) [m/(N s)]
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
         K_t, K_r, K_i = self.parts
@@ -41,12 +41,12 @@ class ScaledGains:
 
     @property
     def is_sum(self) -> bool:
-        """Whether K is the sum of its parts, each times its factor: no tangents slip, no pads are in series."""
+        """True if K is the sum of its scaled parts: no tangents slip, and no pads are in series."""
         return self.normals is None and self.pads is None
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """K of shifts, of turns and internal, (m, m) each."""
+        """K of translations, of rotations and internal, (m, m) each."""
         n, m = self.fingers, self.split.components
         d = m // n
         zero = Impedance(0.0)
@@ -54,7 +54,7 @@ class ScaledGains:
         outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
         inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
         K_e = outer.stiffness(self.split)
-        # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+        # projector on uniform translations in the metric, 1 (1'M 1)^-1 1'M
         one = np.tile(np.eye(d), (n, 1))
         weighed = (self.split.metric * one.T).T
         Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
@@ -62,7 +62,7 @@ class ScaledGains:
         return K_t, K_e - K_t, inner.stiffness(self.split)
 
     def damping(self, external: float, internal: float) -> FloatArray:
-        """Give D of the law, (m, m) [N s/m], with each of its dampings times a factor."""
+        """Return D of the law, (m, m) [N s/m], with a factor on each of its dampings."""
         law = self.law
         if (external, internal) != (1.0, 1.0):
             outer, inner = (
@@ -73,7 +73,7 @@ class ScaledGains:
         return self.release_tangents(in_series(law.damping(self.split), self.compliance))
 
     def alone(self, k: float) -> FloatArray:
-        """Give K for every finger by itself with stiffness k, in the metric."""
+        """Return K if every finger has the stiffness k, in the metric."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
         return self.soften(self.release_tangents(law.stiffness(self.split)))
 
@@ -94,7 +94,7 @@ class ScaledGains:
 
 
 def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
-    """Give the directions (m, p) of contact forces where some have no friction; None where all carry all."""
+    """Return the directions (m, p) of contact forces if some contacts have no friction; else None."""
     d, rules = grip.d, scene.coupling
     smooth = [not scene.coefficients[i] for i in fingers]
     if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
@@ -106,13 +106,13 @@ def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Flo
 
 
 def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    """Return the contacts' frames in world axes, (n, d, d), with the axes as columns, the normal first."""
     frames = g.rows[:, FRAME : FRAME + 9].reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    """Put matrices along a diagonal."""
+    """Return a block-diagonal matrix."""
     whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
@@ -122,7 +122,7 @@ def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Give the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
+    """Return the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
     stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
     padded = np.flatnonzero(np.isfinite(stiffness))
     if not len(padded):
@@ -133,7 +133,7 @@ def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray]
 
 
 def joined_pads(gains: Sequence[ScaledGains], V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Join the pads of several grasps, along the axes V; None without any."""
+    """Join the pads of several grasps along the axes V; None if there are none."""
     if all(each.pads is None for each in gains):
         return None
     pads = [each.pads or (np.zeros((each.split.components, 0)), np.zeros(0)) for each in gains]
@@ -149,13 +149,13 @@ def operated(
     """Linearise the operators of all fingers of a scene about the forces at rest.
 
     Args:
-        parts: of the scene.
-        hands: still ones.
-        force: f on the objects, (n, d) in world axes [N]; zero where nothing presses.
+        parts: Parts of the scene.
+        hands: Hands without motion.
+        force: Forces f on the objects in world axes, (n, d) [N]; zero for unloaded fingers.
 
     Returns:
-        The matrices in world axes, finger by finger, None where all hands are springs and dampers; and what the grip
-        adds to their stiffness and damping (n d,) [N/m, N s/m].
+        Matrices in world axes, finger by finger, or None if all hands are springs and dampers; and the stiffness and
+        damping that the grip adds, (n d,) [N/m, N s/m].
     """
     n, d = force.shape
     m, T = n * d, parts.scene.period
@@ -188,7 +188,7 @@ def operated(
                 A[i, :, i, :] = -finger.rise * np.outer(stretch[k], own[k] / grip)
     reacting = (P != 0.0) | (Q != 0.0) | (C != 0.0)
     if reacting.any():
-        delay[~reacting] = delay[reacting].max()  # of what is zero, any
+        delay[~reacting] = delay[reacting].max()  # arbitrary, since their reaction is zero
     if (share != 0.0).any():
         share[share == 0.0] = share.max()
     matrices = OperatorMatrices(
@@ -210,13 +210,13 @@ def operated(
 def turned_operator(
     operator: OperatorMatrices | None, columns: NDArray[np.intp], V: FloatArray, friction: FloatArray
 ) -> OperatorMatrices | None:
-    """Restrict an operator to some coordinates, in their order, and turn it to the axes V of each finger.
+    """Restrict an operator to some coordinates, in order, and rotate it to the axes V of each finger.
 
     Args:
-        operator: in world axes, finger by finger.
-        columns: the coordinates.
-        V: (m, m), block by block.
-        friction: what is not on the diagonal of the devices' own, in their axes (m, m).
+        operator: Matrices in world axes, finger by finger.
+        columns: Coordinates.
+        V: Block-diagonal matrix of axes, (m, m).
+        friction: Off-diagonal part of the devices' friction, in their axes, (m, m).
     """
     if operator is None:
         return None
@@ -242,12 +242,12 @@ def turned_operator(
 
 
 def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iterator[str]:
-    """Say at which rest the operators of fingers are linearised, and what of them is left out.
+    """Yield the rest at which operators are linearised, and what of them is left out.
 
     Args:
-        parts: of the scene.
-        fingers: their numbers.
-        force: f of all fingers, (n, d) [N].
+        parts: Parts of the scene.
+        fingers: Indices of the fingers.
+        force: Forces f of all fingers, (n, d) [N].
     """
     tables = {hand.fingers[0]: hand.holding.table for hand in parts.hands if set(hand.fingers) & set(fingers)}
     own = [table for table in tables.values() if table is not None and table.form != "made"]
@@ -256,7 +256,7 @@ def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iter
         forces = ", ".join(f"{parts.scene.finger_names[i]} {grip[i]:.3g} N" for i in fingers)
         yield f"hands as stiff as grip makes them at rest ({forces}), and the squeeze's own force growing with it"
     if any(table.reaction is not None for table in own):
-        yield "reactions as late as they are, to the nearest sample; no such operator is passive"
+        yield "delays of reactions rounded to samples; no such operator is passive"
     inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]
     if inputs:
         yield f"{' and '.join(inputs)} left out: what comes from outside moves no eigenvalue"

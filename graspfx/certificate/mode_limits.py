@@ -1,4 +1,4 @@
-"""How far each gain of a grasp can go: of internal and external modes, of what it stands on, and of pushing."""
+"""Largest stable value of each gain: internal and external modes, the grasp on its support, and pushing."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-ALL_SETS = 5  # fingers up to which every set of them may push; of more, single ones
-TIE = 1e-9  # relative: margins that are the same, of which that of fingers near is listed
-ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
+ALL_SETS = 5  # up to this many fingers every set may push; beyond, only single fingers
+TIE = 1e-9  # relative difference of equal margins, of which the one with nearby fingers is listed
+ROOM = 0.5  # relative to the common limit: value of the other gains if nothing is stable at their present values
 
 
 def spectral_radius(linear: Linearisation) -> float:
-    """Find the largest |z| of a loop as it is."""
+    """Compute the largest |z| of a loop with its present gains."""
     return Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness).radius(1.0)
 
 
 def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
-    """Find the limits of the internal and the external gain, and of the external one's shifts and turns alone."""
+    """Compute the limits of the internal and external gain, and of translations and rotations alone."""
     kep, kip = (number_of(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
     names = {name: scaled for name, scaled in _parts(loop) if halves or " " not in name}
     gains = {name: kip if name == "internal" else kep for name in names}
@@ -60,9 +60,9 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 
 
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
-    """Limit [N/m] and frequency [Hz] of each mode that is one by itself, the weakest of its name; empty without any."""
+    """Return limit [N/m] and frequency [Hz] of each separate mode, the weakest of its name; empty if there is none."""
     if loop.pads is not None:
-        return {}  # what is in series with a gain makes its mode no multiple of it
+        return {}  # something in series with a gain: its mode is not proportional to it
     try:
         parts = modes(loop.linear)
     except InputError:
@@ -79,7 +79,7 @@ def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
 
 
 def _parts(loop: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """List the modes, and which of the gains for shifts, turns and squeezing each is."""
+    """Yield the modes, with masks of the gains (translations, rotations, squeezing) that each scales."""
     m, _ = loop.linear.coordinates
     rank = sum(split.rank for split in loop.splits)
     d = loop.contacts.shape[1]
@@ -111,7 +111,7 @@ def _name(mode: Mode, loop: Linearised) -> str:
 
 
 def _others(loop: Linearised, whole: WholeLoop) -> float:
-    """Find the factor at which the other gains are held: 1 where that is stable."""
+    """Find the factor at which the other gains are held: 1 if that is stable."""
     common = _scaled(loop, (True, True, True), 1.0)
     if is_stable(Family(whole, common).radius(1.0)):
         return 1.0
@@ -119,7 +119,7 @@ def _others(loop: Linearised, whole: WholeLoop) -> float:
 
 
 def _scaled(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) -> Stiffness:
-    """Give K(s) with some gains times s and the others at a factor of theirs."""
+    """Return K(s) with some gains times s and the others at a fixed factor."""
     if loop.gains is None:
         return lambda s: loop.stiffness(*(s if is_scaled else others for is_scaled in scaled))
     zero = np.zeros_like(loop.linear.stiffness)
@@ -128,13 +128,13 @@ def _scaled(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) ->
 
 
 def _all_scaled(linear: Linearisation) -> Family:
-    """Give the loops with all stiffness times s."""
+    """Return the loops with all stiffness times s."""
     K = linear.stiffness
     return Family(WholeLoop(linear, [K]), Line(np.zeros_like(K), K))
 
 
 def standing_limits(loop: Linearised) -> Iterator[Limit]:
-    """Find the limit of the grasp with its object on what carries it at the start, all gains growing together."""
+    """Yield the limit of the grasp with its object on its support at the start, with all gains scaled together."""
     ground = loop.standing[0]
     if ground is None or len(loop.standing) > 1:
         return
@@ -145,7 +145,7 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
 
 
 def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
-    """Find limits of every set of fingers that may touch without the others; none where contacts cannot be left."""
+    """Compute the limits of every set of fingers that may touch alone; none if contacts cannot separate."""
     n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
         return []
@@ -170,7 +170,7 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
 
 
 def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:
-    """List the loops of some fingers that push: the others near without force, and where they fade, gone."""
+    """Yield the loops of some pushing fingers: the others near without force, and, if they fade, gone."""
     near = without_freedoms(loop.linear, np.isin(loop.finger_of_column, pushers))
     yield near
     if scene.coupling.absent == "fade":
@@ -180,7 +180,7 @@ def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterato
 
 
 def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
-    """Build the loop of fingers that alone are in the split; None for gains per finger, or contacts that slip."""
+    """Build the loop of fingers that alone are in the split; None for gains per finger, or slipping contacts."""
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     if math.isnan(kep + kip) or coupling.metric != "equal":

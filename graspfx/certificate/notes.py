@@ -1,4 +1,4 @@
-"""Warnings about likely mistakes in a valid scene: gains that do not settle, grasps in the blend, settings."""
+"""Warnings about likely mistakes in a valid scene: unstable gains, grasps within the blend, settings."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from graspfx.scene.tables.hands import OwnHand, SharedHand
 if TYPE_CHECKING:
     from graspfx.coupling.grasped import GraspedObject
 
-SLOWEST = 1.0  # [1/s]: what grows more slowly is not noticed in a run
+SLOWEST = 1.0  # slower growth is not noticeable in a run [1/s]
 Spring = tuple[float, float]  # K [N/m], B [N s/m]
 
 
 def doubts(parts: Parts) -> list[str]:
-    """List warnings about likely mistakes, a sentence each: units first."""
+    """List warnings about likely mistakes, a sentence each, units first."""
     return [*unit_notes(parts.scene, parts.stock), *other_doubts(parts)]
 
 
 def other_doubts(parts: Parts) -> list[str]:
-    """List those that are not about units: of meshes, former names, depths, gains that do not settle."""
+    """List warnings that are not about units: meshes, former names, depths, unstable gains."""
     return [*parts.mesh_notes, *former_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
 
 
 def former_notes(scene: Scene) -> list[str]:
-    """Write a sentence for each device table with such settings."""
+    """Return a sentence for each device table with settings under former names."""
     tables = dict(table_at(scene, i) for i in range(len(scene.finger)))
     return [
         f"{dotted((*at, old))} is called {now!r} now: the old name is still read"
@@ -52,12 +52,12 @@ def former_notes(scene: Scene) -> list[str]:
 
 
 def is_damped(scene: Scene) -> bool:
-    """Tell whether the coupling has any damping."""
+    """True if the coupling has any damping."""
     return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))
 
 
 def why_not_gradual(scene: Scene) -> str:
-    """Say why damping does not grow with depth; empty where it does."""
+    """Return the reason why damping does not grow with depth; empty if it does."""
     if not is_damped(scene):
         return "there is no damping"
     if scene.coupling.contact == "attached":
@@ -77,12 +77,12 @@ def depth_notes(scene: Scene) -> list[str]:
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """Write a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
+    """Return a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
 
-    Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
-    Moving, all n swing along with the object: kep, and the arm. Velocities count as known and forces as undelayed, and
-    rotations are left out, so that silence is no proof. Nothing is said where a device does not tell its mass, of
-    hands and dynamics of a plug-in's own, and of gains that are not one number.
+    Each finger is treated as one of n equal fingers. For squeezing, it oscillates against a fixed object: kip and the
+    grip. For moving, all n oscillate together with the object: kep and the arm. Velocities are assumed known, forces
+    without delay, and rotations are left out, so that the absence of a note proves nothing. No note is given if a
+    device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not single numbers.
     """
     scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal
@@ -125,7 +125,7 @@ def _sentences(scene: Scene, growth: dict[int, float], gain: str) -> Iterator[st
 
 
 def _devices(parts: Parts) -> dict[int, Spring]:
-    """Give by finger the mass [kg] and the damping [N s/m] that its device tells."""
+    """Return mass [kg] and damping [N s/m] that the device of each finger states."""
     devices: dict[int, Spring] = {}
     for wire in parts.wires:
         features = wire.features
@@ -135,7 +135,7 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """Find by finger the softest arm and grip along an axis; a hand that holds one finger is both."""
+    """Find for each finger the softest arm and grip along an axis; a hand with one finger is both."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):
@@ -156,13 +156,13 @@ def _softest(table: object) -> Spring:
 
 
 def _growth(device: Plant, gain: float) -> float:
-    """Find the fastest growth [1/s] of a sampled device with a gain."""
+    """Compute the fastest growth rate [1/s] of a sampled device with a gain."""
     radius = device.limits().spectral_radius(gain)
     return math.log(radius) / device.period if math.isfinite(radius) else math.inf
 
 
 def blend_notes(parts: Parts) -> list[str]:
-    """Say of each grasp at the start that lies in the band of `coupling.blend` how far its forces are from eq. (4)."""
+    """Report the difference from eq. (4) for each grasp that starts within the band of `coupling.blend`."""
     scene = parts.scene
     if scene.coupling.blend == "off" or not any(map(scene.turns, scene.object)):
         return []
@@ -170,10 +170,10 @@ def blend_notes(parts: Parts) -> list[str]:
 
 
 def arms(grasped: GraspedObject) -> list[float]:
-    """Compute the rms arms of the free rotations about their principal axes, the least first [m].
+    """Compute the rms arms of the free rotations about their principal axes, in ascending order [m].
 
-    They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, less what the free translations
-    move, over the root of the weights' sum; those that are rounding are left out.
+    They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, without the motion in the free
+    translations, over the root of the sum of weights. Values of rounding size are dropped.
     """
     rows, S = grasped.rows, grasped.body_state
     points = rows[:, at.CONTACT : at.CONTACT + 3] @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T

@@ -1,4 +1,4 @@
-"""A set of operators: ranges of a scene's keys, a population in them, and the search for the worst one."""
+"""Set of operators: ranges of a scene's keys, a random population, and the search for the worst operator."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ FloatArray = NDArray[np.float64]
 Law = Literal["log", "uniform", "normal", "lognormal"]
 
 FORM = "KEY=FROM:TO or KEY=FROM:TO:LAW, as in finger.*.hand.stiffness=50:1000"
-INSIDE = 0.95  # of a normal law between the ends of its range, where it is cut
-STIFFNESS = 50.0, 1000.0  # of an operator's fingers [N/m]
-DAMPING = 0.5, 2.0  # times the scene's
-MASS = 1.0, 1.5  # times the device's: a fingertip moves with it
-MOST_CORNERS = 6  # ranges up to which all corners of the box are judged
+INSIDE = 0.95  # probability of a normal law within its range, at whose ends it is truncated
+STIFFNESS = 50.0, 1000.0  # usual range of an operator's fingers [N/m]
+DAMPING = 0.5, 2.0  # usual range, relative to the scene's value
+MASS = 1.0, 1.5  # usual range, relative to the device's mass, since a fingertip moves with it
+MOST_CORNERS = 6  # largest number of ranges for which all corners of the box are judged
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
-POINTS = 16  # that fill the box for each of its ranges
-DESCENTS = 2  # from the worst points
-STEPS = 30  # of a descent for each range, at most
-FINE = 1e-4  # of a range: where a descent ends
-BOX_STEP = 0.15  # of a range: the first step of a descent
+POINTS = 16  # points per range that fill the box
+DESCENTS = 2  # descents, from the worst points
+STEPS = 30  # largest number of steps of a descent per range
+FINE = 1e-4  # size of a simplex at which a descent ends, relative to a range
+BOX_STEP = 0.15  # first step of a descent, relative to a range
 MASSES = "finger.*.device.mass", "device.*.mass"
 OF_HANDS = frozenset(
     f"{hand}.{key}"
@@ -43,23 +43,23 @@ OF_HANDS = frozenset(
 
 @dataclass(frozen=True)
 class OperatorRange:
-    """The values of one key over a set of operators.
+    """Range of one key over a set of operators.
 
-    | law | spread between the ends |
+    | law | distribution between the ends |
     |---|---|
-    | log | the logarithm evenly: as many from 50 to 100 as from 500 to 1000 |
-    | uniform | evenly |
-    | normal | a bell whose 95 % interval the range is, cut at its ends |
-    | lognormal | a bell of the logarithm whose 95 % interval the range is, cut at its ends |
+    | log | uniform in the logarithm: as many from 50 to 100 as from 500 to 1000 |
+    | uniform | uniform |
+    | normal | normal with the range as 95 % interval, truncated at its ends |
+    | lognormal | normal in the logarithm with the range as 95 % interval, truncated at its ends |
 
     Attributes:
-        key: of the scene, with dots.
-        low, high: ends of the range.
-        law: of the population; the worst case is sought over the whole range whatever it is.
+        key: Dotted key of the scene.
+        low, high: Ends of the range.
+        law: Distribution of the population. The search for the worst case covers the whole range for every law.
 
     Raises:
-        InputError: ends that are no finite numbers in rising order; a logarithm of what is not above zero.
-        UnknownNameError: a law of another name.
+        InputError: The ends are not finite numbers in ascending order, or not above zero for a logarithmic law.
+        UnknownNameError: No law has that name.
     """
 
     key: str
@@ -80,11 +80,11 @@ class OperatorRange:
 
     @classmethod
     def read(cls, text: str, name: str = "--operators") -> OperatorRange:
-        """Read KEY=FROM:TO or KEY=FROM:TO:LAW; the law is "log" where both ends are above zero, else "uniform".
+        """Parse KEY=FROM:TO or KEY=FROM:TO:LAW; the default law is "log" if both ends are above zero, else "uniform".
 
         Raises:
-            InputError: anything else.
-            UnknownNameError: a law of another name.
+            InputError: The text has another form.
+            UnknownNameError: No law has that name.
         """
         key, equals, span = text.partition("=")
         parts = [part.strip() for part in span.split(":")]
@@ -98,16 +98,16 @@ class OperatorRange:
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether its values are spread, and drawn, by their logarithm."""
+        """True if its values are spaced and drawn by their logarithm."""
         return self.law in ("log", "lognormal")
 
     @property
     def text(self) -> str:
-        """The range as `read` takes it."""
+        """Range in the form that `read` parses."""
         return f"{self.key}={self.low:g}:{self.high:g}:{self.law}"
 
     def between(self, share: FloatArray | float) -> FloatArray:
-        """Give the values at these shares of the way from one end to the other, evenly or by logarithm."""
+        """Return the values at these shares of the way from one end to the other, linearly or by logarithm."""
         u = np.asarray(share, dtype=float)
         if self.is_logarithmic:
             values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
@@ -116,7 +116,7 @@ class OperatorRange:
         return np.asarray(np.where(u <= 0.0, self.low, np.where(u >= 1.0, self.high, values).clip(self.low, self.high)))
 
     def quantile(self, probability: FloatArray) -> FloatArray:
-        """Give the values below which these shares of the population are."""
+        """Return the quantiles of the population at these probabilities."""
         if self.law in ("normal", "lognormal"):
             from scipy.special import ndtr, ndtri
 
@@ -130,22 +130,22 @@ Ranges = Mapping[str, Any] | Sequence[str | OperatorRange]
 
 
 def is_number(value: object) -> bool:
-    """Tell whether a value is a finite number."""
+    """True if a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def usual_law(low: float) -> Law:
-    """Give the law of a range that names none."""
+    """Return the default law of a range."""
     return "log" if low > 0.0 else "uniform"
 
 
 @dataclass(frozen=True)
 class OperatorSet:
-    """Ranges of keys of a scene, independent of one another.
+    """Independent ranges of a scene's keys.
 
     Attributes:
-        ranges: one for each key.
-        source: where they come from, in words.
+        ranges: Range of each key.
+        source: Origin of the ranges, as text.
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -153,35 +153,35 @@ class OperatorSet:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The keys that vary."""
+        """Keys that vary."""
         return tuple(each.key for each in self.ranges)
 
     def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
-        """Give the values by key at a point of the unit box."""
+        """Return the values by key at a point of the unit box."""
         pairs = zip(self.ranges, np.clip(point, 0.0, 1.0).tolist(), strict=True)
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def corners(self) -> list[tuple[float, ...]]:
-        """List the corners of the box; of more than six ranges, the two ends of their diagonal."""
+        """List the corners of the box; for more than six ranges, only the two ends of a diagonal."""
         count = len(self.ranges)
         if count > MOST_CORNERS:
             return [(0.0,) * count, (1.0,) * count]
         return [tuple(map(float, corner)) for corner in product((0, 1), repeat=count)]
 
     def spread(self, count: int) -> list[tuple[float, ...]]:
-        """List points that fill the box evenly: Halton's, each coordinate in the radix of a prime number."""
+        """List points that fill the box evenly: a Halton sequence, with a prime number as radix of each coordinate."""
         numbers = range(1, count + 1)
         return [tuple(radical_inverse(k, PRIMES[i]) for i in range(len(self.ranges))) for k in numbers]
 
     def population(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Draw operators at random, independent of one another, by the laws of their ranges."""
+        """Draw independent random operators by the laws of their ranges."""
         uniform = np.random.Generator(np.random.PCG64(seed)).random((count, len(self.ranges)))
         columns = [each.quantile(uniform[:, i]).tolist() for i, each in enumerate(self.ranges)]
         return [dict(zip(self.keys, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def radical_inverse(number: int, radix: int) -> float:
-    """Write a whole number's digits in a radix behind the point, the last digit first (Halton 1960)."""
+    """Mirror the digits of an integer in a radix at the radix point (Halton 1960)."""
     result, place = 0.0, 1.0 / radix
     while number:
         number, digit = divmod(number, radix)
@@ -191,15 +191,15 @@ def radical_inverse(number: int, radix: int) -> float:
 
 
 def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
-    """Read a set of operators; without one, that of the scene's table [operators], or the usual ranges of its hands.
+    """Read a set of operators; by default the scene's table [operators], or the usual ranges of its hands.
 
     Args:
-        scene: whose keys vary.
-        ranges: by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
+        scene: Scene whose keys vary.
+        ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
 
     Raises:
-        InputError: no ranges, one key twice, too many, or what is no range; a scene without a simulated hand.
-        UnknownNameError, SceneError: a key that the scene does not have.
+        InputError: There are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated hand.
+        UnknownNameError, SceneError: The scene does not have a key.
     """
     source = "as asked for"
     if ranges is None and scene.operators:
@@ -220,7 +220,7 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
         if each.key in [other.key for other in result[:k]]:
             raise InputError("operators", each.key, "each key once")
     answer = OperatorSet(tuple(result), source)
-    scene.replace(answer.values([0.0] * len(result)))  # a key or a value that the scene does not take is said here
+    scene.replace(answer.values([0.0] * len(result)))  # raises if the scene does not accept a key or a value
     scene.replace(answer.values([1.0] * len(result)))
     return answer
 
@@ -235,7 +235,7 @@ def range_of(key: str, value: Any) -> OperatorRange:
     """Read (low, high) or (low, high, law) of a key.
 
     Raises:
-        InputError: it is none of them.
+        InputError: The value has another form.
     """
     if isinstance(value, OperatorRange):
         return value
@@ -248,7 +248,7 @@ def range_of(key: str, value: Any) -> OperatorRange:
 
 
 def _usual(scene: Scene) -> Iterator[OperatorRange]:
-    """List the usual ranges: stiffness and damping of every hand, and the masses that the scene states for devices."""
+    """Yield the usual ranges: stiffness and damping of every hand, and the device masses that the scene states."""
     hands = [
         *(f"finger.{i}.hand" for i, each in enumerate(scene.finger) if _has(each.hand, "stiffness")),
         *(f"hand.{i}.{part}" for i, each in enumerate(scene.hand) for part in ("arm", "grip") if _has(each, part)),
@@ -264,13 +264,13 @@ def _has(table: object, name: str) -> bool:
 
 
 def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
-    """Write one range for keys of all tables of a kind, where they have one value above zero."""
+    """Yield one range for keys of all tables of a kind, if they share one value above zero."""
     groups: dict[str, list[float]] = {}
     for key in keys:
         first, _, *rest = key.split(".")
         try:
             value = value_of(scene, key)
-        except GraspFXError:  # a setting that the scene leaves to its driver
+        except GraspFXError:  # a setting that the scene leaves to the driver
             continue
         if isinstance(value, int | float) and value > 0.0:
             groups.setdefault(".".join([first, "*", *rest]), []).append(float(value))
@@ -282,10 +282,10 @@ def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -
 
 
 def are_passive(scene: Scene, operators: OperatorSet) -> bool:
-    """Tell whether every operator of a set is passive beside the scene's own devices, and nothing else varies.
+    """True if every operator of a set is passive beside the scene's own devices, and nothing else varies.
 
-    Springs, dampers and masses are, and mass of a device beyond the scene's counts to the hand. A reaction feeds energy
-    in, and a hand that grip makes stiffer may.
+    Springs, dampers and masses are passive, and device mass beyond the scene's counts as the hand's. A reaction
+    generates energy, and a hand that stiffens with the grip may.
     """
     hands = [*scene.hand, *(finger.hand for finger in scene.finger)]
     if any(getattr(hand, name, None) is not None for hand in hands for name in ("reaction", "stiffening")):
@@ -310,12 +310,12 @@ Figure = Callable[[Judgement], float]
 
 @dataclass(frozen=True)
 class Search:
-    """A search for the worst operator.
+    """Search for the worst operator.
 
     Attributes:
-        worst: the judgement of least figure.
-        point: where in the unit box that is.
-        every: all judgements, with the points.
+        worst: Judgement with the smallest figure of merit.
+        point: Its point in the unit box.
+        every: All judgements, with their points.
     """
 
     worst: Judgement
@@ -326,18 +326,18 @@ class Search:
 def worst_operator(
     operators: OperatorSet, judge: Judging, figure: Figure, starts: Sequence[Point] = (), points: int | None = None
 ) -> Search:
-    """Search the box of a set of operators for the least figure.
+    """Search the box of a set of operators for the smallest figure of merit.
 
-    All corners of up to six ranges, the middle, 16 points a range that fill the box, and from the two worst of them a
-    descent by Nelder and Mead (1965) within the box. Each operator is judged in full; what lies between is not, so
-    that a worse one may hide where the figure dips within less than the points' distance.
+    It judges all corners of up to six ranges, the centre, 16 points per range that fill the box, and from the two worst
+    of these the steps of a descent by Nelder and Mead (1965) within the box. Each operator is judged in full. Between
+    them nothing is known, so that a worse operator may hide in a dip that is narrower than the distance of the points.
 
     Args:
-        operators: the set.
-        judge: gives the judgement of values by key.
-        figure: of a judgement, the less the worse.
-        starts: points that are looked at besides.
-        points: that fill the box; 16 for each range if None.
+        operators: Set of operators.
+        judge: Function that returns the judgement of values by key.
+        figure: Figure of merit of a judgement; smaller is worse.
+        starts: Additional points to judge.
+        points: Number of points that fill the box; 16 for each range if None.
     """
     from scipy.optimize import minimize
 
@@ -367,7 +367,7 @@ def worst_operator(
 
 
 def apart(ranked: Sequence[Point]) -> list[Point]:
-    """Select of points, the worst first, those that are no neighbours of a worse one."""
+    """Select points, the worst first, that are not neighbours of a worse one."""
     selection: list[Point] = []
     for place in ranked:
         if all(np.abs(np.subtract(place, other)).max() > 2.0 * BOX_STEP for other in selection):
@@ -376,7 +376,7 @@ def apart(ranked: Sequence[Point]) -> list[Point]:
 
 
 def simplex(start: Point) -> FloatArray:
-    """Put a simplex at a point, its edges inwards."""
+    """Return a simplex at a point, with edges into the box."""
     corners = np.tile(np.array(start), (len(start) + 1, 1))
     for i, x in enumerate(start):
         corners[i + 1, i] = x - BOX_STEP if x > 0.5 else x + BOX_STEP

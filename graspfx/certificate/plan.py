@@ -1,4 +1,4 @@
-"""Plan of a scene: each sample's steps, those that it skips, and why."""
+"""Plan of a scene: steps of a sample, steps that are skipped, and the reasons."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from graspfx.scene.tables.shapes import MeshShape
 
 @dataclass(frozen=True)
 class PlanRow:
-    """A step of the sample, whether it runs, and why or how.
+    """A step of a sample, whether it runs, and the reason or the method.
 
     Attributes:
-        kernel: that only a program in which the step runs holds, by its name; empty for steps without one of their own.
+        kernel: Name of the kernel that a program contains only if the step runs; empty if there is none.
     """
 
     step: str
@@ -37,7 +37,7 @@ class PlanRow:
 
 
 def plan(scene: Scene) -> list[PlanRow]:
-    """List where fingers start, the steps of one sample in their order, then the packages that the run imports."""
+    """List the start positions, the steps of a sample in order, and the packages that a run imports."""
     return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
@@ -53,7 +53,7 @@ KERNELS = {
     "safety": "restrain",
     "soft start": "soften",
 }
-NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
+NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # steps of native objects only
 
 
 def _kernel(scene: Scene, step: str) -> str:
@@ -95,14 +95,14 @@ def _rows(parts: Parts) -> Iterator[Row]:
         if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
             yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
     if scene.obstacle:
-        yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
+        yield "fingers on obstacles", False, "fingers pass through obstacles, which only objects meet"
     yield _hand(scene)
     yield "record", True, "a row per tick, to disk in blocks outside it"
     yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
 
 
 def packages(scene: Scene) -> list[str]:
-    """List what the framework imports for a run of the scene, figures and tables aside."""
+    """List the packages that the framework imports for a run of the scene, without figures and tables."""
     names = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
@@ -115,11 +115,11 @@ def packages(scene: Scene) -> list[str]:
 
 
 def _starts(parts: Parts) -> Iterator[Row]:
-    """Say in numbers where fingers start that come in along a direction."""
+    """Yield the start positions of fingers that are placed along a direction."""
     for finger, name, place in zip(parts.scene.finger, parts.scene.finger_names, parts.start.tolist(), strict=True):
         if isinstance(finger.start, Placement):
             ball = f", a ball of {1e3 * finger.radius:g} mm" if finger.radius else ""
-            where = ", ".join(f"{round(x, 12) + 0.0:.6g}" for x in place)  # without rounding's 1e-19, and minus zero
+            where = ", ".join(f"{round(x, 12) + 0.0:.6g}" for x in place)  # without rounding of 1e-19 and minus zero
             why = f"at {where} m, {1e3 * finger.start.gap:g} mm from the surface{ball}"
             yield f"start {name}", True, why
 
@@ -145,14 +145,14 @@ def _velocity(scene: Scene) -> Row:
 
 def _prediction(thing: Object) -> tuple[bool, str]:
     if thing.dynamics == "native" and thing.integrator == "implicit":
-        return True, "implicit: one system for the forces and where they move the object"
+        return True, "implicit: forces and the motion of the object are solved together"
     return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
 
 
 def _contact_points(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     if scene.coupling.contact == "attached":
-        yield "contact points", False, "attached: they are fixed in the object, and nothing lets go"
+        yield "contact points", False, "attached: contact points are fixed in the object, and nothing lets go"
     else:
         shapes = [thing.shape for thing in scene.object if thing.shape is not None]
         kinds = sorted({shape.kind for shape in shapes if not isinstance(shape, MeshShape)})
@@ -164,7 +164,7 @@ def _contact_points(parts: Parts) -> Iterator[Row]:
                 yield (
                     "contact points",
                     True,
-                    f"adjacency walk on {mesh_name(part.table)}, {faces}; a tree of boxes while free",
+                    f"adjacency walk on {mesh_name(part.table)}, {faces}; a box tree while free",
                 )
 
 
@@ -173,7 +173,7 @@ def _fingertips(scene: Scene) -> Row:
     if not radii:
         return "ball fingertips", False, "fingertips are points"
     sizes = f"{min(radii):g} mm" if min(radii) == max(radii) else f"{min(radii):g} to {max(radii):g} mm"
-    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape grown by it"
+    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape offset by it"
 
 
 def _weights(parts: Parts) -> Row:
@@ -183,8 +183,8 @@ def _weights(parts: Parts) -> Row:
     if equal_gains(scene):
         reader = _weighed_by(scene)
         if not reader:
-            return "fade", False, "equal gains: there is no split to leave"
-        return "fade", True, f"equal gains have no split to leave, but {reader} fingers by their gap all the same"
+            return "fade", False, "equal gains: there is no split"
+        return "fade", True, f"equal gains need no split, but {reader} fingers by their gap"
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     if coupling.fade == "auto":
@@ -197,28 +197,28 @@ def _weights(parts: Parts) -> Row:
 
 
 def _weighed_by(scene: Scene) -> str:
-    """Say why fingers are weighed although gains are equal."""
+    """Return the reason why fingers are weighted although gains are equal."""
     if any(scene.coefficients):
         return "friction weighs"
     if scene.coupling.passivity != "off":
-        return "the ledger weighs"
+        return "the energy ledger weights"
     if not _scalar(scene):
-        return "gains per finger or matrices weigh"
-    return "the implicit integrator weighs" if _is_implicit(scene) else ""
+        return "gains per finger or matrices weight"
+    return "the implicit integrator weights" if _is_implicit(scene) else ""
 
 
 def _is_implicit(scene: Scene) -> bool:
-    """Tell whether an object moves under the forces of the sample that they are found in."""
+    """True if the motion of an object and the forces of the sample are solved together."""
     return any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
 
 
 def _resplit(scene: Scene) -> str:
-    """Say when the split is made anew."""
+    """Return when the split is recomputed."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]
         if d > 1 and (any(shifts) != all(shifts) or any(turns) != all(turns)):
-            return "in every sample: locked directions turn against the object"
+            return "in every sample: locked directions rotate relative to the object"
     if scene.coupling.contact == "attached":
         return "once: contacts are fixed in the object"
     return "when a contact has moved in the object"
@@ -249,12 +249,12 @@ def _split(scene: Scene) -> Iterator[Row]:
 def _impedance(scene: Scene) -> Row:
     coupling = scene.coupling
     if _scalar(scene):
-        return "impedance", True, "eq. (4) with one number each: one projection of one vector"
+        return "impedance", True, "eq. (4) with scalar gains: one projection of one vector"
     return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
 
 
 def _scalar(scene: Scene) -> bool:
-    """Tell whether each gain is one number."""
+    """True if each gain is a number."""
     gains = (scene.coupling.external, scene.coupling.internal)
     return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
 
@@ -264,7 +264,7 @@ def _projection(scene: Scene) -> Row:
         return "letting go", False, "attached: the contact is bilateral, no cone"
     if any(scene.coefficients):
         each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
-        law = "by Coulomb's law, by the associated one where it does not settle"
+        law = "by Coulomb's law, or the associated law if that has no solution"
         why = f"fingers only push; friction mu = {each_mu} {law}"
         return "letting go", True, f"{why}; the recording says which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
@@ -276,7 +276,7 @@ def _gradual(scene: Scene) -> Row:
     if why:
         return "damping by depth", False, why
     depth = 1e3 * scene.coupling.damping_depth
-    return "damping by depth", True, f"it grows up to its value over {depth:g} mm of depth: no step at a touch"
+    return "damping by depth", True, f"it grows to its value over {depth:g} mm of penetration depth: no step at contact"
 
 
 def _pads(scene: Scene) -> Row:
@@ -285,13 +285,13 @@ def _pads(scene: Scene) -> Row:
         return "pads", False, "fingertips are rigid: no finger.pad"
     of = f"{min(stiffness):g}" if min(stiffness) == max(stiffness) else f"{min(stiffness):g} to {max(stiffness):g}"
     why = f"{len(stiffness)} of {len(scene.finger)} fingertips, f_n = k depth^1.5, k = {of} N/m^1.5"
-    return "pads", True, f"{why}: depths found with the forces of eq. (4), in a few passes of its solver"
+    return "pads", True, f"{why}: depths are solved with the forces of eq. (4), in a few iterations"
 
 
 def _metric(scene: Scene) -> Row:
     if scene.coupling.metric == "equal":
-        return "metric", False, "equal: every finger counts the same in the split"
-    return "metric", True, "mass: a finger counts as its device's mass over the mean, in the split and in the gains"
+        return "metric", False, "equal: all fingers have the same weight in the split"
+    return "metric", True, "mass: a finger's weight is its device's mass over the mean, in the split and in the gains"
 
 
 def _torsion(scene: Scene) -> Row:
@@ -300,11 +300,11 @@ def _torsion(scene: Scene) -> Row:
         return "torsion", False, "hard fingers exert forces only"
     limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
     why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
-    return "torsion", True, f"{why}, and devices that display forces do not display it"
+    return "torsion", True, f"{why}, but devices that display only forces do not display it"
 
 
 def _limits(parts: Parts) -> Iterator[Row]:
-    """Say the limits that devices tell, how forces are brought within them, and devices that may have a hidden one."""
+    """Yield the limits that devices state, how forces are limited, and devices that may have an unknown limit."""
     scene, wired = parts.scene, parts.wires
     limits, hidden = limit_text(scene, wired), hidden_text(scene, wired)
     if parts.safety is not None:
@@ -318,16 +318,16 @@ def _limits(parts: Parts) -> Iterator[Row]:
         way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
         yield "limit", True, f"{limits}; {way}; before the reaction, so that the object receives what is displayed"
     else:
-        yield "limit", False, "no device tells a largest force"
+        yield "limit", False, "no device states a largest force"
     if silent := forceless_text(scene, wired):
         yield "display", False, f"no force is displayed by {silent}: the object receives it, and nobody feels it"
     if hidden:
-        why = "what its `write` itself cuts off is neither recorded nor kept from the object"
-        yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
+        why = "the part that its `write` cuts off is neither recorded nor withheld from the object"
+        yield "private limit", False, f"not visible: {hidden} states no largest force (features.peak_force); {why}"
 
 
 def limits_inside(scene: Scene, thing: Object) -> bool:
-    """Tell whether the projection keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    """True if the projection keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
     attached = scene.coupling.contact == "attached"
     if thing.dynamics == "native" and thing.integrator == "implicit":
         return False
@@ -342,11 +342,15 @@ def limits_inside(scene: Scene, thing: Object) -> bool:
 
 def _energy(scene: Scene) -> Row:
     if scene.coupling.passivity == "off":
-        return "energy", False, "coupling.passivity = 'off': no ledger, no brake"
-    why = "booked for each object: of squeezing, shifting and turning, and of the object"
+        return "energy", False, "coupling.passivity = 'off': no energy ledger, no passivity controller"
+    why = "recorded for each object: energy of squeezing, translation and rotation, and of the object"
     if scene.coupling.passivity == "observe":
         return "energy", True, f"{why}; observed only"
-    return "energy", True, f"{why}; a mode that makes some is damped, the least that pays, fingers still only push"
+    return (
+        "energy",
+        True,
+        f"{why}; a mode that generates energy is damped by the smallest sufficient force; fingers still only push",
+    )
 
 
 def _body(scene: Scene, thing: Object) -> str:
@@ -380,6 +384,6 @@ def _of_object(scene: Scene, thing: Object, step: str) -> str:
 
 
 def equal_gains(scene: Scene) -> bool:
-    """Tell whether kep = kip and ked = kid: the conventional method."""
+    """True if kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping

@@ -1,4 +1,4 @@
-"""How the ticks of a scene will run: in how many calls, and whether compiled or interpreted, and why."""
+"""Prospect of a run: the number of calls per tick, and the engine with the reason for it."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
-    """Tell the calls of a run, and which engine runs it and why: rows to stand below those of `plan`.
+    """Return the rows below `plan` about calls and engine.
 
-    The scene is built; nothing moves, and the program of all scenes is not compiled.
+    The scene is assembled, but nothing moves, and the program of all scenes is not compiled.
 
     Raises:
-        SceneError: the scene cannot be built, and no run of it begins: that is a fault of it like any other.
+        SceneError: The scene cannot be assembled, so that no run can begin.
     """
     try:
         with build(scene, engine="interpreted") as servo:
@@ -39,7 +39,7 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
 
 def _calls(servo: Servo) -> str:
     world, ahead = servo.arena.world, looked_ahead(servo)
-    beforehand = f"; {_listed(ahead)} no kernel: asked beforehand for many ticks" if ahead else ""
+    beforehand = f"; {_listed(ahead)} no kernel: evaluated in advance for many ticks" if ahead else ""
     if not world.pauses:
         return f"all parts are kernels: one call for many ticks{beforehand}"
     called, moved = foreign(servo), guests(servo)
@@ -70,7 +70,7 @@ def _engine(scene: Scene, servo: Servo) -> PlanRow:
 
 
 def _obstacle(servo: Servo) -> str:
-    """Say why the scene cannot run compiled; empty if it can."""
+    """Return the reason why the scene cannot run compiled; empty if it can."""
     if find_spec("llvmlite") is None:
         return INSTALL
     try:

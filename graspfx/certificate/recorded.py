@@ -1,4 +1,4 @@
-"""The rest that a recording ends with, put back into the coupling, and how late its forces came."""
+"""Rest at the end of a recording, restored in the coupling, and the lateness of its forces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
 from graspfx.assembly.mechanics import Mechanics
 from graspfx.certificate.grip import Grip, Ground, bearers
-from graspfx.certificate.rest import NotGraspingError, Place, about, restless
+from graspfx.certificate.rest import NotGraspingError, OperatingPoint, no_rest_error, operating_point
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
@@ -22,20 +22,20 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-LAST = 0.1  # [s]: over which a rest does not change
-CALM = 1e-3  # of the largest force: what it may change by in that time
-SAME = 1e-3  # of the largest force: what recorded forces may differ by from those of the scene's gains
-BORNE = 1e-2  # of the forces on the object: a wrench that something else balances
-ENDS = (1.0, 99.0)  # per cent of the samples
-COLUMNS = ("late", "io")  # of a run on the wall's clock
+LAST = 0.1  # time in which a rest does not change [s]
+CALM = 1e-3  # relative to the largest force: its largest change in that time
+SAME = 1e-3  # relative to the largest force: largest difference of recorded forces from those of the scene's gains
+BORNE = 1e-2  # relative to the forces on the object: smallest wrench that something else balances
+ENDS = (1.0, 99.0)  # percentiles of the samples
+COLUMNS = ("late", "io")  # columns of a real-time run
 
 
 def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recording:
-    """Give a recording, loaded if it is a path, once it is found to be of this scene.
+    """Return a recording, loaded if it is a path, after checking that it is of this scene.
 
     Raises:
-        InputError: a recording of other fingers, objects or dimensions, or one without a row.
-        RecordingError: a path that leads to no recording.
+        InputError: The recording has other fingers, objects or dimensions, or no rows.
+        RecordingError: The path leads to no recording.
     """
     recording = source if isinstance(source, Recording) else Recording.load(source)
     layout = recording.layout
@@ -54,19 +54,19 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
 
 def recorded(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
-) -> Place:  # fmt: skip
-    """Put the grip where the recording's last row has it.
+) -> OperatingPoint:  # fmt: skip
+    """Set the grip to the recording's last row.
 
-    Contacts, fingers and the object's pose are those of the row; forces follow from them by the scene's own gains, and
-    `assumed` says where they are others than the recorded ones, or where the recording is not at rest.
+    Contacts, fingers and the object's pose are those of the row. Forces follow from them by the scene's own gains;
+    `assumed` reports if they differ from the recorded ones, or if the recording is not at rest.
 
     Raises:
-        NoRestError: a finger does not touch there.
+        NoRestError: A finger does not touch there.
     """
     g, name = grip.grasped, scene.object[index].name
-    place = Place("recorded", None, np.full(grip.n, np.nan))
+    place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
-        gaps = recording.gap  # a selection of columns may leave it out
+        gaps = recording.gap  # missing if the recording has selected columns
         raise NotGraspingError(
             scene.object[index].name,
             float("nan") if gaps is None else float(gaps[-1, fingers].min()),
@@ -74,7 +74,7 @@ def recorded(
         )
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
         apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
-        raise restless(name, f"at the end of the recording {apart} do not touch")
+        raise no_rest_error(name, f"at the end of the recording {apart} do not touch")
     set_pose(grip, recording, name)
     set_contacts(grip, recording, fingers)
     if g.soft:
@@ -82,15 +82,15 @@ def recorded(
     with grip.frozen():
         now = grip.forces()
     if now is None:
-        raise restless(name, "at the end of the recording the forces of a sample do not settle")
+        raise no_rest_error(name, "at the end of the recording the forces of a sample do not settle")
     place.assumed += differences(scene, index, grip, fingers, recording, ground)
     if not g.touching.all():
-        raise restless(name, "at the end of the recording a finger pulls")
-    return about(name, grip, place)
+        raise no_rest_error(name, "at the end of the recording a finger pulls")
+    return operating_point(name, grip, place)
 
 
 def set_pose(grip: Grip, recording: Recording, name: str) -> None:
-    """Put the object where the last row has it, at rest."""
+    """Set the object to the pose of the last row, at rest."""
     state, d, motion = grip.grasped.body_state, grip.d, recording.objects[name]
     state[body.POSITION : body.POSITION + d] = motion.position[-1]
     if motion.orientation is not None and d == 2:
@@ -101,7 +101,7 @@ def set_pose(grip: Grip, recording: Recording, name: str) -> None:
 
 
 def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Put fingers and contacts where the last row has them, sticking there."""
+    """Set fingers and contacts to the last row, sticking there."""
     g, d = grip.grasped, grip.d
     c = recording.contact_position[-1, fingers]
     g.meet(c)  # finds faces and normals
@@ -116,7 +116,7 @@ def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 
 
 def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Turn the anchors of soft fingers so that their torsions are the recorded ones."""
+    """Rotate the anchors of soft fingers so that their torsions are the recorded ones."""
     moments = recording.finger_moment
     rows = grip.grasped.rows
     state = grip.grasped.body_state
@@ -133,7 +133,7 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
         return np.array(rows[soft, at.LOCAL + 3])
 
     length = 1e-4
-    with grip.frozen():  # torsion is linear in what the anchors keep
+    with grip.frozen():  # torsion is linear in the anchors' rotation
         none = torsion(np.zeros(len(soft)))
         slopes = np.stack([torsion(length * e) - none for e in np.eye(len(soft))], axis=1) / length
         rows[soft, at.TORSION_AT_ANCHOR] = np.linalg.solve(slopes, torsions - none)
@@ -142,7 +142,7 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 def differences(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> list[str]:  # fmt: skip
-    """Say what of the recording's end is no rest of this scene."""
+    """List differences of the recording's end from a rest of this scene."""
     g, texts = grip.grasped, []
     force = recording.finger_force[:, fingers]
     largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
@@ -152,7 +152,7 @@ def differences(
         texts.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")
     off = float(np.abs(g.force - force[-1]).max(initial=0.0)) / largest
     if off > SAME:
-        texts.append(f"the recorded forces are others than those of this scene's gains, by up to {100 * off:.2g} %")
+        texts.append(f"the recorded forces differ from those of this scene's gains by up to {100 * off:.2g} %")
     full = np.zeros(6)
     if scene.gravity is not None:
         full[: grip.d] = float(g.body_state[body.MASS]) * np.array(scene.gravity)
@@ -167,10 +167,11 @@ def differences(
 
 
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
-    """Give how long after its deadline a tick had written to its devices, the ends of 98 % of them [s].
+    """Return how late ticks had written to their devices after the deadline, as 1st and 99th percentile [s].
 
-    That is the tick's own lateness, its reading and its writing; what it computes between the two is in no column. Of a
-    recording without these columns it is the round trip of its header, twice; None for a run without hardware.
+    This includes the tick's own lateness, its reading and its writing, but not the computation between them, which no
+    column records. Without these columns, both values are the round trip of the header; None for a run without
+    hardware.
     """
     if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
         late, calls = (recording.array(name) for name in COLUMNS)
@@ -181,9 +182,9 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 
 
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
-    """Give the least and the largest lateness of each finger, (2, n) [s].
+    """Return the smallest and the largest lateness of each finger, (2, n) [s].
 
-    With a recording the time of its reading and writing takes the place of the round trip in the measures of hardware.
+    With a recording, its times of reading and writing replace the round trip in the measures of hardware.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:
@@ -194,11 +195,11 @@ def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArr
 
 
 def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation, list[str]]:
-    """Give a loop the lateness of one end, (m,), the one with the larger spectral radius; and say so.
+    """Set the lateness of a loop to the less stable of two extremes, and report it.
 
     Args:
-        linear: the loop.
-        ends: least and largest lateness, (2, m) [s].
+        linear: Loop.
+        ends: Smallest and largest lateness, (2, m) [s].
     """
     loops = [linear.with_arrays(lateness=each) for each in ends]
     if (ends[0] == ends[1]).all():

@@ -1,4 +1,4 @@
-"""The answer of a check: a verdict, the certificates behind it, notes, and the plan of a run."""
+"""Report of a check: result, certificates, notes, and the plan of a run."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.reading import Readable
 
-MOST_STEPS, MOST_FAULTS = 12, 8  # on a card
+MOST_STEPS, MOST_FAULTS = 12, 8  # numbers shown on a card
 NOT_JUDGED = "not judged"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Report(Carded):
-    """The answer of a check.
+    """Report of a check.
 
     Attributes:
-        scene: its name.
-        faults: of a scene that cannot run, all at once; nothing else is judged then.
-        certificates: of each object in fingers, the worst first; none where they cannot be made.
-        why: in words, where there are none.
-        doubts: values that are hardly in SI units, with what they probably mean; they stand above the verdict.
-        notes: other warnings about likely mistakes.
-        plan: what runs in a tick, what is skipped and why.
-        presets: of the scene, each with its reason.
-        preset: the name of the one in force; empty for none.
+        scene: Name of the scene.
+        faults: All faults of a scene that cannot run; nothing else is judged then.
+        certificates: Certificates of each object that fingers touch, the worst first; empty if they cannot be computed.
+        why: Reason why there are no certificates.
+        doubts: Values that are probably not in SI units, with their probable meaning; printed above the result.
+        notes: Other warnings about likely mistakes.
+        plan: Steps of a tick, and those that are skipped, with the reason.
+        presets: Presets of the scene, each with its reason.
+        preset: Name of the active preset; empty for none.
     """
 
     scene: str
@@ -50,12 +50,12 @@ class Report(Carded):
 
     @property
     def ok(self) -> bool:
-        """Whether there is no fault, and every grasp is stable."""
+        """True if there are no faults, and every grasp is stable."""
         return self.verdict.startswith(STABLE)
 
     @property
     def verdict(self) -> str:
-        """One line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why"; of several objects the worst."""
+        """Result in one line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why"; the worst object's."""
         if self.faults:
             count = len(self.faults)
             return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
@@ -72,7 +72,7 @@ class Report(Carded):
         return text
 
     def to_dict(self) -> dict[str, Any]:
-        """Write plain data for JSON, with units in the names of keys; no limit is None."""
+        """Return plain data for JSON, with units in the names of keys; None stands for no limit."""
         return {
             "scene": self.scene,
             "ok": self.ok,
@@ -87,7 +87,7 @@ class Report(Carded):
         }
 
     def lines(self, plan: bool = True) -> Iterator[str]:
-        """Write doubts about units, verdict, limits, notes and, if asked for, the plan as lines of text."""
+        """Yield lines of text: doubts about units, result, limits, notes, and on request the plan."""
         yield from self.head()
         for certificate in self.certificates:
             yield from lines(certificate)
@@ -99,7 +99,7 @@ class Report(Carded):
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 
     def head(self) -> Iterator[str]:
-        """Write the verdict, below doubts about units."""
+        """Yield doubts about units, then the result."""
         yield from (f"note: {doubt}" for doubt in self.doubts)
         yield self.verdict
 
@@ -119,19 +119,19 @@ class Report(Carded):
 
 
 def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
-    """Say whether a scene's grasps are stable, the limit of each gain, likely mistakes, and what a run does.
+    """Check a scene: whether its grasps are stable, the limit of each gain, likely mistakes, and the plan of a run.
 
     Args:
-        scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
-        overrides: values by dotted key, as `load` takes them.
+        scene: Name of a built-in scene, path of a .toml or .py file, or Scene.
+        overrides: Values by dotted key, as for `load`.
 
     Returns:
-        A report; of a scene with faults one that holds them.
+        Report; for a scene with faults, a report that lists them.
 
     Raises:
-        UnknownNameError: no scene has that name.
-        InputError: the path leads to no file, or the file holds no scene.
-        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
+        UnknownNameError: No scene has that name.
+        InputError: The file does not exist, or does not contain a scene.
+        PluginError: A Python file cannot be imported, or its `scene()` raises.
     """
     from graspfx.scene.load import to_scene
 
@@ -142,11 +142,11 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
 
 
 def report(scene: Scene) -> Report:
-    """Report on a scene that is valid.
+    """Report on a valid scene.
 
     Raises:
-        SceneError: a scene that cannot be built, as with a finger out of its device's reach, or every fault under one
-            of its presets.
+        SceneError: The scene cannot be assembled, for example because a device cannot reach its start; or a preset has
+            faults.
     """
     from graspfx.assembly.checks.units import unit_notes
     from graspfx.assembly.grasps import axes_notes
@@ -155,7 +155,7 @@ def report(scene: Scene) -> Report:
     from graspfx.certificate.notes import blend_notes, other_doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
-    from graspfx.scene.presets import preset_faults
+    from graspfx.scene.load import preset_faults
 
     if faults := preset_faults(scene):
         raise SceneError(scene.source.name, faults)
@@ -175,26 +175,26 @@ def report(scene: Scene) -> Report:
 
 
 def _room(certificate: Certificate) -> tuple[bool, bool, float]:
-    """Order unstable certificates first, then objects that no finger touches, then by the least margin."""
+    """Order unstable certificates first, then objects that no finger touches, then by margin."""
     least = _least(certificate)
     return certificate.stable, not certificate.grasps, math.inf if least is None else least.margin
 
 
 def _least(certificate: Certificate) -> Limit | None:
-    """Find the mode with the least margin of the whole grasp, the most special of equal ones."""
+    """Find the mode of the whole grasp with the smallest margin; of equal ones the most specific."""
     rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
 def _lead(stable: bool, least: Limit) -> str:
-    """Introduce the least margin; of a loop that is not stable although no gain is beyond its limit, say so."""
+    """Introduce the smallest margin; report a loop that is unstable although no gain exceeds its limit."""
     if stable:
         return "the least margin: "
     return "no gain is beyond its limit, the least margin: " if least.margin > 1.0 else ""
 
 
 def _sentence(certificate: Certificate) -> str:
-    """Write a certificate in one line."""
+    """Return a certificate in one line."""
     if not certificate.grasps:
         return certificate.verdict
     least, stable = _least(certificate), certificate.stable
@@ -213,10 +213,10 @@ def _sentence(certificate: Certificate) -> str:
 
 
 def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
-    """Make a function of an object's and a mode's name that gives the scene's certificate for it.
+    """Return a function of the names of an object and a mode that returns its certificate as data.
 
-    The certificate is made when it is asked for, once. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None without
-    one), and `text`, in words.
+    The certificate is computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None if
+    there is none), and `text`.
     """
     answers: list[dict[str, Certificate] | str] = []
 
@@ -241,7 +241,7 @@ def _certificates(scene: Readable) -> dict[str, Certificate] | str:
 
 
 def whole_scene(scene: Any) -> Scene:
-    """Give the scene itself; one from the cache is made again from its tables."""
+    """Return the scene itself; build a scene from the cache anew from its tables."""
     from graspfx.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())
@@ -258,6 +258,6 @@ def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
 
 
 def _row(certificate: Certificate, mode: str) -> Limit | None:
-    """Find the limit of a mode by its name, or of the mode that it is a part of."""
+    """Find the limit of a mode by its name, or of the mode that contains it."""
     rows = {row.mode: row for row in certificate.limits}
     return rows.get(mode) or rows.get(mode.split()[0])

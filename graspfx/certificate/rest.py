@@ -1,4 +1,4 @@
-"""Where a grasp is linearised: the rest to which still hands bring it, one step from the start, or the start itself."""
+"""State about which a grasp is linearised: the rest of still hands, one step from the start, or the start."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-STEPS = 24  # in which the hands close, then the weight comes on
-EARLY = 2  # of them, in which contacts may begin on a quick way
-QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # of the way to closed hands: the first as slow
-LOOKED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # of the way, where it is compared with a straight one
-SETTLING = 40  # further steps, each longer than the last
-SLIDING = 1500  # steps after those, where contacts slid
-SETTLED = 1e-9  # of the largest force: what may be left unbalanced
-REFRESH = 16  # of those steps for one stiffness
-MEETING = 8  # steps after a finger has begun or ceased to touch, in which nothing moves far
-DISTRUST = 8  # steps of frozen contacts after one of sliding contacts that has not helped
-STRAIGHT = 1e-6  # of its length: what a straight way may be off
-PRESSED = 5.0 * SHIFT  # [m]: how deep a finger has to be for difference quotients to find it touching
-ON_SURFACE = 1e-9  # [m]: the rounding of a finger that starts on the surface
-MOST_GRIPS = 60  # repetitions, of a grip and the stiffness that it gives
-SAME_GRIP = 1e-8  # relative: what the forces of two of them may differ by
+STEPS = 24  # steps in which the hands close; then gravity is applied
+EARLY = 2  # number of those steps in which contacts may begin on the quick path
+QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # shares of the way on the quick path
+COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which it is compared with a straight line
+SETTLING = 40  # further steps, of increasing length
+SLIDING = 1500  # further steps if contacts slid
+SETTLED = 1e-9  # relative to the largest force: remaining imbalance at rest
+REFRESH = 16  # number of those steps that share one stiffness
+MEETING = 8  # steps with strong resistance after a finger begins or ceases to touch
+DISTRUST = 8  # steps with frozen contacts after a step with sliding contacts that did not help
+STRAIGHT = 1e-6  # relative to its length: largest deviation of a straight path
+PRESSED = 5.0 * SHIFT  # depth at which all difference quotients find a finger touching [m]
+ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
+MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
+SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
 UNFORCED = "contacts as at the start and no force on them: "
 SLID = (
-    "contacts slid while the hands closed, one after another and slowly; a run rests elsewhere by some per cent: "
+    "contacts slid while the hands closed, slowly and one after another; a run rests a few per cent elsewhere: "
     "certify its recording"
 )
 
 
 class NotGraspingError(InputError):
-    """A grasp that no finger touches: it has no rest to be judged at.
+    """A grasp that no finger touches, so that it has no rest at which to judge it.
 
     Args:
-        object: its name.
-        gap: of the nearest finger [m].
-        where: the hands then, in words.
+        object: Name of the object.
+        gap: Distance to the nearest finger [m].
+        where: State of the hands, as text.
     """
 
     def __init__(self, object: str, gap: float, where: str) -> None:
@@ -63,14 +63,14 @@ class NotGraspingError(InputError):
 
 
 @dataclass
-class Place:
-    """A grasp where it is linearised.
+class OperatingPoint:
+    """Operating point: state about which a grasp is linearised.
 
     Attributes:
         where: "squeezed", "provisional", "recorded" or "start".
-        stiffness: J (m + r, m + r) there, contacts sticking; None at the start, without any force.
-        margins: f_t/(mu f_n) of each finger, (n,); nan where there is none.
-        assumed: what that takes for granted.
+        stiffness: J (m + r, m + r) there, with sticking contacts; None at the start, without forces.
+        margins: Friction in use f_t/(mu f_n) of each finger, (n,); nan if there is none.
+        assumed: Assumptions, as sentences.
     """
 
     where: str
@@ -81,12 +81,12 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """The pull on a grasp besides its coupling.
+    """Loads on a grasp other than the coupling.
 
     Attributes:
-        hands: K_h (m, m) [N/m].
-        weight: on the free freedoms (r,) [N, N m].
-        closing: gives the intended positions (k, m) [m] at shares (k,) of the hands' way.
+        hands: Stiffness K_h of the hands, (m, m) [N/m].
+        weight: Weight on the free freedoms, (r,) [N, N m].
+        closing: Function that returns the intended positions (k, m) [m] at shares (k,) of the hands' way.
     """
 
     hands: FloatArray
@@ -95,19 +95,24 @@ class Load:
 
     @property
     def course(self) -> FloatArray:
-        """The intended positions step by step (STEPS, m) [m]."""
+        """Intended positions of all steps, (STEPS, m) [m]."""
         return self.closing(np.arange(1, STEPS + 1) / STEPS)
 
 
 def load_of(
-    parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place, force: FloatArray | None = None
+    parts: Parts,
+    index: int,
+    grip: Grip,
+    fingers: NDArray[np.intp],
+    point: OperatingPoint,
+    force: FloatArray | None = None,
 ) -> Load:
-    """Give the hands without their motions, closed as far as they ever are, and the weight where fingers bear it.
+    """Return hands without their motions, closed to their largest squeeze, and the weight if fingers carry it.
 
     Args:
-        parts, index, grip, fingers: of the scene, and of the object in it.
-        place: that is told what is left out.
-        force: of the fingers (n, d) [N], for hands that grip makes stiffer; zero if None.
+        parts, index, grip, fingers: Parts of the scene, and the object with its fingers.
+        point: State whose assumptions are extended by what is left out.
+        force: Forces of the fingers, (n, d) [N], for hands that stiffen with the grip; zero if None.
     """
     scene, start = parts.scene, parts.start
     n, d = start.shape
@@ -128,7 +133,7 @@ def load_of(
         weight[:d] = float(grip.grasped.body_state[body.MASS]) * np.array(scene.gravity)
     elif scene.gravity is not None:
         others = ", ".join(bearers(scene, index))
-        place.assumed.append(
+        point.assumed.append(
             f"the weight is carried by something else, which is left out ({others})"
             if others
             else "the weight is left out: without friction the fingers do not carry it"
@@ -144,44 +149,46 @@ def load_of(
     return Load(own, weight[grip.axes], closing)
 
 
-def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
-    """Bring the grip to rest; the place has no stiffness, and says why, where a finger does not touch there.
+def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
+    """Bring the grip to rest; if a finger does not touch there, the result has no stiffness and states why.
 
-    Hands that grip makes stiffer are as stiff as the forces at rest make them, which is looked for by repetition.
+    For hands that stiffen with the grip, the stiffness that belongs to the forces at rest is found by iteration.
 
     Raises:
-        NoRestError: none was found.
+        NoRestError: No rest is found.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
-    place = _squeezed(parts, index, grip, fingers, force)
+    point = _squeezed(parts, index, grip, fingers, force)
     if not any(_stiffens(parts, i) for i in fingers.tolist()):
-        return place
+        return point
     for _ in range(MOST_GRIPS):
         before, force = force, grip.grasped.force.copy()
-        if place.stiffness is None or np.abs(force - before).max() <= SAME_GRIP * np.abs(force).max():
-            return place
+        if point.stiffness is None or np.abs(force - before).max() <= SAME_GRIP * np.abs(force).max():
+            return point
         grip.changing[:] = first
-        place = _squeezed(parts, index, grip, fingers, force)
-    raise restless(parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle")
+        point = _squeezed(parts, index, grip, fingers, force)
+    raise no_rest_error(
+        parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle"
+    )
 
 
 def _stiffens(parts: Parts, finger: int) -> bool:
-    """Tell whether grip makes the hand of a finger stiffer."""
+    """True if the hand of a finger stiffens with the grip."""
     table = next(hand.holding.table for hand in parts.hands if finger in hand.fingers)
     return getattr(table, "stiffening", None) is not None
 
 
-def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> Place:
-    """Bring the grip to rest in hands as stiff as these forces make them."""
+def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> OperatingPoint:
+    """Bring the grip to rest with hands as stiff as these forces make them."""
     scene, start, name = parts.scene, parts.start[fingers], parts.objects[index].table.name
-    place = Place("squeezed", None, np.full(grip.n, np.nan))
-    load = load_of(parts, index, grip, fingers, place, force)
+    point = OperatingPoint("squeezed", None, np.full(grip.n, np.nan))
+    load = load_of(parts, index, grip, fingers, point, force)
     grip.grasped.finger_position[:] = start
     initial = grip.changing.copy()
-    some = load.closing(LOOKED_AT)
+    some = load.closing(COMPARED_AT)
     is_bent, way = bent(some, start.ravel()), some[-1] - start.ravel()
     result = None
-    if not is_bent:  # where contacts begin at once or not at all, and none slides, the way makes no difference
+    if not is_bent:  # the path is irrelevant if contacts begin at once or not at all, and none slides
         result = settle(grip, start.ravel() + QUICK[:, None] * way, load.hands, load.weight, early=EARLY)
         if result is None or not result.rest:
             grip.changing[:] = initial
@@ -190,7 +197,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
         straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * way
         result = settle(grip, straight, load.hands, load.weight)
     if result is None or result.slid.any() or is_bent:
-        # where contacts slide, or hands come from aside, it matters how they close
+        # the path matters if contacts slide, or hands approach from the side
         first, reached = result, grip.changing.copy()
         grip.changing[:] = initial
         result = settle(grip, load.course, load.hands, load.weight)
@@ -199,68 +206,68 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        raise restless(name, "on the way to rest the forces of a sample do not settle")
+        raise no_rest_error(name, "on the way to rest the forces of a sample do not settle")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
-        raise restless(
+        raise no_rest_error(
             name,
             f"with still hands {', '.join(slipping)} still slide after {result.steps} steps"
             if slipping
             else f"with still hands forces do not balance after {result.steps} steps",
         )
     if result.slid.any():
-        place.assumed.append(SLID)
+        point.assumed.append(SLID)
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(scene, grip, fingers))
-    return about(name, grip, place)
+        return at_start(point, untouching(scene, grip, fingers))
+    return operating_point(name, grip, point)
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """Tell whether hands close to their last targets by another way than a straight one from the fingers' start."""
+    """True if hands close to their final targets on a path that is not straight from the fingers' start."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
     return bool(np.abs(course - start - along).max(initial=0.0) > STRAIGHT * length)
 
 
-def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
-    """Squeeze the grip by one linear step from its contacts at the start, as if they stuck; no search for a rest."""
-    place, name = Place("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
-    load = load_of(parts, index, grip, fingers, place)
+def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
+    """Squeeze the grip by one linear step from its sticking contacts at the start, without searching for a rest."""
+    point, name = OperatingPoint("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
+    load = load_of(parts, index, grip, fingers, point)
     g = grip.grasped
-    # just inside, so that quotients find every finger touching
+    # slightly inside, so that difference quotients find every finger touching
     g.finger_position[:] = g.contact_position + PRESSED * g.inward()
     with grip.frozen():
         now = grip.forces()
         J = None if now is None else grip.stiffness(grip.lengths(), both=False)
         if now is None or J is None:
-            raise restless(name, "the forces of a sample do not settle")
+            raise no_rest_error(name, "the forces of a sample do not settle")
         A = np.vstack([J[: grip.m], -J[grip.m :]])
         A[: grip.m, : grip.m] += load.hands
         pull = load.hands @ (load.closing(np.ones(1))[0] - g.finger_position.ravel()) - now[: grip.m]
         grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
         if grip.forces() is None:
-            raise restless(name, "the forces of a sample do not settle")
-    place.assumed.append(
+            raise no_rest_error(name, "the forces of a sample do not settle")
+    point.assumed.append(
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(parts.scene, grip, fingers))
-    return about(name, grip, place)
+        return at_start(point, untouching(parts.scene, grip, fingers))
+    return operating_point(name, grip, point)
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
-    """Require that still hands bring at least one finger to the object on the way to where they are closed.
+    """Require that still hands bring at least one finger to the object while they close.
 
-    Fingers on hardware may be led anywhere: nothing is required of them.
+    Fingers on hardware may be moved anywhere, so that nothing is required of them.
 
     Raises:
-        NotGraspingError: none touches on the way.
+        NotGraspingError: No finger touches on the way.
     """
     led = {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
     if parts.scene.coupling.contact == "attached" or led.intersection(fingers.tolist()):
         return
-    course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
+    course = load_of(parts, index, grip, fingers, OperatingPoint("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
     for positions in course.reshape(-1, grip.n, grip.d):
         grip.grasped.meet(positions)
@@ -270,31 +277,31 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
 
 
 def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
-    """Say which fingers do not touch although the hands are closed."""
+    """Return a sentence about fingers that do not touch although the hands are closed."""
     apart = ", ".join(scene.finger_names[i] for i in fingers[grip.grasped.touching == 0.0])
     return f"with the hands closed {apart} do not touch the object"
 
 
-def about(name: str, grip: Grip, place: Place) -> Place:
-    """Give the place of an object its stiffness and margins as the grip is now."""
-    place.margins = grip_margins(grip.grasped)
+def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPoint:
+    """Set the stiffness and margins of an object's state from the present grip."""
+    point.margins = grip_margins(grip.grasped)
     with grip.frozen():
         J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
-        raise restless(name, "the forces have no derivative at rest")
-    place.stiffness = J
-    return place
+        raise no_rest_error(name, "the forces have no derivative at rest")
+    point.stiffness = J
+    return point
 
 
-def restless(name: str, why: str) -> NoRestError:
-    """Make the error of an object's grasp that has no rest: no other state stands in for it."""
+def no_rest_error(name: str, why: str) -> NoRestError:
+    """Return the error of a grasp without a rest, for which no other state is substituted."""
     do = f"{why}; run the scene until it rests, and certify its recording"
     return NoRestError("object", name, "a grasp that comes to rest", do)
 
 
-def unforced(place: Place, why: str) -> Place:
-    """Give the start instead of a place, and why."""
-    return Place("start", None, np.full_like(place.margins, np.nan), [*place.assumed, UNFORCED + why])
+def at_start(point: OperatingPoint, why: str) -> OperatingPoint:
+    """Return the start as the state, with the reason."""
+    return OperatingPoint("start", None, np.full_like(point.margins, np.nan), [*point.assumed, UNFORCED + why])
 
 
 # The search for the rest ---------------------------------------------------------------------------------------------
@@ -302,13 +309,13 @@ def unforced(place: Place, why: str) -> Place:
 
 @dataclass(frozen=True)
 class Settlement:
-    """How a search for rest went.
+    """Result of a search for a rest.
 
     Attributes:
-        rest: whether it was reached.
-        slid: (n,), which contacts slid on the way.
-        sliding: (n,), which ones still slid at the end.
-        steps: that it took.
+        rest: True if it was reached.
+        slid: Mask of the contacts that slid on the way, (n,).
+        sliding: Mask of the contacts that still slide, (n,).
+        steps: Number of steps.
     """
 
     rest: bool
@@ -322,21 +329,21 @@ def settle(
 ) -> Settlement | None:
     """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
 
-    The hands close along `course`, then the weight comes on: implicit steps of a motion that friction alone resists,
-    its time step growing until they are Newton's. A step knows nothing of contacts that are not there yet: where one
-    begins or ends, the next steps are resisted as by the stiffest one, or an object would be thrown from finger to
-    finger.
+    The hands close along `course`, and then gravity is applied. The steps are implicit steps of a motion that only
+    friction resists, with a growing time step, until they are Newton steps. A step does not know of contacts that do
+    not exist yet. After a contact begins or ends, the next steps are therefore resisted by the largest contact
+    stiffness; otherwise the object would be thrown from finger to finger.
 
-    Contacts keep what a run would keep: faces, anchors, what has slipped. Each step is that of contacts frozen where
-    they are, and the forces left over are the true ones: where contacts slide they shrink in proportion only, by
-    k/(k + k_h) a step or so. So after a while steps are those of contacts that slide on, as long as that helps.
+    Contacts keep what a run would keep: faces, anchors and slip. Each step treats contacts as frozen, but the remaining
+    imbalance is the true one. If contacts slide, it shrinks only by about k/(k + k_h) a step. After a while steps
+    therefore treat sliding contacts as sliding, as long as that helps.
 
     Args:
-        course: intended positions r (steps, m) [m], the last ones from then on.
-        hands: K_h (m, m) [N/m].
-        weight: on the free freedoms (r,) [N, N m].
-        early: the last step at which a contact may begin: one that begins, ends or slides later ends the search
-            without a rest. None for any.
+        course: Intended positions r (steps, m) [m]; the last ones are held.
+        hands: Stiffness K_h of the hands, (m, m) [N/m].
+        weight: Weight on the free freedoms, (r,) [N, N m].
+        early: Last step at which a contact may begin. A contact that begins, ends or slides later ends the search
+            without a rest. None for no such limit.
     """
     m, size = grip.m, grip.m + grip.r
     lengths = grip.lengths()
@@ -394,7 +401,7 @@ def settle(
 
 
 def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
-    """Give J of contacts that slide on the way that they slide now; J itself where friction leaves no answer."""
+    """Return J for contacts that slide as they do now; J itself if friction has no solution."""
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
     softer = released(J, *wide)

@@ -1,1 +1,1 @@
-"""Forces that only push, on a flat buffer: complementarity at normals, friction cones and their frames."""
+"""Unilateral forces on a flat buffer: complementarity at normals, friction cones and their frames."""

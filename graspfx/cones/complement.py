@@ -1,4 +1,4 @@
-"""Who touches and who does not: complementarity at every normal by principal pivoting."""
+"""Complementarity of forces and displacements at normals, by principal pivoting."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 
-ROUNDING = 1e-13  # what counts as no violation, relative to the largest force
-SINGULAR = 1e-10  # what counts as no stiffness left, relative to what the coordinate had before others were released
+ROUNDING = 1e-13  # relative to the largest force: smaller violations are rounding
+SINGULAR = 1e-10  # relative: a smaller pivot, compared with the coordinate's stiffness before releases, is zero
 
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """How many contacts a square is about, of how many coordinates each, the normal first."""
+    """Size of a square: the number of contacts and the coordinates of each, the normal first."""
 
-    count: int  # n
-    coordinates: int  # d
-    whole: bool  # a contact is released with its tangents; else only normals count
+    count: int  # number n of contacts
+    coordinates: int  # number d of coordinates per contact
+    whole: bool  # a contact releases its tangents with its normal; else only normals count
 
 
 @kernel
 def pivot(square: Table, vector: Floats, j: int) -> None:
-    """Pivot on j of y = q + M x: x_j and y_j change places (q in `vector`, M in `square`)."""
+    """Pivot on j of y = q + M x: exchange x_j and y_j (q in `vector`, M in `square`)."""
     size = square.columns
     inverse = 1.0 / square[j, j]
     q = vector[j] * inverse
@@ -45,10 +45,10 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot the marked ones (1.0) of m coordinates so that they carry no force; clear their marks.
+    """Pivot the marked (1.0) of m coordinates, so that they carry no force; clear their marks.
 
-    The stiffest first: a singular stiffness then shows as pivots of rounding size, and what no stiffness reaches
-    carries no force already.
+    The stiffest coordinate comes first. A singular stiffness then shows as pivots of rounding size; coordinates without
+    stiffness carry no force anyway.
     """
     while True:
         best = SINGULAR
@@ -73,13 +73,13 @@ def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floa
 def complement(
     square: Table, vector: Floats, diagonal: Floats, state: Floats, contacts: Contacts, back: bool, scale: float
 ) -> int:
-    """Find f_n >= 0, s_n >= 0, f_n s_n = 0 at every normal by principal pivoting; give 0, or 1 if unresolved.
+    """Find f_n >= 0, s_n >= 0, f_n s_n = 0 at every normal by principal pivoting; return 0, or 1 if unresolved.
 
-    Coordinates are contact by contact, the normal first (index i d). `state` has per contact 1 engaged, 0 released, -1
-    not to be touched. Whole contacts release tangents with their normal; without `back` a released one stays so. In
-    `vector` an engaged normal has its force and a released one its displacement s. `scale` is the size of the forces.
-    The worst violation first; after 3 n pivots the first one, which ends for every matrix with positive principal
-    minors (Murty 1974).
+    Coordinates are ordered contact by contact, the normal first (index i d). `state` of a contact is 1 if it is
+    engaged, 0 if released, and -1 if it must not change. Whole contacts release tangents with their normal; without
+    `back` they stay released. `vector` holds the force of an engaged normal and the displacement s of a released one.
+    `scale` is the magnitude of the forces. Pivots go to the worst violation; after 3 n pivots to the first one, which
+    terminates for every matrix with positive principal minors (Murty 1974).
     """
     n, d = contacts.count, contacts.coordinates
     limit = 20 * n + 40
@@ -92,7 +92,7 @@ def complement(
                 continue
             value = vector[j]
             if state[i] == 0.0:
-                value *= diagonal[j]  # a displacement, compared as the force it would make
+                value *= diagonal[j]  # a displacement, converted to a force for comparison
             if value < worst and value < -ROUNDING * scale:
                 pick = i
                 if step >= 3 * n:
@@ -115,9 +115,9 @@ def complement(
 
 @kernel
 def settle(square: Table, vector: Floats, displacement: Floats, state: Floats, contacts: Contacts) -> None:
-    """Compute the forces of the engaged contacts, f = K e over them alone, zero elsewhere, into `vector`.
+    """Compute the forces of the engaged contacts into `vector`: f = K e over them alone, zero elsewhere.
 
-    The square holds their stiffness with all others released, so that where a free finger is costs no digits.
+    The square holds their stiffness with all others released, so that the position of a free finger costs no digits.
     """
     n, d = contacts.count, contacts.coordinates
     for i in range(n):

@@ -1,4 +1,4 @@
-"""A friction cone: its frame, and the map that puts a trial force into it."""
+"""Friction cone: its frame, and the return map of a trial force."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from graspfx.spatial import ZERO, Matrix, Vector
 
 @kernel
 def contact_frame(normal: Vector, d: int) -> Matrix:
-    """Build orthonormal rows: the unit normal, then tangents; on a line and in a plane those that are left are z's."""
+    """Return orthonormal rows: the unit normal, then tangents; in 1-D and 2-D the remaining rows are along z."""
     x, y, z = normal.x, normal.y, normal.z
     if d == 1:
         return Matrix(x, y, z, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     if d == 2:
         return Matrix(x, y, z, -y, x, 0.0, 0.0, 0.0, 1.0)
-    # Duff et al. (2017): a basis without a branch that loses digits
+    # Duff et al. (2017): a basis without branches that lose digits
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
@@ -27,11 +27,10 @@ def contact_frame(normal: Vector, d: int) -> Matrix:
 
 @kernel
 def turn_back(contact: ConeContact, d: int, theta: float, limited: bool) -> Face:
-    """Compute y_i = R(t_i), without its limit, with its status and what its slope needs.
+    """Compute y_i = R(t_i), without its limit, with its status and the data of its slope.
 
-    For theta = 1 it is the nearest force in the cone; for theta = 0 the normal force stays, and the tangential one is
-    scaled back. Only where forces are `limited` a coefficient below zero means another cone than that of friction:
-    none, or a half-space.
+    theta = 1 returns the nearest force in the cone; theta = 0 keeps the normal force and scales the tangential one. If
+    forces are `limited`, a negative coefficient means no cone (NO_CONE) or a half-space (HALF_SPACE).
     """
     mu = contact.coefficient
     trial = leading(contact.trial, d)

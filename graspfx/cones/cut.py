@@ -1,8 +1,8 @@
-"""A limit on a contact's force: its cone cut off by a ball, so that the projection stays the gradient of a convex sum.
+"""Limit of a contact's force: the cone intersected with a ball, which keeps the projection a convex gradient.
 
-The cone is one about the origin and so is the ball, so that the nearest force in both is the nearest one in the cone,
-shortened to the limit. A soft finger's torsion counts with its force, in units of the patch length, where friction
-bounds both; where it bounds nothing only the force is shortened.
+The cone and the ball share the origin, so that the nearest force in both is the nearest force in the cone, shortened
+to the limit. The limit includes a soft finger's torsion, in units of the patch length, if friction bounds both;
+without friction only the force is shortened.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from graspfx.compile.kernel import kernel
 from graspfx.cones.problem import FREE, STICK, ConeContact, dot4, tangent_of, with_tangent
 from graspfx.spatial import Vector, Vector4, dot
 
-NO_CONE = -1.0  # as a coefficient: a bilateral contact
-HALF_SPACE = -2.0  # as a coefficient: a contact that holds sideways whatever it takes, and only pushes
-LIFT = 3  # status of a contact of the half-space whose normal force is zero
+NO_CONE = -1.0  # coefficient of a bilateral contact
+HALF_SPACE = -2.0  # coefficient of a contact that sticks tangentially with any force, and only pushes
+LIFT = 3  # status of a half-space contact whose normal force is zero
 
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """Where on its cone the return map has put a force, as far as its slope asks for it."""
+    """Face of its cone onto which the return map has put a force, with the data of the slope."""
 
     status: int
-    direction: Vector  # of the tangential force, where it slides
-    bend: float  # |y_t| / |t_t|, where it slides
+    direction: Vector  # direction of the tangential force, if it slides
+    bend: float  # |y_t| / |t_t|, if it slides
 
 
 @kernel
@@ -43,13 +43,13 @@ def force_size(force: Vector4, width: int) -> float:
 
 @kernel
 def limit_width(coefficient: float, d: int) -> int:
-    """Count the coordinates that a limit is about: all d in a friction cone, else (mu < 0) the force alone."""
+    """Return the number of coordinates that the limit bounds: d in a friction cone, else (mu < 0) the force alone."""
     return d if coefficient >= 0.0 else min(d, 3)
 
 
 @kernel
 def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
-    """Shorten a force over its first `width` entries to the limit; give it and the factor, 1 if it is short enough."""
+    """Shorten a force over its first `width` entries to the limit; return it and the factor, 1 if it was shorter."""
     size = force_size(force, width)
     if not size > limit:
         return force, 1.0
@@ -64,13 +64,13 @@ def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
 
 @kernel
 def is_plain(contact: ConeContact, d: int, limit: float, status: int) -> bool:
-    """Tell whether y_i, as `turn_back` gives it, is neither longer than its limit nor on a half-space's edge."""
+    """True if y_i from `turn_back` is neither longer than its limit nor on a half-space's edge."""
     return status != LIFT and not force_size(contact.force, limit_width(contact.coefficient, d)) > limit
 
 
 @kernel
 def cut_slope(contact: ConeContact, d: int, theta: float, limit: float, face: Face, x: Vector4) -> Vector4:
-    """Compute R'x for a contact of any status, its limit applied."""
+    """Compute R'x for a contact of any status, with its limit."""
     slope = cone_slope(face, contact.coefficient, theta, x)
     return ball_slope(contact.force, limit_width(contact.coefficient, d), limit, slope)
 
@@ -92,7 +92,7 @@ def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
 
 @kernel
 def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
-    """Compute the slope of `shorten` at a force y, times x: limit/|y| (x - y y'x/|y|^2), or x where y is short."""
+    """Compute the slope of `shorten` at a force y, times x: limit/|y| (x - y y'x/|y|^2), or x if y is short."""
     size = force_size(force, width)
     if not size > limit:
         return x

@@ -1,4 +1,4 @@
-"""A linear system solved in place."""
+"""Solution of a linear system in place."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from graspfx.compile.records import Floats, Table
 
 @kernel
 def eliminate(square: Table, vector: Floats, size: int) -> bool:
-    """Solve H x = r of `size` rows in place, with row exchanges; False where a pivot is zero."""
+    """Solve H x = r of `size` rows in place, with row exchanges; return False if a pivot is zero."""
     for p in range(size):
         top = p
         for i in range(p + 1, size):

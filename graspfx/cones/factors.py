@@ -1,4 +1,4 @@
-"""Symmetric matrices as sums of signed squares, M = sum_k h_k l_k l_k', and systems with many right sides."""
+"""Symmetric matrices as signed sums of squares, M = sum_k h_k l_k l_k', and systems with many right-hand sides."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import math
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 
-ROUNDING = 1e-15  # of a diagonal entry: a pivot up to that is nothing
-SETTLED = 1e-24  # of |t|^2: what is left of t'A'A t by rounding
-PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # a pivot on the diagonal over an entry off it, at least
+ROUNDING = 1e-15  # relative to a diagonal entry: a smaller pivot is zero
+SETTLED = 1e-24  # relative to |t|^2: t'A'A t below this is rounding
+PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # smallest ratio of a diagonal pivot to an off-diagonal entry
 
 
 @kernel
 def factor_definite(M: Table, size: int) -> None:
-    """Replace M >= 0 by its factor L, lower triangular, M = L L'; a pivot of rounding size is a column of zeros."""
+    """Replace M >= 0 by its lower triangular factor L, M = L L'; a pivot of rounding size gives a column of zeros."""
     for j in range(size):
         own = M[j, j]
         left = own
@@ -38,7 +38,7 @@ def factor_definite(M: Table, size: int) -> None:
 
 @kernel
 def solve_factored(L: Table, x: Floats, size: int) -> None:
-    """Solve L L'x = b in place, L of `factor_definite` without a zero pivot."""
+    """Solve L L'x = b in place, with L from `factor_definite` and no zero pivot."""
     lower(L, x, size)
     for i in range(size - 1, -1, -1):
         total = x[i]
@@ -59,9 +59,9 @@ def lower(L: Table, x: Floats, size: int) -> None:
 
 @kernel
 def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
-    """Replace M >= 0 by the inverse of as many of its rows and columns as are independent, zeros elsewhere.
+    """Replace M >= 0 by the inverse of its largest independent principal part, zeros elsewhere.
 
-    The largest pivot comes first; where none is above `least` what is left is rounding. `kept` is room for the search.
+    The largest pivot comes first; if none exceeds `least`, the rest is rounding. `kept` is scratch of the search.
     """
     for i in range(size):
         kept[i] = 0.0
@@ -93,9 +93,9 @@ def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
 
 @kernel
 def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
-    """Change A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's update of a square root); t is changed.
+    """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); t changes.
 
-    With a rest of zero A t is zero then, and what rounding leaves of it is no motion for the next call.
+    With a rest of zero, A t becomes zero; the next call treats the remaining rounding as no motion.
     """
     own = square = 0.0
     for i in range(size):
@@ -121,16 +121,16 @@ def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> N
 
 @kernel
 def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
-    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is changed.
+    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M changes.
 
-    The largest entry on the diagonal is a pivot unless one off it is much larger; then a pair is, in the axes of its
-    two eigenvectors, of which one sign is plus and the other minus (Bunch and Parlett 1971).
+    The pivot is the largest diagonal entry, unless an off-diagonal entry is much larger. Then it is a pair, in the axes
+    of its two eigenvectors, one with positive and one with negative sign (Bunch and Parlett 1971).
 
     Args:
-        M: its lower triangle is read.
-        size: of it.
-        columns: l_k as column k.
-        signs: h_k.
+        M: Matrix, of which the lower triangle is read.
+        size: Number of rows.
+        columns: Vectors l_k as columns.
+        signs: Signs h_k.
     """
     k = 0
     while k < size:
@@ -155,7 +155,7 @@ def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
 
 @kernel
 def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: int) -> None:
-    """Take h l l' off M for its pivot r, and write it as number k; where there is nothing left, zeros."""
+    """Subtract h l l' for pivot r from M, and write it as number k; write zeros if nothing is left."""
     pivot = M[r, r]
     signs[k] = -1.0 if pivot < 0.0 else 1.0
     inverse = signs[k] / math.sqrt(abs(pivot)) if pivot != 0.0 else 0.0
@@ -166,13 +166,13 @@ def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: in
 
 @kernel
 def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats, k: int) -> None:
-    """Take what the pair p > q of pivots stands for off M, and write it as numbers k and k + 1."""
+    """Subtract the terms of the pair p > q of pivots from M, and write them as numbers k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
     angle = 0.5 * math.atan2(b, half)
     cosine, sine = math.cos(angle), math.sin(angle)
     radius = math.sqrt(half * half + b * b)
-    high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # above and below zero, as b is that large
+    high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # of opposite signs, because b is large
     signs[k] = 1.0
     signs[k + 1] = -1.0
     for i in range(size):
@@ -188,7 +188,7 @@ def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats
 
 @kernel
 def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -> None:
-    """Take h l_k l_k' off the lower triangle of M, of which row and column r are zero then."""
+    """Subtract h l_k l_k' from the lower triangle of M, whose row and column r then vanish."""
     for i in range(size):
         left = sign * columns[i, k]
         for j in range(i + 1):
@@ -199,7 +199,7 @@ def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -
 
 @kernel
 def eliminate_rows(A: Table, B: Table, size: int, columns: int) -> bool:
-    """Solve A X = B in place, with row exchanges; False where a pivot is zero."""
+    """Solve A X = B in place, with row exchanges; return False if a pivot is zero."""
     for p in range(size):
         top = p
         for i in range(p + 1, size):

@@ -1,13 +1,13 @@
-"""Forces in products of friction cones, by semismooth Newton.
+"""Forces in products of friction cones, by a semismooth Newton method.
 
-Both laws of a friction problem (`cones.problem`) are one return map with a dilatancy theta: f = R(t), t = f - c s for
-any c > 0. Associated (theta = 1): R projects on the cone; with f0 = 0 f minimises 1/2 (f - K e)' K^-1 (f - K e) over
-the cones, and there is one answer. Coulomb (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu f_n; large mu
-may leave several answers.
+Both laws of a friction problem (`cones.problem`) are a return map with a dilatancy theta: f = R(t), t = f - c s for
+any c > 0. Associated law (theta = 1): R projects on the cone. With f0 = 0, f minimises 1/2 (f - K e)' K^-1 (f - K e)
+over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu
+f_n; for a large mu the solution may not be unique.
 
-Where forces have limits each cone is cut off at |f_i| <= L_i (`cones.cut`): the associated force still minimises the
-same function. There a coefficient below zero means another cone (NO_CONE, HALF_SPACE), which is no matter of friction.
-The slip s that comes out is then the cone's alone, so that what sticks at its limit stays where it holds.
+With limits each cone is cut off at |f_i| <= L_i (`cones.cut`), and the associated force still minimises the same
+function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. The resulting slip s
+belongs to the cone alone, so that a contact that sticks at its limit keeps its place.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from graspfx.cones.problem import STICK, Answer, FrictionProblem, Gains
 from graspfx.cones.square_equations import equations_of_square, jacobian_of_square
 from graspfx.spatial import NOTHING, Matrix, Vector
 
-COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
-ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
-CLOSE = 1e-13  # what is taken where rounding ends the descent earlier
-LEAST = 1e-6  # of the larger gain: what a smaller one counts as; scenes have none but a damping of zero (`approach`)
-NEAR = 1e-8  # what a zero counts as in each search of `approach`
-SEARCHES = 8  # of it at most
-STEPS = 100  # evaluations before Coulomb's law starts from elsewhere
-DESCENT = 1000  # the same for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
-SHORTEST = 1e-2  # fraction of a Newton step before Coulomb's law starts from elsewhere
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # its multiples fill an interval evenly: the starts are the same every time
-RESTARTS = 16  # where time does not matter: at kip/kep = 1000 and mu = 1.5 they leave 1 problem in 40 to the other law
+COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # law that the solution satisfies; if unresolved, all forces are zero
+ROUNDING = 1e-15  # relative to the forces: residual at which Newton's method stops
+CLOSE = 1e-13  # relative: residual that is accepted if rounding ends the descent earlier
+LEAST = 1e-6  # relative to the larger gain: smaller gains are raised to it; scenes only have zero damping (`approach`)
+NEAR = 1e-8  # value for a zero gain in each search of `approach`
+SEARCHES = 8  # largest number of such searches
+STEPS = 100  # evaluations before Coulomb's law restarts elsewhere
+DESCENT = 1000  # evaluations for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
+SHORTEST = 1e-2  # fraction of a Newton step below which Coulomb's law restarts elsewhere
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # its multiples fill an interval evenly, so that starts are reproducible
+RESTARTS = 16  # for offline use: at kip/kep = 1000 and mu = 1.5, 1 problem in 40 still falls back to the associated law
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Whether a search got there, its residual [N], and how often the equations were evaluated."""
+    """Result of a search: success, residual [N], and number of evaluations."""
 
     success: bool
     residual: float
@@ -49,12 +49,12 @@ class Search:
 
 @kernel
 def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d: int, count: int) -> None:
-    """Write `count` rigid modes in the contacts' frames, d coordinates each, into the problem.
+    """Write `count` rigid modes into the problem, in the contacts' frames with d coordinates each.
 
     Args:
-        frames: of the contacts, normal and tangents as rows.
-        motions: a row for each mode: its share beta_k, then for every contact three entries in the axes in which the
-            frames stand, four where d is 4: the fourth is the torsion about the normal.
+        frames: Contact frames, normal and tangents as rows.
+        motions: Row for each mode: its share beta_k, then for every contact three entries in the axes of the frames, or
+            four if d is 4; the fourth is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
     problem.modes = count
@@ -76,22 +76,21 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
 @kernel
 def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
-    """Find the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
+    """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
 
-    At most six unknowns. A contact of weight 0 has no force; a gain below 1e-6 of the other one counts as that, but for
-    the associated law's zero, which is the limit of small gains (`approach`).
-    Coulomb's law is sought from the unknowns as they are, then from the associated answer, then `restarts` times from
-    around that. Where the problem is compliant (K^-1 + C)^-1 is in the place of K, C_i / w_i on each coordinate of
-    contact i.
+    There are at most six unknowns. A contact of weight 0 has no force. A gain below 1e-6 of the other one is raised to
+    that, except a zero gain in the associated law, which is the limit of small gains (`approach`). Coulomb's law starts
+    from the given unknowns, then from the associated solution, then `restarts` times around that. If the problem is
+    compliant, (K^-1 + C)^-1 replaces K, with C_i / w_i on each coordinate of contact i.
 
     Returns:
-        The law of the answer, its residual |f - f0 - K (e + s)| [N] (f and s fulfil the law exactly), evaluations.
+        Law of the solution, residual |f - f0 - K (e + s)| [N] (f and s satisfy the law exactly), and evaluations.
     """
     high = max(gains.external, gains.internal)
     if high <= 0.0:
         add_nothing(problem, d)
         return Answer(COULOMB if coulomb else ASSOCIATED, 0.0, 0)
-    used = problem.modes if gains.external != gains.internal else 0  # equal gains: no contact knows of another
+    used = problem.modes if gains.external != gains.internal else 0  # equal gains decouple the contacts
     if not coulomb and min(gains.external, gains.internal) <= 0.0:
         raised = Gains(max(gains.external, NEAR * high), max(gains.internal, NEAR * high))
         answer = approach(problem, d, used, raised)
@@ -103,13 +102,13 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
 
 @kernel
 def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answer:
-    """Seek the associated law of a zero gain, raised to E: a search that is repeated without the raise's last force.
+    """Solve the associated law for a zero gain, raised to E, in repeated searches that remove the raise's last force.
 
-    f = f0 + (K + E)(e + s) - E (e + s'), s' of the search before, is the proximal point method (Rockafellar 1976). It
-    ends at f = f0 + K (e + s), the limit of small gains: each search leaves eps / (eps + lambda) of what is wrong along
-    a direction that contacts resist with lambda, eps of E.
+    f = f0 + (K + E)(e + s) - E (e + s'), with s' of the previous search, is the proximal point method (Rockafellar
+    1976). It converges to f = f0 + K (e + s), the limit of small gains. Each search leaves the fraction eps / (eps +
+    lambda) of the error along a direction that contacts resist with lambda, where eps is the size of E.
 
-    k_e = 0: E (e + s) = sqrt(W) Q h z, which g has as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
+    k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
     for contact in problem.contacts:
         contact.lent = NOTHING
@@ -137,7 +136,7 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
 
 @kernel
 def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Take the raise of k_e times the answer off the next g; give by how much that changed, and the size of y."""
+    """Subtract the raise of k_e times the solution from the next g; return the change of that term, and y's size."""
     change = size = 0.0
     for k in range(count):
         unknown = problem.unknowns[k]
@@ -154,7 +153,7 @@ def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tup
 
 @kernel
 def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Take the raise of k_i times the answer off the next f0; give by how much that changed, and the size of y."""
+    """Subtract the raise of k_i times the solution from the next f0; return the change of that term, and size of y."""
     h = gains.internal / (gains.external - gains.internal)
     change = size = 0.0
     for contact in problem.contacts:
@@ -180,16 +179,16 @@ def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[fl
 def friction_force_flexible(
     problem: FrictionProblem, d: int, internal: float, highest: float, definite: bool, coulomb: bool, restarts: int
 ) -> Answer:
-    """Find the forces where the problem is flexible: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.mode_equations`).
+    """Compute the forces of a flexible problem: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.mode_equations`).
 
     Args:
-        problem: with its modes v_k and their signs.
-        d: coordinates of a contact.
-        internal: k_i.
-        highest: bound of the eigenvalues of K, k_i or more.
-        definite: no sign is negative: the associated problem is a convex one in these unknowns too.
-        coulomb: whether Coulomb's law is sought first.
-        restarts: of it.
+        problem: Problem with its modes v_k and their signs.
+        d: Number of coordinates of a contact.
+        internal: Gain k_i.
+        highest: Upper bound of the eigenvalues of K, at least k_i.
+        definite: True if no sign is negative: the associated problem is then convex in these unknowns too.
+        coulomb: True to try Coulomb's law first.
+        restarts: Number of restarts for Coulomb's law.
     """
     return solve(problem, d, problem.modes, Gains(highest, internal), None, definite, coulomb, restarts)
 
@@ -198,12 +197,12 @@ def friction_force_flexible(
 def friction_force_square(
     problem: FrictionProblem, d: int, square: Table, symmetric: bool, coulomb: bool, restarts: int
 ) -> Answer:
-    """Find the forces for any K > 0 in contact frames; the n d unknowns are e + s.
+    """Compute the forces for any K > 0 in contact frames; the n d unknowns are e + s.
 
-    An asymmetric K has one associated answer too, but no convex function leads there: it can end unresolved.
+    An asymmetric K also has a unique associated solution, but without a convex function the search may not find it.
     """
     m = problem.count * d
-    c = 0.0  # above every eigenvalue of K: there the associated problem is convex
+    c = 0.0  # above every eigenvalue of K, so that the associated problem is convex
     for p in range(m):
         total = 0.0
         for q in range(m):
@@ -220,7 +219,7 @@ def solve(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
     restarts: int,
 ) -> Answer:  # fmt: skip
-    """Seek Coulomb from the unknowns as they are, from the associated answer, from around it; else the associated."""
+    """Try Coulomb's law from the given unknowns, from the associated solution, and around it; else the associated."""
     unknowns = problem.unknowns
     start_others(problem, count)
     total = 0.0
@@ -268,7 +267,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Start the unknowns that the last search did not have: near zero, from where the last equations' g ended."""
+    """Start the unknowns that the last search lacked: near zero, from the final g of the last equations."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:
@@ -280,7 +279,7 @@ def start_others(problem: FrictionProblem, count: int) -> None:
 
 @kernel
 def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None:
-    """Put the unknowns to start number `start`: evenly over +-far around the associated answer, and around zero."""
+    """Set the unknowns to start number `start`: evenly over +-far around the associated solution, and around zero."""
     for k in range(count):
         unknown = problem.unknowns[k]
         turn = ((start - 1) * count + k + 1) * GOLDEN
@@ -291,7 +290,7 @@ def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None
 
 @kernel
 def clear(problem: FrictionProblem, d: int) -> None:
-    """Put force and slip to zero."""
+    """Set force and slip to zero."""
     for contact in problem.contacts:
         for a in range(d):
             contact.force[a] = 0.0
@@ -301,7 +300,7 @@ def clear(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def add_nothing(problem: FrictionProblem, d: int) -> None:
-    """Add nothing where there is no stiffness: f = f0, no slip."""
+    """Handle zero stiffness: f = f0, no slip."""
     clear(problem, d)
     for contact in problem.contacts:
         pushes = contact.base_force.x > 0.0 or (problem.limited and contact.coefficient < 0.0)
@@ -313,7 +312,7 @@ def add_nothing(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: float) -> None:
-    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit, r_i c with compliances in series."""
+    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit; r_i c with compliances in series."""
     for contact in problem.contacts:
         root = math.sqrt(contact.weight) if weighted else 1.0
         if problem.limited:
@@ -331,9 +330,9 @@ def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: fl
 def newton(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float, convex: bool
 ) -> Search:
-    """Seek g = 0 by semismooth Newton with a line search.
+    """Solve g = 0 by a semismooth Newton method with a line search.
 
-    With `convex` g belongs to the gradient of a convex function, which falls until it gets there; else |g| has to fall.
+    With `convex`, g is the gradient of a convex function, which decreases until the solution; else |g| must decrease.
     """
     unknowns = problem.unknowns
     step = problem.step
@@ -347,7 +346,7 @@ def newton(
         if worst <= ROUNDING * merit.size or 0.5 * best < worst <= CLOSE * merit.size:
             return Search(True, residual, k + 1)
         if convex:
-            # halving the least |g| so far is no cycle, and not blind where the function's digits end
+            # halving the smallest |g| so far cannot cycle, and works below the resolution of the function
             better = worst <= 0.5 * best or merit.value <= value + 1e-4 * t * slope
         else:
             better = worst <= (1.0 - 1e-4 * t) * length
@@ -384,7 +383,7 @@ def newton(
 
 @kernel
 def evaluate(problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float) -> Merit:
-    """Evaluate the equations: those of modes, or of a square."""
+    """Evaluate the equations of modes, or of a square."""
     if square is None:
         return equations_of_modes(problem, d, count, gains, theta)
     return equations_of_square(problem, d, gains.internal, square, theta)

@@ -1,11 +1,11 @@
-"""The equations of a friction problem whose K has scalar gains: an unknown for each mode, whatever the contacts.
+"""Equations of a friction problem with scalar gains: one unknown per mode, for any number of contacts.
 
-K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4); kappa_k = k_i + (k_e - k_i) beta_k along q_k.
-With f = sqrt(W) y, y = R(t) and t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k, what is left to be found is z:
+K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), with kappa_k = k_i + (k_e - k_i) beta_k along
+q_k. Let f = sqrt(W) y, y = R(t) and t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k. The unknowns are z, with
 kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)).
 
-A stiffness that is given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i between the same roots of W, with signs
-h_k and vectors v_k of any length, has the same equations with v_k for q_k: z_k = h_k v_k'(y - f0 / sqrt(W)).
+If the stiffness is given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i between the same roots of W, with signs
+h_k and vectors v_k of any length, the equations are the same with v_k for q_k: z_k = h_k v_k'(y - f0 / sqrt(W)).
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from graspfx.cones.problem import (
 )
 from graspfx.spatial import Vector4
 
-NIL = 1e-30  # of the internal gain: a mode that differs by less is like all others
+NIL = 1e-30  # relative to the internal gain: modes whose gain differs by less are equal
 
 
 @dataclass(frozen=True, slots=True)
 class Merit:
-    """How far the unknowns are from an answer: the convex function, sizes of forces and of g, and the residual."""
+    """Distance from a solution: convex function, magnitudes of forces and of g, and residual."""
 
     value: float
     size: float
@@ -42,12 +42,12 @@ class Merit:
 
 @kernel
 def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains, theta: float) -> Merit:
-    """Compute trial, force and g for the unknowns z of `count` modes.
+    """Compute the trial forces, forces and g for the unknowns z of `count` modes.
 
-    kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation as
+    kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation in the form
     g = h z + Q'(k_i e + y - t), h = k_i / (kappa - k_i). Both are gradients of strictly convex functions.
 
-    With compliances in series contact i has 1/a_i = r_i k_i instead of k_i: t = f0 + r_i (k_i e - Q z), and for
+    With compliances in series, contact i has 1/a_i = r_i k_i instead of k_i: t = f0 + r_i (k_i e - Q z), and for
     kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
     """
     internal = gains.internal
@@ -102,7 +102,7 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
 def set_trial(
     problem: FrictionProblem, contact: ConeContact, d: int, count: int, internal: float, root: float, part: float
 ) -> None:
-    """Compute t = k_i sqrt(w) e + f0 / sqrt(w) - sum_k z_k q_k of a contact, r_i of it but for f0."""
+    """Compute t = k_i sqrt(w) e + f0 / sqrt(w) - sum_k z_k q_k of a contact; r_i scales all terms but f0."""
     unknowns = problem.unknowns
     for a in range(d):
         trial = 0.0
@@ -117,13 +117,13 @@ def set_trial(
 
 @kernel
 def compliant_share(problem: FrictionProblem, contact: ConeContact, internal: float) -> float:
-    """Compute r_i = 1 / (1 + k_i C_i), what a compliance in series leaves of a contact's gain; 1 without any."""
+    """Compute r_i = 1 / (1 + k_i C_i), the share of a contact's gain under a compliance in series; 1 without one."""
     return 1.0 / (1.0 + internal * contact.compliance) if problem.compliant else 1.0
 
 
 @kernel
 def cut_value(contact: ConeContact, d: int) -> float:
-    """Compute y'(t - y), what a limit adds to 1/2 |y|^2 for the sum to have the gradient y."""
+    """Compute y'(t - y), which a limit adds to 1/2 |y|^2 so that the gradient of the sum is y."""
     total = 0.0
     for a in range(d):
         total += contact.force[a] * (contact.trial[a] - contact.force[a])
@@ -132,7 +132,7 @@ def cut_value(contact: ConeContact, d: int) -> float:
 
 @kernel
 def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[float, float]:
-    """Compute h of a mode, and |kappa / k_i - 1|; where modes carry their flexibility their sign, and a bound."""
+    """Compute h of a mode, and |kappa / k_i - 1|; for modes with flexibility, their sign and a bound."""
     if problem.flexible:
         return beta, gains.external / gains.internal
     external, internal = gains.external, gains.internal
@@ -143,9 +143,9 @@ def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[flo
 
 @kernel
 def jacobian_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains, theta: float) -> None:
-    """Compute h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' where a contact slides.
+    """Compute h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' if a contact slides.
 
-    With compliances in series r_i R' stands for the R' of contact i.
+    With compliances in series, r_i R' replaces the R' of contact i.
     """
     soft = gains.external < gains.internal or problem.flexible
     H = problem.jacobian
@@ -178,7 +178,7 @@ def add_cut(
     soft: bool,
     part: float,
 ) -> None:
-    """Add q_k'R' q_j, or q_k'(I - R') q_j, of a contact whose force its limit cuts."""
+    """Add q_k'R' q_j, or q_k'(I - R') q_j, of a contact whose force is at its limit."""
     H = problem.jacobian
     limit = contact.limit / math.sqrt(contact.weight)
     for j in range(count):
@@ -194,7 +194,7 @@ def add_cut(
 
 @kernel
 def add_whole(problem: FrictionProblem, contact: ConeContact, d: int, count: int, sticks: bool, part: float) -> None:
-    """Add q_k'q_j of a contact, `part` of it where a compliance stands in series with one that sticks."""
+    """Add q_k'q_j of a contact; if it sticks and a compliance stands in series, add the fraction `part` of it."""
     H = problem.jacobian
     modes = contact.modes
     for k in range(count):
@@ -220,7 +220,7 @@ def add_edge(
     soft: bool,
     part: float,
 ) -> None:
-    """Add q_k'(u v' + bend b b') q_j of a contact that slides, or take it off."""
+    """Add or subtract q_k'(u v' + bend b b') q_j of a contact that slides."""
     H = problem.jacobian
     unknowns = problem.unknowns
     modes = contact.modes
@@ -244,7 +244,7 @@ def add_edge(
         left, bent = sign * unknowns[k].left, sign * face.bend * unknowns[k].across
         if problem.compliant:
             left, bent = part * left, part * bent
-        if d > 3:  # two directions across: all tangents less the one along
+        if d > 3:  # two directions across: all tangents minus the sliding direction
             bent = -bent
             for j in range(count):
                 more = 0.0

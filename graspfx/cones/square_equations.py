@@ -1,4 +1,4 @@
-"""The equations of a friction problem for any K > 0, as a square in contact frames: an unknown for each coordinate."""
+"""Equations of a friction problem for any K > 0, as a square in contact frames: one unknown per coordinate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.cones.mode_equations import Merit, cut_value
 from graspfx.cones.problem import SLIDE, STICK, ConeContact, FrictionProblem, tangent_of
 from graspfx.spatial import Vector4, dot
 
-SMALL = 1e-13  # of a square's largest row: keeps Newton's matrix regular where nothing touches
+SMALL = 1e-13  # relative to a square's largest row: regularises Newton's matrix if nothing touches
 
 
 @kernel
@@ -72,7 +72,7 @@ def jacobian_of_square(problem: FrictionProblem, d: int, c: float, square: Table
 def subtract_edge(
     problem: FrictionProblem, contact: ConeContact, r: int, d: int, c: float, square: Table, theta: float, face: Face
 ) -> None:
-    """Take R' (K - c I) of a contact that slides off its rows, which begin with row r."""
+    """Subtract R' (K - c I) of a sliding contact from its rows, which begin with row r."""
     H = problem.jacobian
     mu = contact.coefficient
     share = 1.0 / (1.0 + theta * mu * mu)
@@ -96,7 +96,7 @@ def subtract_edge(
 
 @kernel
 def shifted_entries(square: Table, r: int, d: int, j: int, c: float) -> Vector4:
-    """Read the d entries from row r on in column j of K - c I, zeros behind them."""
+    """Read d entries of column j of K - c I from row r on, followed by zeros."""
     x1 = x2 = x3 = 0.0
     if d > 1:
         x1 = square[r + 1, j] - (c if j == r + 1 else 0.0)
@@ -111,7 +111,7 @@ def shifted_entries(square: Table, r: int, d: int, j: int, c: float) -> Vector4:
 def add_cut_rows(
     problem: FrictionProblem, contact: ConeContact, r: int, d: int, c: float, square: Table, theta: float, face: Face
 ) -> None:
-    """Write the rows of K - R' (K - c I), from row r on, of a contact whose force its limit cuts."""
+    """Write the rows of K - R' (K - c I) from row r on, for a contact whose force is at its limit."""
     H = problem.jacobian
     for j in range(problem.count * d):
         x = cut_slope(contact, d, theta, contact.limit, face, shifted_entries(square, r, d, j, c))

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Count, Name, NotNegative, Number, Positive, Switch, Table
-from graspfx.scene.tables.preset_table import values_by_key
+from graspfx.scene.tables.scene_table import values_by_key
 
 Order = Literal["fixed", "random", "blocks", "latin-square"]
 WORD = r"^[A-Za-z0-9]+$"  # of a label in the names of files

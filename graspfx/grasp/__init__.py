@@ -1,1 +1,1 @@
-"""The mathematics of eq. (4): contacts, the grasp matrix, its split, impedances, touching."""
+"""Mathematics of eq. (4): contacts, grasp matrix, split, impedances, unilateral contact."""

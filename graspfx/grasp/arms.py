@@ -1,8 +1,8 @@
-"""Moment arms of contacts about their centroid, accurate also for contacts that lie nearly on a line or far away.
+"""Moment arms of contacts about their centroid, accurate even for contacts far away or nearly on a line.
 
-A rotation about the line through nearly collinear contacts moves them by h R where the others move them by R, and that
-difference of products loses eps / h in ordinary arithmetic. Here it is taken in pairs of floats, value and rounding
-error (Dekker 1971, Knuth 1969), and rounded once.
+A rotation about the line through nearly collinear contacts moves them by h R, other rotations by R. This difference of
+products loses eps / h in ordinary arithmetic. It is computed in pairs of floats, value and rounding error (Dekker 1971,
+Knuth 1969), and rounded once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 
-SPLITTER = 134217729.0  # 2^27 + 1 cuts a double into two halves whose products are exact
+SPLITTER = 134217729.0  # 2^27 + 1 splits a double into two halves whose products are exact
 NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross product
 
 
@@ -23,12 +23,12 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
     """Compute u_k x (c_i - c) for each axis of rotation, c the centroid.
 
     Args:
-        points: (..., n, d) [m], d = 2 or 3.
-        principal: in space, axes u_k along the principal axes of the contacts instead of the world's.
+        points: Contact points, (..., n, d) [m], d = 2 or 3.
+        principal: In space, take axes u_k along the principal axes of the contacts instead of the world's.
 
     Returns:
-        Axes (1, 1) in the plane, (..., 3, 3) in space with one axis a row, or (3, 3) if they are the world's; fields
-        (..., axes, n, d) [m]; c - c_0, (..., d) [m].
+        Axes: (1, 1) in the plane, (..., 3, 3) in space with one axis per row, or (3, 3) for the world's. Fields:
+        (..., axes, n, d) [m]. Offset c - c_0: (..., d) [m].
     """
     *sets, n, d = points.shape
     offset = two_sum(points, -points[..., :1, :])  # exact
@@ -51,14 +51,14 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
 
 
 def two_sum(a: FloatArray, b: FloatArray) -> Pair:
-    """Add a + b as rounded sum and exact remainder (Knuth)."""
+    """Compute a + b as a rounded sum and its exact remainder (Knuth)."""
     s = a + b
     v = s - a
     return s, (a - (s - v)) + (b - v)
 
 
 def two_product(a: FloatArray, b: FloatArray) -> Pair:
-    """Multiply a b as rounded product and exact remainder (Dekker)."""
+    """Compute a b as a rounded product and its exact remainder (Dekker)."""
     p = a * b
     ca, cb = SPLITTER * a, SPLITTER * b
     ah, bh = ca - (ca - a), cb - (cb - b)
@@ -67,7 +67,7 @@ def two_product(a: FloatArray, b: FloatArray) -> Pair:
 
 
 def add(x: Pair, y: Pair) -> Pair:
-    """Sum of two pairs, to about 1e-32 of the larger."""
+    """Add two pairs, to about 1e-32 of the larger."""
     s, e = two_sum(x[0], y[0])
     t, f = two_sum(x[1], y[1])
     s, e = two_sum(s, e + t)
@@ -75,6 +75,6 @@ def add(x: Pair, y: Pair) -> Pair:
 
 
 def multiply(a: FloatArray, x: Pair) -> Pair:
-    """Multiply a x for an ordinary a, with NumPy's broadcasting."""
+    """Multiply a pair by an ordinary array, with NumPy's broadcasting."""
     p, e = two_product(a, x[0])
     return two_sum(p, e + a * x[1])

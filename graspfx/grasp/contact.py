@@ -1,4 +1,4 @@
-"""Components of a contact: frictionless, hard, soft, full or a selection, with a direction each."""
+"""Force components of a contact: frictionless, hard, soft, full, or a selection matrix."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 
 MODELS = ("frictionless", "hard", "soft", "full")
-ALIASES = {  # names of the literature: Prattichizzo and Trinkle's, Murray, Li and Sastry's, SynGrasp's
+ALIASES = {  # names in the literature: Prattichizzo and Trinkle; Murray, Li and Sastry; SynGrasp
     "pcwof": "frictionless", "pwof": "frictionless", "fpc": "frictionless",
     "pcwf": "hard", "hf": "hard", "hard finger": "hard", "point": "hard",
     "sf": "soft", "sfc": "soft", "soft finger": "soft", "full contact": "full",
 }  # fmt: skip
-SELECTION = "selection"  # what a contact is called whose model is a matrix
+SELECTION = "selection"  # name of a model that is a matrix
 Model = str | ArrayLike
-MOMENTS = {1: 0, 2: 1, 3: 3}  # how many moments a wrench has: none on the line, t_z in the plane, three in space
-UNIT = 1e-8  # how far frames may be from orthonormal, and their last axis from the normal
+MOMENTS = {1: 0, 2: 1, 3: 3}  # number of moments of a wrench: none on the line, t_z in the plane, three in space
+UNIT = 1e-8  # tolerance for orthonormal frames, and for a frame's last axis to equal the normal
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """n contacts in d dimensions and their m force components, contact by contact, forces before moments.
+    """n contacts in d dimensions and their m components, contact by contact, forces before moments.
 
     | model | line | plane | space |
     |---|---|---|---|
@@ -37,22 +37,23 @@ class Contacts:
     | soft | as hard | as hard | hard, and the torsion about the normal |
     | full | as hard | hard, and t_z | hard, and t_x t_y t_z |
 
-    Or a selection matrix (k, d + moments): a row for each component, in terms of those of the full model in the
-    contact's axes, forces before moments; rows are orthonormal, each of forces or of moments alone.
+    A model may also be a selection matrix (k, d + moments). It has a row for each component, expressed in the
+    components of the full model in the contact's axes, forces before moments. Rows are orthonormal, and each is of
+    forces alone or of moments alone.
 
-    A soft contact's torsion about a normal that lies in the plane, or on the line, does not exist there: soft is hard.
-    Axes are the world's unless frames are given.
+    In the plane and on the line the normal allows no torsion, so that soft equals hard. Axes are the world's unless
+    frames are given.
 
-    Many sets of n contacts with the same models stand along leading axes.
+    Leading axes hold many sets of n contacts with the same models.
 
     Attributes:
-        points: (..., n, d) [m].
-        normals: (..., n, d), unit, into the object, or None.
-        models: n names, "selection" for a matrix.
-        finger: (m,), which contact a component belongs to.
-        moment: (m,), True where the component is a moment [N m].
-        force_axes: (m, d) or (..., m, d), unit direction of a force component, zero for a moment.
-        moment_axes: (m, 0 | 1 | 3) or (..., m, 0 | 1 | 3), unit axis of a moment component, zero for a force.
+        points: Contact points, (..., n, d) [m].
+        normals: Unit normals into the object, (..., n, d), or None.
+        models: Names of the n models, "selection" for a matrix.
+        finger: Index of the contact of each component, (m,).
+        moment: Mask of the components that are moments [N m], (m,).
+        force_axes: Unit direction of each force component, (m, d) or (..., m, d); zero for a moment.
+        moment_axes: Unit axis of each moment component, (m, 0 | 1 | 3) or (..., m, 0 | 1 | 3); zero for a force.
     """
 
     points: FloatArray
@@ -71,20 +72,20 @@ def contacts(
     model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
-    """Check a description of contacts and write out its components.
+    """Check a description of contacts and compute its components.
 
     Args:
-        points: (n, d) [m], d = 1, 2 or 3, or many sets of them (..., n, d).
-        normals: (n, d) into the object, any length but zero, or (..., n, d); needed for frictionless contacts, and for
-            soft ones in space, unless frames are given.
-        model: one name or selection matrix for all, or one per contact.
-        frames: (n, d, d) or (..., n, d, d), each contact's axes as orthonormal columns, the last one the normal into
-            the object.
+        points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of them, (..., n, d).
+        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Frictionless contacts need them;
+            so do soft contacts in space, unless frames are given.
+        model: Name or selection matrix, one for all contacts or one per contact.
+        frames: Axes of each contact as orthonormal columns, (n, d, d) or (..., n, d, d); the last column is the normal
+            into the object.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a normal that is missing or has no length,
-            frames that are not orthonormal or whose last axis is not the normal.
-        UnknownNameError: a model that does not exist.
+        InputError: Shapes do not fit, values are not finite, a normal is missing or zero, or frames are not orthonormal
+            or their last axis is not the normal.
+        UnknownNameError: No model has that name.
     """
     p = contact_points(points)
     n, d = p.shape[-2:]
@@ -119,7 +120,7 @@ def contact_points(points: ArrayLike) -> FloatArray:
     """Check contact points (..., n, d), and copy them.
 
     Raises:
-        InputError: another shape, values that are not finite.
+        InputError: The shape is another one, or values are not finite.
     """
     p = finite("points", points)
     if p.ndim < 2 or not p.size or p.shape[-1] not in MOMENTS:
@@ -128,7 +129,7 @@ def contact_points(points: ArrayLike) -> FloatArray:
 
 
 def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Contacts:
-    """Write out the components of hard contacts in the world's axes; the arguments are checked."""
+    """Compute the components of hard contacts in world axes, without checks."""
     n, d = points.shape[-2:]
     force = np.tile(np.eye(d), (n, 1))
     none = np.zeros(n * d, dtype=bool)
@@ -138,7 +139,7 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack rows (k, d), some with one set for each set of contacts, some with one for all."""
+    """Stack rows (k, d); some are given for each set of contacts, some once for all sets."""
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
@@ -187,13 +188,13 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give directions and axes like `_components`, for a selection from the contact's axes in rows."""
+    """Return directions and axes like `_components`, for a selection of the contact's axes, given as rows."""
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
 def unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Scale normals of any length but zero to length one; those of one set of contacts are those of all sets."""
+    """Scale normals to unit length; normals of one set of contacts serve all sets."""
     vectors = finite("normals", normals, largest=np.inf)
     if vectors.shape not in (shape, shape[-2:]):
         raise InputError("normals", vectors, f"an array of shape {shape}, one normal for each point")
@@ -201,7 +202,7 @@ def unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if not (largest > 0.0).all():
         place = _place(largest[..., 0], np.argmin)
         raise InputError(_name("normals", place), vectors[place].tolist(), "a direction", "a zero vector has none")
-    scaled = vectors / largest  # before squaring, which would underflow
+    scaled = vectors / largest  # squares of tiny components would underflow
     return np.broadcast_to(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True), shape)
 
 
@@ -235,7 +236,7 @@ def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, ...]) ->
 
 
 def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i: int) -> tuple[FloatArray, FloatArray]:
-    """List directions of a contact's forces (..., k, d) and axes of its moments (..., l, 0 | 1 | 3)."""
+    """Return directions of a contact's forces (..., k, d) and axes of its moments (..., l, 0 | 1 | 3)."""
     along = name == "frictionless" or (name == "soft" and d == 3)
     if along and normal is None:
         raise InputError(

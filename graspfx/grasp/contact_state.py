@@ -1,4 +1,4 @@
-"""Contacts, free directions and rigid modes as they stand in a block: what the split of a sample is made of."""
+"""Records of contacts, free directions and rigid modes: the input and output of a sample's split."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from graspfx.spatial import Matrix, Vector
 class Contact(Record):
     """A contact of a finger, in the object's axes."""
 
-    contact: Vector  # c: on the surface, which for a ball fingertip is grown by its radius [m]
-    normal: Vector  # into the object
-    patch: float  # rho of a soft finger, 0 of a hard one [m]
+    contact: Vector  # c on the surface, which is offset by the radius of a ball fingertip [m]
+    normal: Vector  # unit normal into the object
+    patch: float  # patch length rho of a soft finger, 0 for a hard one [m]
     weight: float
 
 
 class FramedContact(Contact):
-    """A contact with axes of its own."""
+    """A contact with its own axes."""
 
     frame: Matrix  # normal and tangents as rows
 
@@ -29,10 +29,10 @@ class Direction(Record):
 
 
 class Freedom(Record):
-    """The directions in which an object is free: of translation first, then axes of rotation about its centre."""
+    """The directions in which an object is free: translations first, then axes of rotation about its centre."""
 
-    shifts: int  # free translations
-    turns: int  # free rotations
+    shifts: int  # number of free translations
+    turns: int  # number of free rotations
     axes: Many[Direction] = many("6")  # in the object's axes
 
 
@@ -40,10 +40,10 @@ class ModeMotion(Record):
     """A finger's part of a rigid mode."""
 
     shift: Vector
-    twist: float  # times the patch length; only where some finger is soft
+    twist: float  # torsion times the patch length, if some finger is soft
 
 
 @inline
 def motion_of(mode: Floats, i: int, width: int) -> ModeMotion:
-    """Give finger i's part of a mode, which is its blend, then `width` entries for each finger."""
+    """Return finger i's part of a mode, which is its blend followed by `width` entries for each finger."""
     return ModeMotion(mode.buffer, mode.offset + (1 + width * i))

@@ -1,8 +1,8 @@
-"""Eq. (4) for point contacts on a free object: one best-fitting rigid motion instead of G, its pseudoinverse and P.
+"""Eq. (4) for point contacts on a free object, by one best-fitting rigid motion instead of G, G^+ and P.
 
-f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and numbers for gains. P d is the rigid
-motion that fits the field d best: its mean and a rotation about the centroid. Equal weights, all translations and
-rotations free, no blend: the rank is decided by a tolerance.
+f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and scalar gains. P d is the rigid motion
+that fits the field d best: its mean and a rotation about the centroid. Weights are equal, all translations and
+rotations are free, and a tolerance decides the rank, without a blend.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from graspfx.compile.records import Table
 from graspfx.grasp.direct_line import Line, couple_about
 from graspfx.grasp.point_grasp import NOISE, PointGrasp, vector_at
 
-LEAST = 1e-280  # [m^2], so that nothing underflows
+LEAST = 1e-280  # smallest square of a length, against underflow [m^2]
 
 
 @kernel
 def couple(block: NDArray[np.float64]) -> None:
-    """Compute the forces of a block that begins where its array does: the one call of a loop."""
+    """Compute the forces of a block that starts at entry 0 of its array."""
     couple_points(PointGrasp(block, 0))
 
 
 @kernel
 def couple_points(grasp: PointGrasp) -> int:
-    """Compute the forces of all contacts from their points, displacements and rates; give 0."""
+    """Compute the forces of all contacts from their points, displacements and rates; return 0."""
     n, d = grasp.count, grasp.dimensions
     grasp.rank = d
     if n == 1 or (grasp.stiffness == 0.0 and grasp.damping == 0.0):
@@ -44,7 +44,7 @@ def couple_points(grasp: PointGrasp) -> int:
 
 @kernel
 def external_alone(grasp: PointGrasp) -> None:
-    """Compute f = K_ep e + K_ed e': one contact, or the conventional method (eqs. 20-23)."""
+    """Compute f = K_ep e + K_ed e', for one contact or for the conventional method (eqs. 20-23)."""
     k, c = grasp.external_stiffness, grasp.external_damping
     e, rate, f = grasp.displacement, grasp.rate, grasp.force
     for j in range(grasp.count * grasp.dimensions):
@@ -53,12 +53,12 @@ def external_alone(grasp: PointGrasp) -> None:
 
 @kernel
 def shifted(grasp: PointGrasp) -> None:
-    """Compute the forces where P d is the mean: on a line, and where all contacts coincide."""
+    """Compute the forces if P d is the mean: on a line, or for coincident contacts."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     e, rate, f = grasp.displacement, grasp.rate, grasp.force
     n, d = grasp.count, grasp.dimensions
     for i in range(d):
-        mean = 0.0 * grasp.points[i]  # no number where the contacts' place is none
+        mean = 0.0 * grasp.points[i]  # NaN if the contact's position is
         for j in range(i, n * d, d):
             mean += a * e[j] + b * rate[j]
         mean /= n
@@ -68,7 +68,7 @@ def shifted(grasp: PointGrasp) -> None:
 
 @kernel
 def between_two(grasp: PointGrasp) -> None:
-    """Compute the forces of two: P d is the mean and what the two differ by across the line through them."""
+    """Compute the forces of two contacts: P d is the mean, and the difference of the two across their line."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     d = grasp.dimensions
@@ -98,7 +98,7 @@ def in_plane(grasp: PointGrasp) -> None:
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     n = grasp.count
-    x0, y0 = p[0], p[1]  # from the first contact: the origin may be far away
+    x0, y0 = p[0], p[1]  # relative to the first contact, since the origin may be far away
     cx = cy = mx = my = 0.0
     for j in range(0, 2 * n, 2):
         cx += p[j] - x0
@@ -126,12 +126,12 @@ def in_plane(grasp: PointGrasp) -> None:
 def in_space(grasp: PointGrasp, modes: Table | None) -> None:
     """Compute the forces in space: P d is the mean and a rotation, in the frame of the line nearest to the contacts.
 
-    Or write the rotations as modes, where there is room for them.
+    If `modes` has room, write the rotations as modes instead.
 
-    q leads from the first contact to the one farthest from it. With x the coordinate along which q is longest and
-    u = (1, t, s) = q / q_x, rotations are taken about u, y and z. The arms about u are those of v = y - t x and
-    w = z - s x, formed in pairs of floats: small ones are as accurate as large ones, the 3 x 3 matrix of moments is
-    graded, and its elimination, y and z before u, loses nothing as contacts come near a line.
+    q leads from the first contact to the farthest one. Let x be the coordinate along which q is longest and
+    u = (1, t, s) = q / q_x. Rotations are taken about u, y and z. The arms about u are those of v = y - t x and
+    w = z - s x, formed in pairs of floats, so that small arms are as accurate as large ones. The 3 x 3 matrix of
+    moments is graded; elimination of y and z before u loses no accuracy as contacts approach a line.
     """
     p = grasp.points
     origin = vector_at(p, 0)

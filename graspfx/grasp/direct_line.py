@@ -1,4 +1,4 @@
-"""Eq. (4) for point contacts in space, in the frame of the line that they are nearest to."""
+"""Eq. (4) for point contacts in space, in the frame of their nearest line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURNS = 3
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line along u = (1, t, s): the places of x, y and z among the coordinates, and its slopes."""
+    """A line along u = (1, t, s): the indices of x, y and z among the coordinates, and the slopes."""
 
     x: int
     y: int
@@ -28,7 +28,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Centre:
-    """The centroid in x, v = y - t x and w = z - s x from the first contact, and the mean of the field d."""
+    """Centroid in x, v = y - t x and w = z - s x from the first contact, and mean of the field d."""
 
     arm: Vector
     mean: Vector
@@ -52,10 +52,10 @@ class Moments:
 
 @dataclass(frozen=True, slots=True)
 class Pivots:
-    """The factor L D L' of the moments: inverses of D about y and z, its last entry or 0, and the entries of L.
+    """Factor L D L' of the moments: inverses of D about y and z, its last entry or 0, and the entries of L.
 
-    Where contacts are on a line, the axis in it, (1, y, z) about u, y and z, the inverse of its moment, and the unit
-    vector of its motion among those about y, z and u that are orthonormal; else zeros.
+    If contacts lie on a line: the axis along it, (1, y, z) about u, y and z, the inverse of its moment, and the unit
+    vector of its motion among the orthonormal ones about y, z and u. Otherwise zeros.
     """
 
     y: float
@@ -72,7 +72,7 @@ class Pivots:
 
 @kernel
 def couple_about(grasp: PointGrasp, line: Line, noise: float, modes: Table | None) -> None:
-    """Compute the forces, or the modes; `noise` is the square of what the coordinates are rounded by [m^2]."""
+    """Compute the forces, or the modes; `noise` is the squared rounding of the coordinates [m^2]."""
     centre = centre_of(grasp, line)
     moments = moments_of(grasp, line, centre)
     pivots = pivots_of(grasp, line, moments, noise)
@@ -84,7 +84,7 @@ def couple_about(grasp: PointGrasp, line: Line, noise: float, modes: Table | Non
 
 @inline
 def exact_difference(a: float, b: float) -> tuple[float, float]:
-    """Compute a - b as rounded difference and exact remainder (Knuth)."""
+    """Compute a - b as a rounded difference and its exact remainder (Knuth)."""
     x = a - b
     h = x - a
     return x, (a - (x - h)) - (b + h)
@@ -92,7 +92,7 @@ def exact_difference(a: float, b: float) -> tuple[float, float]:
 
 @inline
 def halves(x: float) -> tuple[float, float]:
-    """Cut a number into two halves whose products are exact (Dekker)."""
+    """Split a number into two halves whose products are exact (Dekker)."""
     h = SPLITTER * x
     high = h - (h - x)
     return high, x - high
@@ -100,7 +100,7 @@ def halves(x: float) -> tuple[float, float]:
 
 @kernel
 def centre_of(grasp: PointGrasp, line: Line) -> Centre:
-    """Write x, v and w of every contact, formed in pairs of floats, where its force will be; give their means."""
+    """Write x, v and w of every contact, in pairs of floats, to the place of its force; return their means."""
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     a, b, ix, iy, iz, t, s = grasp.stiffness, grasp.damping, line.x, line.y, line.z, line.t, line.s
     x0, y0, z0 = p[ix], p[iy], p[iz]
@@ -111,7 +111,7 @@ def centre_of(grasp: PointGrasp, line: Line) -> Centre:
         x, dx = exact_difference(p[i + ix], x0)
         y, dy = exact_difference(p[i + iy], y0)
         z, dz = exact_difference(p[i + iz], z0)
-        # less t x and s x, the products with what rounding takes from them
+        # minus t x and s x, products that include their rounding error
         xh, xl = halves(x)
         g = t * x
         v = (y - g) + ((dy - t * dx) - (((th * xh - g) + th * xl + tl * xh) + tl * xl))
@@ -153,7 +153,7 @@ def moments_of(grasp: PointGrasp, line: Line, centre: Centre) -> Moments:
 
 @kernel
 def pivots_of(grasp: PointGrasp, line: Line, m: Moments, noise: float) -> Pivots:
-    """Factor L D L' of the moments about y, z, u; decide the rank."""
+    """Factor the moments about y, z, u as L D L', and decide the rank."""
     i_y = 1.0 / (m.xx + m.zz)
     l_zy, l_uy = m.yz * i_y, m.uy * i_y
     rest = m.uz - l_uy * m.yz
@@ -169,7 +169,7 @@ def pivots_of(grasp: PointGrasp, line: Line, m: Moments, noise: float) -> Pivots
     if not arm > (grasp.tolerance * grasp.tolerance * total + grasp.count * noise) * square:
         grasp.rank = 5
         if arm > 0.0:
-            # the principal axis: inverse iteration, each turn of which leaves h^2 of an error; h is the arm about it
+            # principal axis by inverse iteration; each step leaves h^2 of the error, where h is the arm about the axis
             by = bz = 0.0
             for _ in range(TURNS):
                 about_y = t + axis_y
@@ -205,7 +205,7 @@ def turn_of(m: Moments, p: Pivots) -> Vector:
 
 @kernel
 def turn_forces(grasp: PointGrasp, line: Line, centre: Centre, turn: Vector) -> None:
-    """Compute the forces from the internal gains, the mean of the field d and its rotation."""
+    """Compute the forces from the internal gains, and from the mean and rotation of the field d."""
     e, rate, f = grasp.displacement, grasp.rate, grasp.force
     k, c, ix, iy, iz, t, s = (
         grasp.internal_stiffness, grasp.internal_damping, line.x, line.y, line.z, line.t, line.s
@@ -221,9 +221,9 @@ def turn_forces(grasp: PointGrasp, line: Line, centre: Centre, turn: Vector) -> 
 
 @kernel
 def turn_modes(grasp: PointGrasp, line: Line, centre: Centre, p: Pivots, modes: Table) -> None:
-    """Write the rotations as modes of unit length: about y, then z and u less what those before have of them.
+    """Write the rotations as orthonormal modes: about y, then z, then u.
 
-    Where contacts are on a line, the two across the motion about that line.
+    If contacts lie on a line, write the two rotations that are orthogonal to the one about that line.
     """
     f = grasp.force
     ix, iy, iz, t, s = line.x, line.y, line.z, line.t, line.s

@@ -1,4 +1,4 @@
-"""The rigid modes of point contacts on a free object: orthonormal columns of P = U U', from the points alone."""
+"""Rigid modes of point contacts on a free object: orthonormal columns of P = U U', computed from the points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HALF = math.sqrt(0.5)
 def couple_rows(
     grasp: PointGrasp, points: Floats, displacement: Floats, rate: Floats, force: Floats, rows: int
 ) -> None:  # fmt: skip
-    """Compute the forces of many grasps of one size in one call; `grasp` has the gains, and room for one."""
+    """Compute the forces of many grasps of one size in one call; `grasp` holds the gains and scratch for one grasp."""
     size = grasp.count * grasp.dimensions
     for row in range(rows):
         at = row * size
@@ -32,7 +32,7 @@ def couple_rows(
 
 @kernel
 def mode_rows(grasp: PointGrasp, points: Floats, modes: Floats, ranks: Floats, rows: int) -> None:
-    """Write the modes of many grasps of one size, a row each, and their ranks."""
+    """Write the modes and ranks of many grasps of one size, a row for each grasp."""
     size = grasp.count * grasp.dimensions
     room = size * (2 * grasp.dimensions if grasp.dimensions > 2 else 2 * grasp.dimensions - 1)
     for row in range(rows):
@@ -47,7 +47,7 @@ def mode_rows(grasp: PointGrasp, points: Floats, modes: Floats, ranks: Floats, r
 
 @kernel
 def point_modes(grasp: PointGrasp, modes: Table) -> int:
-    """Write the modes of one grasp, which is free to move, onto rows of zeros; give their number, the rank of G."""
+    """Write the modes of one free grasp into zeroed rows; return their number, the rank of G."""
     n, d = grasp.count, grasp.dimensions
     grasp.rank = d
     share = 1.0 / math.sqrt(n)
@@ -66,7 +66,7 @@ def point_modes(grasp: PointGrasp, modes: Table) -> int:
 
 @kernel
 def across_two(grasp: PointGrasp, modes: Table) -> None:
-    """Write the motions of two contacts against one another, across the line through them."""
+    """Write the relative motions of two contacts across the line through them."""
     p, d = grasp.points, grasp.dimensions
     square = noise = 0.0
     for i in range(d):

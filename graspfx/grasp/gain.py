@@ -1,4 +1,4 @@
-"""A gain of an impedance: a number, numbers per finger, or matrices; its check, its text, and its axes."""
+"""Gain of an impedance: a number, numbers per finger, or matrices; check, text and change of axes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Gain = float | FloatArray
 
-SYMMETRIC = 1e-9  # relative: what a matrix may be off and still be taken as symmetric
+SYMMETRIC = 1e-9  # relative asymmetry up to which a matrix counts as symmetric
 
 
 def turned_gain(gain: Gain, R: FloatArray) -> Gain:
-    """Rotate each finger's matrix, R K R'; a full one as far as it has one R for all."""
+    """Rotate each finger's matrix, R K R'; a full matrix only if one R serves all fingers."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain
@@ -37,7 +37,7 @@ def checked_gain(name: str, argument: ArrayLike) -> Gain:
     """Check a gain, and copy it.
 
     Raises:
-        InputError: a negative or not finite number, a matrix that is not symmetric positive semidefinite.
+        InputError: A number is negative or not finite, or a matrix is not symmetric positive semidefinite.
     """
     value = finite(name, argument)
     if value.ndim == 0:
@@ -63,7 +63,7 @@ def checked_gain(name: str, argument: ArrayLike) -> Gain:
 
 
 def gain_text(gain: Gain, unit: str) -> str:
-    """Write a gain: the number, the range of those per finger, or the size of a matrix and its eigenvalues."""
+    """Format a gain: the number, the range over the fingers, or the size and eigenvalues of a matrix."""
     if isinstance(gain, float):
         return f"{gain:g} {unit}"
     if gain.ndim == 1:
@@ -72,7 +72,7 @@ def gain_text(gain: Gain, unit: str) -> str:
 
 
 def equal_gains(outer: Gain, inner: Gain) -> bool:
-    """Tell whether two gains are equal, also when one is written for every finger and the other for each."""
+    """True if two gains are equal, even if one is written once for all fingers and the other for each."""
     a, b = np.asarray(outer), np.asarray(inner)
     if a.ndim == b.ndim:
         return np.array_equal(a, b)

@@ -1,4 +1,4 @@
-"""A grasp: contacts on an object, their matrix, its splits, and how good the grasp is."""
+"""Grasp: contacts on an object, their matrix, its split, and measures of quality."""
 
 from __future__ import annotations
 
@@ -18,36 +18,35 @@ if TYPE_CHECKING:
     from graspfx.grasp.quality.measures import Measures
     from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
-MOST = 6  # points on a card
+MOST = 6  # points shown on a card
 
 
 class Grasp(Carded, GraspMatrix):
     """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
 
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z), 6 in space (force, then moment), less the locked freedoms.
-    f is the force of the fingers on the object; columns go contact by contact, a contact's forces before its moments.
-
-    Many sets of n contacts with the same models, origin and freedoms stand along leading axes of `points`: G is then
-    (..., w, m), and a split of them splits each as by itself.
+    f is the force of the fingers on the object. Columns are ordered contact by contact, forces before moments. Leading
+    axes of `points` hold many sets of n contacts with the same models, origin and freedoms. G is then (..., w, m), and
+    each set is split independently.
 
     Args:
-        points: contact points (n, d) or (..., n, d) [m].
-        normals: (n, d) or (..., n, d), into the object.
+        points: Contact points, (n, d) or (..., n, d) [m].
+        normals: Normals into the object, (n, d) or (..., n, d).
         model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
-            `grasp.contact.Contacts`); or by the names of the literature: FPC or PwoF, PCWF or HF, SF.
-        frames: (n, d, d) or (..., n, d, d), each contact's axes as columns, the last one the normal; the world's
-            axes if None.
-        origin: o, to which moments refer, (d,), or one for each set [m]; zero if None.
-        free: which of the object's freedoms can move, a mask over all w; the others' rows are left out.
+            `grasp.contact.Contacts`); or a name from the literature: FPC or PwoF, PCWF or HF, SF.
+        frames: Axes of each contact as columns, the last one the normal, (n, d, d) or (..., n, d, d); the world's axes
+            if None.
+        origin: Reference point o of moments, (d,), or one for each set [m]; zero if None.
+        free: Mask of the w freedoms in which the object can move; rows of the others are left out.
 
     Attributes:
-        contacts: the checked contacts with their components.
-        finger_of_column: (m,), which contact a column belongs to.
-        torsion_columns: (m,), True where the component is a moment [N m].
-        moment_rows: (w,), True where the row is a moment of the wrench.
+        contacts: The checked contacts with their components.
+        finger_of_column: Index of the contact of each column, (m,).
+        torsion_columns: Mask of the components that are moments [N m], (m,).
+        moment_rows: Mask of the rows that are moments of the wrench, (w,).
 
     Raises:
-        InputError: as `grasp.contact.contacts`, or an origin or mask that does not fit.
+        InputError: As for `grasp.contact.contacts`, or the origin or mask does not fit.
     """
 
     def _card(self) -> Card:
@@ -70,13 +69,13 @@ class Grasp(Carded, GraspMatrix):
         return f"\nand {self.fingers - MOST} more" if self.fingers > MOST else ""
 
     def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
-        """Split contact forces into external and internal ones (eq. 3); see `Split`."""
+        """Split contact forces into an external and an internal part (eq. 3); see `Split`."""
         return Split(self, metric=metric, tolerance=tolerance)
 
     def virtual_linkage(
         self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> VirtualLinkage:
-        """Split by a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
+        """Split by a virtual linkage with actuators between pairs of fingers; see `VirtualLinkage`."""
         from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
         self.require_one("virtual_linkage")
@@ -89,7 +88,7 @@ class Grasp(Carded, GraspMatrix):
         about: ArrayLike | None = None,
         torsion_length: float | None = None,
     ) -> Measures:
-        """Measure singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
+        """Compute singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
         from graspfx.grasp.quality.measures import measures
 
         self.require_one("measures")
@@ -98,7 +97,7 @@ class Grasp(Carded, GraspMatrix):
     def force_closure(
         self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
     ) -> ForceClosure:
-        """Test whether contacts that push can make every wrench; see `grasp.quality.closure.force_closure`."""
+        """Test whether pushing contacts can make every wrench; see `grasp.quality.closure.force_closure`."""
         from graspfx.grasp.quality.closure import force_closure
 
         self.require_one("force_closure")

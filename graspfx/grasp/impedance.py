@@ -1,4 +1,4 @@
-"""Eq. (4): coupling impedances for the external and for the internal part of a grasp's forces."""
+"""Eq. (4): coupling impedances of the external and the internal part of contact forces."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ FloatArray = NDArray[np.float64]
 Form = Literal["literal", "symmetric"]
 Pair = Literal["stiffness", "damping"]
 
-LOOP_RADIUS = 0.005  # [m], of the closed motion for which the warning gives an energy
+LOOP_RADIUS = 0.005  # radius of the closed motion whose energy the warning states [m]
 FLOAT = np.dtype(np.float64)
-MOST_HEADS = 64  # sizes of grasps and tolerances that a coupling remembers
-GROWN = 10.0  # times what the last warning told: a finger that fades in begins with nearly no skew part
+MOST_HEADS = 64  # grasp sizes and tolerances that a coupling caches
+GROWN = 10.0  # growth since the last warning that causes another; a finger that fades in starts with a small skew part
 
 
 class ActiveCouplingWarning(UserWarning):
@@ -33,17 +33,17 @@ class ActiveCouplingWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Impedance(Carded):
-    """A spring and a damper for contact displacements, f = K e + D e'.
+    """Spring and damper between contact displacements and forces, f = K e + D e'.
 
-    A gain is a number; one per finger (n,); a symmetric positive semidefinite matrix (d, d) for every finger, or
+    A gain is a number; one number per finger (n,); a symmetric positive semidefinite matrix (d, d) for all fingers or
     (n, d, d) with one each, in the axes of the contacts' force components; or a full matrix (m, m).
 
     Args:
-        stiffness: [N/m].
-        damping: [N s/m].
+        stiffness: Stiffness K [N/m].
+        damping: Damping D [N s/m].
 
     Raises:
-        InputError: a negative or not finite number, a matrix that is not symmetric positive semidefinite.
+        InputError: A number is negative or not finite, or a matrix is not symmetric positive semidefinite.
     """
 
     stiffness: Gain
@@ -62,25 +62,26 @@ class Impedance(Carded):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Coupling(Carded):
-    """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
+    """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    P is the split's projector on forces. With a metric M = L L, L symmetric, numbers enter as k M, and gains per finger
-    and (d, d) matrices as L K L, so that contacts with a small weight get a small force; full matrices stand as given.
+    P is the split's projector on forces. With a metric M = L L, L symmetric, scalar gains enter as k M, and gains per
+    finger and (d, d) matrices as L K L, so that contacts with a small weight get a small force. Full matrices enter as
+    given.
 
-    The form "literal" is eq. (4). With gains that do not commute with P its stiffness is asymmetric: it creates energy
-    on closed motions, and a warning says how much, once and whenever that has grown tenfold. The form "symmetric",
-    P K_ep P' + (I - P) K_ip (I - P)', never does. With numbers for gains the two agree.
+    The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. It then creates
+    energy on closed motions, and a warning states how much, once and again whenever the energy has grown tenfold. The
+    form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree for scalar gains.
 
-    Where the external and the internal stiffness are equal, f = K e without P in either form, exactly (the
-    conventional method, eqs. 20-23); the same for the damping.
+    If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
+    method, eqs. 20-23). The same holds for the damping.
 
     Args:
-        external: K_ep and K_ed.
-        internal: K_ip and K_id.
+        external: Impedance with K_ep and K_ed.
+        internal: Impedance with K_ip and K_id.
         form: "literal" or "symmetric".
 
     Raises:
-        UnknownNameError: another form.
+        UnknownNameError: The form is another one.
     """
 
     external: Impedance
@@ -104,15 +105,15 @@ class Coupling(Carded):
 
     @property
     def equal(self) -> bool:
-        """Whether external and internal gains are the same: the conventional method, which needs no split."""
+        """True if external and internal gains are equal: the conventional method, which needs no split."""
         pairs: tuple[Pair, ...] = get_args(Pair)
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
-        """Write matrices that stand in other axes in those of the contact forces: R K R'; numbers have no axes.
+        """Rotate matrices into the axes of the contact forces, R K R'. Numbers have no axes.
 
         Args:
-            R: (d, d), or (n, d, d) with one for each contact: from the axes in which the gains stand.
+            R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
         """
         turn = np.asarray(R, dtype=float)
         external, internal = (
@@ -122,24 +123,25 @@ class Coupling(Carded):
         return Coupling(external, internal, self.form)
 
     def stiffness(self, split: Split) -> FloatArray:
-        """Compute K of f = K e + D e', (..., m, m) [N/m], read-only; cached until another split is asked for."""
+        """Compute K of f = K e + D e', (..., m, m) [N/m], read-only. The result is cached for the last split."""
         return self._matrix("stiffness", split)
 
     def damping(self, split: Split) -> FloatArray:
-        """Compute D of f = K e + D e', (..., m, m) [N s/m], read-only; cached until another split is asked for."""
+        """Compute D of f = K e + D e', (..., m, m) [N s/m], read-only. The result is cached for the last split."""
         return self._matrix("damping", split)
 
     def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
-        """Compute contact forces on the object (m,) or (..., m) [N], by one projection where the gains are numbers.
+        """Compute contact forces on the object, (m,) or (..., m) [N]; scalar gains need one projection.
 
-        Hard contacts on a free object take numbers to the force by the kernels of `PointCoupling`, in O(n), with no
-        matrix; there many sets of contacts get the forces of each by itself, to the bit, elsewhere to rounding.
+        With scalar gains, the kernels of `PointCoupling` compute forces of hard contacts on a free object in O(n),
+        without a matrix. Many sets of contacts then get the same bits as each set alone; in other cases they agree to
+        rounding.
 
         Args:
-            split: of the contacts.
-            e: displacement of the fingers from their contacts, p - c, (m,) or (n, d) where each contact has d forces
-                [m]; for many sets of contacts, or many displacements of one, (..., n, d), or (..., m) for many sets.
-            de: its rate [m/s], like e; zero if None.
+            split: Split of the contacts.
+            e: Displacement of the fingers from their contacts, p - c [m]: (m,), or (n, d) if each contact has d forces;
+                for many sets of contacts, or many displacements of one set, (..., n, d), or (..., m) for many sets.
+            de: Rate of the displacement [m/s], with the shape of e; zero if None.
         """
         _require_split(split)
         x = _motion("e", e, split)
@@ -161,7 +163,7 @@ class Coupling(Carded):
         return f if difference is None else f + split.project(difference)
 
     def _head_for(self, split: Split) -> FloatArray | None:
-        """Give the numbers that a kernel of point contacts takes, or None where a gain is no number."""
+        """Return the numbers that a kernel of point contacts takes; None if a gain is not a number."""
         grasp = split.points
         key = grasp.fingers, grasp.dimensions, split.point_tolerance
         head = self._heads.get(key)
@@ -176,7 +178,7 @@ class Coupling(Carded):
         return head
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Say how a pair of gains makes a matrix: one alone where both are equal, else by the form."""
+        """Return how a pair of gains makes a matrix: "equal" if they are equal, else the form."""
         outer, inner = self._pair(pair)
         if equal_gains(outer, inner):
             return "equal"
@@ -186,7 +188,7 @@ class Coupling(Carded):
         return getattr(self.external, pair), getattr(self.internal, pair)
 
     def _part(self, pair: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """Compute b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
+        """Compute b and a of the force b + P a of one pair of gains; a is None if P is not needed."""
         outer, inner = self._pair(pair)
         if isinstance(outer, float) and isinstance(inner, float):
             y = split.weigh(x)
@@ -218,17 +220,17 @@ class Coupling(Carded):
         return K
 
     def warn_if_active(self, pair: Pair, K: FloatArray) -> None:
-        """Warn of a stiffness or damping that can create energy, once and whenever that has grown tenfold."""
+        """Warn of a stiffness or damping that can create energy: once, and again when the energy has grown tenfold."""
         limit = GROWN * self._warned.get(pair, 0.0)
         if limit > 0.0 and float(np.linalg.norm(K - _transposed(K))) <= 2.0 * limit:
-            return  # no less than the spectral norm, and cheap
+            return  # this bound is at least the spectral norm, and cheap
         size = float(np.abs(K).max())
         skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + _transposed(K)) / 2).min())
         worst = max(skew if pair == "stiffness" else 0.0, -lowest)
         if worst <= limit:
             return
         faults = []
-        # a skew damping does no work; a skew stiffness does, 2 pi r^2 k_s on a circle in its plane
+        # a skew damping does no work; a skew stiffness does 2 pi r^2 k_s on a circle in its plane
         if pair == "stiffness" and skew > SYMMETRIC * size:
             energy = loop_energy(K, LOOP_RADIUS)
             faults.append(
@@ -247,10 +249,10 @@ class Coupling(Carded):
 
 
 def spread(gain: Gain, split: Split) -> FloatArray:
-    """Write a gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
+    """Expand a gain to a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
 
     Raises:
-        InputError: a gain that does not fit the contacts.
+        InputError: The gain does not fit the contacts.
     """
     m, grasp, M = split.components, split.grasp, split.metric
     if isinstance(gain, float):
@@ -283,10 +285,10 @@ def spread(gain: Gain, split: Split) -> FloatArray:
 
 
 def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
-    """Write a gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
+    """Expand a gain of point contacts to (n, d, d), a matrix per finger; return a full matrix (m, m) as it is.
 
     Raises:
-        InputError: a gain that does not fit the contacts.
+        InputError: The gain does not fit the contacts.
     """
     n, d = fingers, dimensions
     gains = np.asarray(gain, dtype=float)
@@ -302,12 +304,12 @@ def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
 
 
 def skew_part(K: FloatArray) -> float:
-    """Compute |(K - K')/2|, the largest singular value, the largest of many matrices (..., m, m) [N/m]."""
+    """Compute |(K - K')/2|, the largest singular value [N/m]; for many matrices (..., m, m), the maximum."""
     return float(np.linalg.norm((K - _transposed(K)) / 2, 2, axis=(-2, -1)).max())
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
-    """Compute 2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
+    """Compute 2 pi r^2 |(K - K')/2|, the most work of f = K e on a circle of displacements of radius r [J]."""
     return 2.0 * math.pi * radius**2 * skew_part(K)
 
 
@@ -324,13 +326,13 @@ def _require_split(value: object) -> None:
 
 
 def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
-    """Check displacements or their rates, and write them as (m,), or (..., m)."""
+    """Check displacements or rates; return them as (m,) or (..., m)."""
     m = split.components
     if (
         type(value) is np.ndarray and value.shape == (m,) and m <= FEW and value.dtype == FLOAT
         and sum(map(abs, value.tolist())) <= LARGEST
     ):  # fmt: skip
-        return value  # nothing to convert or to copy, and no number among them that is none
+        return value  # nothing to convert or copy, and all numbers are finite
     x = finite(name, value)
     if x.shape == (m,):
         return x
@@ -348,7 +350,7 @@ def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
 
 
 def _has_points(split: Split) -> bool:
-    """Tell whether the components of each contact are d forces."""
+    """True if the components of each contact are d forces."""
     grasp = split.grasp
     if split.of_points or grasp is None:
         return split.of_points

@@ -1,4 +1,4 @@
-"""The grasp matrix of n contacts, f_v = G f (eq. 2), and what each of its rows and columns means."""
+"""Grasp matrix of n contacts, f_v = G f (eq. 2), and the meaning of its rows and columns."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def grasp_matrix(
     origin: ArrayLike | None = None,
     free: ArrayLike | None = None,
 ) -> FloatArray:
-    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`.
+    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m). The arguments are those of `Grasp`.
 
     Many sets of contacts give (..., w, m).
     """
@@ -36,7 +36,7 @@ def grasp_matrix(
 
 
 class GraspMatrix:
-    """The matrix of contacts on an object, and what its rows and columns mean; `Grasp` says what the arguments are."""
+    """Matrix of contacts on an object, with the meaning of its rows and columns; `Grasp` documents the arguments."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class GraspMatrix:
         origin: ArrayLike | None = None,
         free: ArrayLike | None = None,
     ) -> None:
-        if model is HARD and normals is None and frames is None:  # the most frequent: no more than is asked for
+        if model is HARD and normals is None and frames is None:  # most frequent case: computes only what is needed
             self.points, self.point_contacts = contact_points(points), True
         else:
             self.contacts = contacts(points, normals, model=model, frames=frames)
@@ -73,12 +73,12 @@ class GraspMatrix:
 
     @cached_property
     def origin(self) -> FloatArray:
-        """Point to which moments refer, (d,) or one for each set (..., d) [m]."""
+        """Reference point of moments, (d,) or one for each set (..., d) [m]."""
         return np.zeros(self.dimensions)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Freedoms of the object that can move, a mask over forces and moments."""
+        """Mask of the object's freedoms that can move, forces before moments."""
         return np.ones(self.dimensions + MOMENTS[self.dimensions], dtype=bool)
 
     @property
@@ -88,24 +88,24 @@ class GraspMatrix:
 
     @property
     def finger_of_column(self) -> NDArray[np.int64]:
-        """Contact that a column belongs to, (m,)."""
+        """Index of the contact of each column, (m,)."""
         return self.contacts.finger
 
     @property
     def torsion_columns(self) -> NDArray[np.bool_]:
-        """Columns that are moments [N m], (m,)."""
+        """Mask of the columns that are moments [N m], (m,)."""
         return self.contacts.moment
 
     @cached_property
     def moment_rows(self) -> NDArray[np.bool_]:
-        """Rows that are moments of the wrench, (w,)."""
+        """Mask of the rows that are moments of the wrench, (w,)."""
         d = self.dimensions
         moments: NDArray[np.bool_] = np.arange(d + MOMENTS[d]) >= d
         return moments[self.free]
 
     @cached_property
     def matrix(self) -> FloatArray:
-        """G, (w, m) or (..., w, m) for many sets, with moments about the origin as given."""
+        """G, (w, m) or (..., w, m) for many sets, with moments about the given origin."""
         arms = (self.points - self.origin[..., None, :])[..., self.finger_of_column, :]  # (..., m, d)
         a = np.broadcast_to(self.contacts.force_axes, arms.shape)
         moments = self.contacts.moment_axes
@@ -118,11 +118,11 @@ class GraspMatrix:
         return _transposed(np.concatenate([a, moments], axis=-1))[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Give a matrix (..., w, m) with the row space of G, its torsion columns times a length, and that length (...).
+        """Return a matrix (..., w, m) with the row space of G, torsion columns times a length; and the length (...).
 
-        The rows are the object's free motions as the contacts see them: translations, and rotations about the contacts'
-        centroid divided by the rms contact radius R, the length. What a locked translation would have to do to bring a
-        rotation's centre to the centroid stays in the rotation's row, so that a knob turns about its own axis.
+        The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
+        divided by the rms contact radius R, which is the length. If a translation is locked, the rotation's row keeps
+        the motion of the centroid, so that a knob turns about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
@@ -150,18 +150,18 @@ class GraspMatrix:
         """Require one set of contacts.
 
         Raises:
-            InputError: there are many.
+            InputError: There are many sets.
         """
         if self.sets:
             raise InputError("points", self.points.shape, "one set of contacts (n, d)", f"call {function} for each set")
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
-        """Compute M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
+        """Compute M for `split`, (m,): the finger's weight, times torsion_length^2 [m^2] for a moment.
 
         Args:
-            torsion_length: radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a
-                displacement; needed where contacts carry moments.
-            weights: one per finger, for example m_i / mean(m) of the devices; 1 if None.
+            torsion_length: Radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a
+                displacement. Required if contacts carry moments.
+            weights: Weight of each finger, for example m_i / mean(m) of the devices; 1 if None.
         """
         w = np.ones(self.fingers) if weights is None else finite("weights", weights)
         if w.shape != (self.fingers,) or not (w > 0.0).all():
@@ -174,7 +174,7 @@ class GraspMatrix:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product along the last axis."""
+    """Compute the cross product along the last axis."""
     return np.asarray(a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT])
 
 

@@ -1,4 +1,4 @@
-"""Eq. (4) for point contacts on a free object, in place: forces from points, displacements and rates of one block."""
+"""Eq. (4) for point contacts on a free object, in place: one block holds points, displacements, rates and forces."""
 
 from __future__ import annotations
 
@@ -25,41 +25,42 @@ ENGINES = ("auto", "compiled", "interpreted")
 
 
 class PointCoupling(Carded):
-    """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
+    """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    For n hard fingers on an object that is free to move, with numbers for gains: P d is the rigid motion that fits a
-    field d of displacements best, so that neither G nor P is formed. The error is a few roundings of the largest force,
-    also where contacts lie nearly on a line, far from the origin, or close together.
+    The coupling takes n hard fingers on a free object, and scalar gains. P d is then the rigid motion that fits a field
+    d of displacements best, so that neither G nor P is formed. The error is a few roundings of the largest force, even
+    if contacts lie nearly on a line, far from the origin, or close together.
 
-    Write `points`, `displacement` and `rate`, call `compute()`, read `force`; all four are (n, d) views of one array
-    and stay the same for the object's life. A `rate` that is never written is zero. Non-finite inputs give NaN
+    Write `points`, `displacement` and `rate`, call `compute()`, and read `force`. All four are (n, d) views of one
+    array and remain valid for the object's lifetime. A `rate` that is never written is zero. Non-finite inputs give NaN
     forces.
 
-    Contacts on one line turn about it freely (rank 5 in space), coincident ones do not turn (rank 3); the rank is
-    decided here and now, without the blend of a run (scene key `coupling.blend`), and without locked freedoms, weights
-    or torsion, for which there are `Grasp`, `Split` and `Coupling.force`.
+    Contacts on a line rotate about it freely (rank 5 in space), and coincident contacts do not rotate (rank 3). The
+    rank is decided in each call, without the blend of a run (scene key `coupling.blend`). For locked freedoms, weights
+    or torsion use `Grasp`, `Split` and `Coupling.force`.
 
     Args:
-        external: k_ep [N/m] and k_ed [N s/m], numbers.
-        internal: k_ip and k_id, numbers.
-        fingers: n.
-        dimensions: d, 1, 2 or 3.
-        tolerance: contacts lie on a line from which they are no farther away than this, rms, relative to their rms
-            distance from the centroid (`Split`: 1e-6); or than their coordinates are rounded.
-        engine: "compiled", "interpreted", or "auto": compiled where llvmlite is installed. Compiling takes a second,
-            once on a machine; both give the same forces to the last bit.
+        external: Impedance with numbers k_ep [N/m] and k_ed [N s/m].
+        internal: Impedance with numbers k_ip and k_id.
+        fingers: Number n of fingers.
+        dimensions: Dimension d: 1, 2 or 3.
+        tolerance: Contacts count as on a line if their rms distance from it, relative to their rms distance from the
+            centroid, is at most this (`Split`: 1e-6), or at most the rounding of their coordinates.
+        engine: "compiled", "interpreted", or "auto", which compiles if llvmlite is installed. Compiling takes a second,
+            once per machine. Both engines give the same forces to the last bit.
 
     Attributes:
-        compute: fills `force`; a plain callable without arguments, to be bound to a local name in a loop.
-        points: (n, d) [m].
-        displacement: e = p - c, (n, d) [m].
-        rate: e', (n, d) [m/s].
-        force: f, (n, d) [N].
+        compute: Callable without arguments that fills `force`; bind it to a local name in a loop.
+        points: Contact points, (n, d) [m].
+        displacement: Displacement e = p - c, (n, d) [m].
+        rate: Rate e', (n, d) [m/s].
+        force: Force f, (n, d) [N].
 
     Raises:
-        InputError: gains that are matrices, no fingers, dimensions other than 1, 2 and 3, a tolerance outside [0, 1).
-        UnknownNameError: another engine.
-        MissingPackageError: engine "compiled" without llvmlite.
+        InputError: Gains are matrices, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is outside
+            [0, 1).
+        UnknownNameError: The engine is another one.
+        MissingPackageError: The engine is "compiled" and llvmlite is missing.
     """
 
     compute: Callable[[], object]
@@ -121,7 +122,7 @@ class PointCoupling(Carded):
 
     @property
     def rank(self) -> int:
-        """Rank of the grasp matrix of the contacts of the last `compute()`; 0 before."""
+        """Rank of the grasp matrix at the last `compute()`; 0 before the first."""
         return self._grasp.rank
 
 

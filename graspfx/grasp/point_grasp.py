@@ -1,4 +1,4 @@
-"""Point contacts on a free object as they stand in a block: gains, points, displacements, rates and forces."""
+"""Block of numbers for point contacts on a free object: gains, points, displacements, rates and forces."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from graspfx.compile.kernel import inline
 from graspfx.compile.records import Floats, Record, floats
 from graspfx.spatial import Vector
 
-NOISE = 4.5e-16  # of a coordinate: contacts no farther apart than two roundings of their coordinates coincide
+NOISE = 4.5e-16  # relative: contacts closer than two roundings of their coordinates coincide
 
 
 class PointGrasp(Record):
-    """Contacts of equal weight on an object that is free to move; arrays stand contact by contact."""
+    """Equally weighted contacts on an object that is free to move. Each array is ordered contact by contact."""
 
     count: int  # n
     dimensions: int  # d
@@ -18,8 +18,8 @@ class PointGrasp(Record):
     external_damping: float  # ked [N s/m]
     internal_stiffness: float  # kip [N/m]
     internal_damping: float  # kid [N s/m]
-    tolerance: float  # of the contacts' rms radius: contacts nearer to a line turn about it by no force
-    rank: int  # of G, by the last call
+    tolerance: float  # relative to the contacts' rms radius; closer to a line, no force turns them about it
+    rank: int  # rank of G at the last call
     points: Floats = floats("count * dimensions")  # [m]
     displacement: Floats = floats("count * dimensions")  # e [m]
     rate: Floats = floats("count * dimensions")  # e' [m/s]

@@ -1,4 +1,4 @@
-"""Point contacts on free objects by kernels: forces and modes of one set of contacts, or of thousands in one call."""
+"""Forces and modes of point contacts on free objects by kernels, for one set of contacts or many in one call."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ FloatArray = NDArray[np.float64]
 Space = TypeVar("Space")
 Numbers = tuple[float, float, float, float]  # kep, ked, kip, kid
 
-LOAD = 1_000  # contacts: interpreted, they take some milliseconds; to load machine code takes ten times as long
-COMPILE = 300_000  # contacts that take as long as compiling
+LOAD = 1_000  # contacts: interpreting them takes some milliseconds, loading machine code ten times as long
+COMPILE = 300_000  # contacts: interpreting them takes as long as compiling
 
 COUPLE, COUPLE_ROWS, MODE_ROWS = (
     KernelOnDemand(kernel, few=LOAD, load=LOAD, make=COMPILE)
@@ -34,14 +34,14 @@ def warm() -> None:
     """Compile the kernels, unless they are in the cache.
 
     Raises:
-        MissingPackageError: no LLVM.
+        MissingPackageError: LLVM is missing.
     """
     for kernel in (COUPLE, COUPLE_ROWS, MODE_ROWS):
         kernel.compile()
 
 
 class Workspace:
-    """Workspace of one thread for the forces of n contacts: a block that stays, with the kernel bound to it."""
+    """Workspace of one thread for the forces of n contacts: one block with the kernel bound to it."""
 
     def __init__(self, n: int, d: int) -> None:
         self._contacts = n
@@ -56,7 +56,7 @@ class Workspace:
         self._last_points: FloatArray | None = None
 
     def force(self, points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
-        """Compute the forces (n d,) from points that nobody writes to; see `point_force`."""
+        """Compute the forces (n d,). `points` must not be written to afterwards; see `point_force`."""
         if head is not self._last_head:
             self._head[:] = self._last_head = head
         if points is not self._last_points:
@@ -89,7 +89,7 @@ class ModeSpace:
         self._run: Callable[[], object] | None = None
 
     def modes(self, points: FloatArray, head: FloatArray) -> tuple[FloatArray, int]:
-        """Compute the modes (n d, rank) of one set of contacts, and the rank; see `modes_of_one`."""
+        """Compute the modes (n d, rank) and the rank of one set of contacts; see `modes_of_one`."""
         self._block[: len(head)] = head
         self._points[:] = points.ravel()
         if self._run is None:
@@ -105,10 +105,10 @@ class ModeSpace:
 
 
 class Workspaces(local, Generic[Space]):
-    """Workspaces of a thread, one for each number of contacts and dimensions.
+    """Workspaces of a thread, one for each number of contacts and dimension.
 
     Args:
-        kind: of workspace, which takes (n, d).
+        kind: Class of the workspace, which takes (n, d).
     """
 
     def __init__(self, kind: Callable[[int, int], Space]) -> None:
@@ -116,7 +116,7 @@ class Workspaces(local, Generic[Space]):
         self._by_size: dict[tuple[int, ...], Space] = {}
 
     def of(self, shape: tuple[int, ...]) -> Space:
-        """Give the workspace of points (n, d)."""
+        """Return the workspace for points (n, d)."""
         space = self._by_size.get(shape)
         if space is None:
             if len(self._by_size) >= MOST_WORKSPACES:
@@ -132,7 +132,7 @@ FORCES, MODES = Workspaces(Workspace), Workspaces(ModeSpace)
 
 
 def point_head(n: int, d: int, gains: Numbers, tolerance: float) -> FloatArray:
-    """Make the first entries of a block: sizes, gains and tolerance; see `PointGrasp`."""
+    """Return the first entries of a block: sizes, gains and tolerance; see `PointGrasp`."""
     size, places = _head_entries()
     head = np.zeros(size)
     head[places] = n, d, *gains, tolerance
@@ -141,7 +141,7 @@ def point_head(n: int, d: int, gains: Numbers, tolerance: float) -> FloatArray:
 
 @cache
 def _head_entries() -> tuple[int, list[int]]:
-    """Give the number of entries before a block's points, and those that `point_head` writes."""
+    """Return the number of entries before a block's points, and the indices that `point_head` writes."""
     gains = "external_stiffness", "external_damping", "internal_stiffness", "internal_damping"
     return start_of(PointGrasp, "points"), [
         start_of(PointGrasp, n) for n in ("count", "dimensions", *gains, "tolerance")
@@ -150,23 +150,23 @@ def _head_entries() -> tuple[int, list[int]]:
 
 @cache
 def block_size(n: int, d: int) -> int:
-    """Count the entries of a block of n contacts."""
+    """Return the number of entries of a block of n contacts."""
     return size_for(PointGrasp, count=n, dimensions=d)
 
 
 def point_force(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
-    """Compute forces of eq. (4) on one set of point contacts, (n d,) [N].
+    """Compute the forces of eq. (4) for one set of point contacts, (n d,) [N].
 
     Args:
-        points: (n, d), read-only [m].
-        head: of `point_head`.
-        e, de: displacements and rates, (n d,); a rate of None is zero.
+        points: Contact points, (n, d), read-only [m].
+        head: Result of `point_head`.
+        e, de: Displacements and rates, (n d,); a rate of None is zero.
     """
     return FORCES.of(points.shape).force(points, head, e, de)
 
 
 def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
-    """Compute forces (N, n d) of N sets of point contacts (N, n, d), each as `point_force` does, to the bit."""
+    """Compute forces (N, n d) of N sets of point contacts (N, n, d), with the bits of `point_force`."""
     N, n, d = points.shape
     block = np.zeros(block_size(n, d))
     block[: len(head)] = head
@@ -177,16 +177,16 @@ def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatA
 
 
 def modes_of_one(points: FloatArray, tolerance: float) -> tuple[FloatArray, int]:
-    """Compute orthonormal rigid modes of one set of point contacts (n, d): (n d, rank), and the rank."""
+    """Compute the orthonormal rigid modes (n d, rank) of one set of point contacts (n, d), and the rank."""
     n, d = points.shape
     return MODES.of(points.shape).modes(points, point_head(n, d, NO_GAINS, tolerance))
 
 
 def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Compute orthonormal rigid modes of N sets of point contacts (N, n, d), and ranks.
+    """Compute the orthonormal rigid modes and ranks of N sets of point contacts (N, n, d).
 
     Returns:
-        Rows (N, w, n d): translations, then rotations; those beyond a set's rank are zero. Ranks (N,).
+        Modes as rows (N, w, n d), translations before rotations, zero beyond a set's rank; and ranks (N,).
     """
     N, n, d = points.shape
     block = np.zeros(block_size(n, d))
@@ -198,5 +198,5 @@ def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArr
 
 
 def _flat(x: FloatArray) -> FloatArray:
-    """Flatten an array, copied where a kernel could not take it as it is."""
+    """Flatten an array; copy it if a kernel cannot take its memory layout."""
     return np.require(x, requirements=["C", "W"]).reshape(-1)

@@ -1,4 +1,4 @@
-"""The rigid modes of weighted contacts, and the stiffness that they make in contact frames."""
+"""Rigid modes of weighted contacts, and their stiffness in contact frames."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from graspfx.compile.records import Floats, Many, Table
 from graspfx.grasp.contact_state import Contact, FramedContact, Freedom, ModeMotion, motion_of
 from graspfx.spatial import ZERO, Vector, cross, dot, orthogonalise
 
-LEAST_ARM = 1e-13  # [m]: an rms arm below this is nothing but rounding
-SHORT_ARM = 1e-6  # [m]: below this rounding shows in how orthogonal a rotation is to the translations
-NO_ARM = 1e-9  # [m]: an rms arm up to this is rounding, and contacts lie on a line
+LEAST_ARM = 1e-13  # an rms arm below this is rounding [m]
+SHORT_ARM = 1e-6  # below this arm, rounding makes a rotation visibly non-orthogonal to the translations [m]
+NO_ARM = 1e-9  # up to this rms arm contacts count as on a line [m]
 
 
 def smoothstep(x: float, low: float, high: float) -> float:
-    """Compute 0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 between."""
+    """Compute 0 up to `low`, 1 from `high` on, and 3 t^2 - 2 t^3 between."""
     if x <= low:
         return 0.0
     if x >= high:
@@ -26,7 +26,7 @@ def smoothstep(x: float, low: float, high: float) -> float:
 
 @inline
 def faded_weight(share: float, gap: float, start: float, end: float) -> float:
-    """Compute the weight of a contact in the metric: its share up to the gap `start`, none from `end` on [m]."""
+    """Compute a contact's weight in the metric: its share up to the gap `start`, falling to 0 at `end` [m]."""
     return share * (1.0 - smoothstep(gap, start, end))
 
 
@@ -40,13 +40,13 @@ def rigid_modes(
     The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). Rotations enter with
     beta = smoothstep of their rms arm between `low` and `high` [m], translations with 1.
 
-    With `width` 4 a finger's part ends with torsion about its normal in units of its patch length rho:
-    sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for one that exerts none.
+    With `width` 4, a finger's part ends with the torsion about its normal in units of its patch length rho:
+    sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for a finger that exerts no torsion.
 
-    The `whole` set has those rotations too whose blend is zero: all motions of the contacts that a rigid body can make.
+    The `whole` set also has the rotations whose blend is zero: all rigid motions of the contacts.
 
     Returns:
-        The number of modes, and how many rotations with an arm of their own, more than `NO_ARM`, are not in it whole.
+        The number of modes, and the number of rotations with an arm above `NO_ARM` whose blend is less than 1.
     """
     total = 0.0
     base = contacts[0]
@@ -57,7 +57,7 @@ def rigid_modes(
     if total <= 0.0:
         return 0, 0
     origin = base.contact
-    mean = ZERO  # the centroid, from the heaviest point: exact differences for contacts far from the origin
+    mean = ZERO  # centroid relative to the heaviest point: differences are exact far from the origin
     for contact in contacts:
         mean += contact.weight * (contact.contact - origin)
     mean = mean / total
@@ -81,10 +81,10 @@ def write_rotation(
     contacts: Many[Contact], freedom: Freedom, dimensions: int, k: int, origin: Vector, mean: Vector, width: int,
     modes: Table,
 ) -> None:  # fmt: skip
-    """Write the motion of the contacts by free rotation k, less what the free translations already hold of it."""
+    """Write the contacts' motion under free rotation k, minus its part in the free translations."""
     mode = modes[freedom.shifts + k]
     axis = freedom.axes[freedom.shifts + k].vector
-    field = cross(axis, origin + mean)  # of the centroid: zero when all translations are free
+    field = cross(axis, origin + mean)  # motion of the centroid; zero if all translations are free
     if freedom.shifts == dimensions:
         field = ZERO
     else:
@@ -103,7 +103,7 @@ def write_rotation(
 def keep_rotations(
     freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
 ) -> tuple[int, int]:
-    """Scale to unit length all rotations with a blend; they come to stand behind the translations."""
+    """Scale all rotations with a blend to unit length, and move them behind the translations."""
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
         mode = modes[k]
@@ -127,7 +127,7 @@ def keep_rotations(
 
 @kernel
 def separate_mode(modes: Table, count: int, k: int) -> None:
-    """Take out of mode k, whose rms arm is not much more than rounding, what it has of `count` others."""
+    """Orthogonalise mode k, whose rms arm is little more than rounding, to `count` other modes."""
     for j in range(count):
         along = 0.0
         for a in range(1, modes.columns):
@@ -143,7 +143,7 @@ def gain_matrix(
 ) -> None:  # fmt: skip
     """Add sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to a square (eq. 4, scalar gains).
 
-    `row` (6 entries) is scratch. With four coordinates modes and frames have torsion too.
+    `row` (6 entries) is scratch. With four coordinates, modes and frames include torsion.
     """
     width = 4 if coordinates > 3 else 3
     for i, contact in enumerate(contacts):
@@ -165,5 +165,5 @@ def gain_matrix(
 
 @inline
 def component(contact: FramedContact, motion: ModeMotion, a: int) -> float:
-    """Compute a motion's part along contact coordinate a: the normal, a tangent, or torsion."""
+    """Compute a motion's component along contact coordinate a: the normal, a tangent, or torsion."""
     return motion.twist if a > 2 else dot(contact.frame.row(a), motion.shift)

@@ -1,4 +1,4 @@
-"""The split of contact forces into external and internal ones, f = P f + (I - P) f (eq. 3)."""
+"""Split of contact forces into an external and an internal part, f = P f + (I - P) f (eq. 3)."""
 
 from __future__ import annotations
 
@@ -23,72 +23,73 @@ FloatArray = NDArray[np.float64]
 
 CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
 EPS = float(np.finfo(float).eps)
-MOST_ROWS = 6  # of G
-COARSE = 1e-3  # tolerance up to which an arm about the line through two contacts is that about the line nearest to all
+MOST_ROWS = 6  # largest number of rows of G
+COARSE = 1e-3  # up to this tolerance an arm about the line through two contacts equals that about their nearest line
 
 
 class UnitDependentSplitWarning(UserWarning):
-    """A split that adds squares of forces and of moments, so that it changes with the unit of length."""
+    """A split that adds squares of forces to squares of moments, and so depends on the unit of length."""
 
 
 @runtime_checkable
 class ContactSet(Protocol):
-    """A set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` answers."""
+    """Set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` implements it."""
 
     fingers: int
 
     @property
     def finger_of_column(self) -> NDArray[np.int64]:
-        """Contact that a column belongs to, (m,)."""
+        """Index of the contact of each column, (m,)."""
 
     @property
     def torsion_columns(self) -> NDArray[np.bool_]:
-        """Columns that are moments, (m,)."""
+        """Mask of the columns that are moments, (m,)."""
 
     @property
     def moment_rows(self) -> NDArray[np.bool_]:
-        """Rows that are moments of the wrench, (w,)."""
+        """Mask of the rows that are moments of the wrench, (w,)."""
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Give a matrix with the row space of G after torsion columns are multiplied by a length, and that length."""
+        """Return a matrix with the row space of G, its torsion columns multiplied by a length, and that length."""
 
 
 class Split(Carded):
     """f = P f + (I - P) f, P = G^+ G; with a metric M, P = M G'(G M G')^+ G (Kawai and Yoshikawa, eq. 3).
 
-    P f is external: what moves the object. (I - P) f is internal: its wrench is zero. P acts on forces, its transpose
-    Q = G'(G M G')^+ G M on displacements; M Q and M (I - Q) are symmetric and positive semidefinite,
-    G M (I - Q) = 0, and P = P' = Q where M = I.
+    P f is the external part, which moves the object. (I - P) f is the internal part, whose wrench is zero. P acts on
+    forces, and its transpose Q = G'(G M G')^+ G M on displacements. M Q and M (I - Q) are symmetric and positive
+    semidefinite, G M (I - Q) = 0, and P = P' = Q for M = I.
 
-    P depends on the row space of G only: not on the origin of moments, nor on their unit, nor on the object's frame.
-    So a `Grasp` is factored with moments about the contacts' centroid in units of their rms radius R, and its rank is
-    a matter of length: with turns in radians, shifts in units of R and the torsion of a contact in units of R, a unit
-    motion of the object counts if it moves the contacts by more than `tolerance` R, as a root mean square over them.
-    At the default, contacts within 1e-6 R of a line leave the rotation about that line internal. The rank knows
-    nothing of the metric. (Where translations are locked, a rotation keeps its own axis.)
+    P depends only on the row space of G: not on the origin or unit of moments, nor on the object's frame. A `Grasp` is
+    therefore factored with moments about the contacts' centroid in units of their rms radius R, so that its rank
+    depends on lengths alone. With rotations in radians, and translations and torsion of a contact in units of R, a unit
+    motion of the object counts if the rms displacement of the contacts exceeds `tolerance` R. At the default, if
+    contacts lie within 1e-6 R of a line, the rotation about that line is internal. The rank does not depend on the
+    metric. (If translations are locked, a rotation keeps its own axis.)
 
-    Hard contacts on an object that is free to move, without a metric, are split by the kernels of `PointCoupling`: a
-    rotation about the line through them then has to move them by more than their coordinates are rounded, too.
+    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. A rotation about the line
+    through the contacts then also has to move them by more than the rounding of their coordinates.
 
-    Many sets of contacts, or a stack of matrices (..., w, m), are split at once, each as by itself: `rank` and
+    Many sets of contacts, or a stack of matrices (..., w, m), are split in one call, each independently. `rank` and
     `condition` are then arrays (...), `external` and `internal` (..., m, m).
 
-    Contacts with moments need a metric that says how long a radian is (`Grasp.metric`). Without one, M = I takes 1 rad
-    for 1 m and warns: the result then depends on the unit of length.
+    Contacts with moments need a metric that relates radians to metres (`Grasp.metric`). Without one, M = I equates 1
+    rad with 1 m, so that the result depends on the unit of length, and a warning is given.
 
     Args:
-        G: a `Grasp`, or a matrix (w, m) or (..., w, m), whose rank is the number of singular values above `tolerance`
+        G: `Grasp`, or matrix (w, m) or (..., w, m). The rank of a matrix is the number of singular values above
+        `tolerance`
             times the largest.
-        metric: M on contact displacements: None for I, a diagonal (m,), a symmetric positive definite matrix (m, m), or
-            for a `Grasp` a weight per finger (n,).
-        tolerance: as above.
+        metric: Metric M on contact displacements: None for I, a diagonal (m,), a symmetric positive definite matrix (m,
+            m), or for a `Grasp` a weight per finger (n,).
+        tolerance: Relative tolerance of the rank, as described above.
 
     Attributes:
-        grasp: the `Grasp`, or None for a bare matrix.
-        sets: shape of the sets of contacts, () for one.
+        grasp: The `Grasp`, or None for a matrix.
+        sets: Shape of the sets of contacts, () for one set.
 
     Raises:
-        InputError: a metric that does not fit or is not positive definite, values that are not finite, a tolerance
+        InputError: The metric does not fit or is not positive definite, values are not finite, or the tolerance is
             outside [0, 1).
     """
 
@@ -96,7 +97,7 @@ class Split(Carded):
         self._tolerance = fraction("tolerance", tolerance)
         self.grasp: ContactSet | None = None
         self._root: FloatArray | None = None
-        self.head: tuple[object, FloatArray | None] = (None, None)  # of the last coupling, and what kernels take of it
+        self.head: tuple[object, FloatArray | None] = (None, None)  # last coupling, and its input to kernels
         if isinstance(G, GraspMatrix):
             self.grasp, self.sets = G, G.sets
             self.components = G.components
@@ -117,12 +118,12 @@ class Split(Carded):
 
     @cached_property
     def metric(self) -> FloatArray:
-        """M, (m,) if it is diagonal, else (m, m)."""
+        """Metric M: (m,) if it is diagonal, else (m, m)."""
         return np.ones(self.components)
 
     @cached_property
     def rank(self) -> Any:
-        """Rank of G: a whole number, or an array of them (...) for many sets."""
+        """Rank of G: an integer, or an array (...) for many sets."""
         if self.of_points:
             return self._point_modes[1]
         count = (self._spectrum[1] > 0.0).sum(axis=-1)
@@ -130,7 +131,7 @@ class Split(Carded):
 
     @cached_property
     def condition(self) -> Any:
-        """Largest over smallest kept singular value of what was factored, (...); 1 if none is kept."""
+        """Ratio of the largest to the smallest singular value that counts, (...); 1 if none counts."""
         values = self._values if self.of_points else self._spectrum[1]
         if not values.shape[-1]:
             return np.ones(self.sets) if self.sets else 1.0
@@ -141,7 +142,7 @@ class Split(Carded):
 
     @cached_property
     def _motions(self) -> FloatArray:
-        """Contact displacements of the object's free motions, spanning the rows of G: (..., m, rank).
+        """Contact displacements of the object's free motions, which span the rows of G: (..., m, rank).
 
         Columns beyond a set's rank are zero.
         """
@@ -149,7 +150,7 @@ class Split(Carded):
 
     @cached_property
     def _modes(self) -> FloatArray:
-        """The motions in the metric's own coordinates, L x with M = L L, orthonormal."""
+        """Orthonormal motions in the metric's own coordinates, L x with M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
         Q = np.linalg.qr(_transposed(self.stretch(_transposed(self._motions))))[0]
@@ -157,7 +158,7 @@ class Split(Carded):
 
     @cached_property
     def _point_modes(self) -> tuple[FloatArray, Any]:
-        """Modes and rank of point contacts, by a kernel."""
+        """Modes and rank of point contacts, computed by a kernel."""
         from graspfx.grasp.point_sets import modes_of_one, point_modes
 
         points = self.points.points
@@ -168,24 +169,24 @@ class Split(Carded):
 
     @property
     def points(self) -> GraspMatrix:
-        """The grasp of point contacts."""
+        """Grasp of the point contacts."""
         assert isinstance(self.grasp, GraspMatrix)
         return self.grasp
 
     @property
     def point_tolerance(self) -> float:
-        """The tolerance of point contacts, no less than rounding."""
+        """Tolerance for point contacts, at least the rounding."""
         return max(self._tolerance, max(self.components, MOST_ROWS) * EPS)
 
     @property
     def _values(self) -> FloatArray:
-        """All singular values of what is factored, the largest first."""
+        """All singular values of the factored matrix, in descending order."""
         assert self.grasp is not None
         return np.asarray(np.linalg.svd(self.grasp.unit_free()[0], compute_uv=False))
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero where they do not count."""
+        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero if they do not count."""
         if self.grasp is None:
             basis, values = _row_space(self._bare, relative=self._tolerance)
         else:
@@ -215,57 +216,57 @@ class Split(Carded):
 
     @cached_property
     def external(self) -> FloatArray:
-        """P on forces, (m, m), or (..., m, m) of many sets."""
+        """Projector P on forces, (m, m), or (..., m, m) for many sets."""
         if self._root is None:
             return np.asarray(self._modes @ _transposed(self._modes))
         return _transposed(self._project_rows(np.eye(self.components)))
 
     @cached_property
     def internal(self) -> FloatArray:
-        """I - P on forces, (..., m, m)."""
+        """Projector I - P on forces, (..., m, m)."""
         return np.eye(self.components) - self.external
 
     @cached_property
     def displacement_external(self) -> FloatArray:
-        """Q = P' on displacements, (..., m, m): the best-fitting rigid motion in the metric."""
+        """Projector Q = P' on displacements, (..., m, m): the best-fitting rigid motion in the metric."""
         return _transposed(self.external)
 
     @cached_property
     def internal_basis(self) -> FloatArray:
-        """Orthonormal basis (..., m, m - rank) of the forces without a wrench: the null space of G.
+        """Orthonormal basis (..., m, m - rank) of the forces that make no wrench: the null space of G.
 
         Raises:
-            InputError: sets of contacts whose ranks differ.
+            InputError: The ranks of the sets of contacts differ.
         """
         rank = self.rank
         if self.sets:
             ranks = np.unique(rank)
             if len(ranks) > 1:
                 expected = "sets of contacts of one rank"
-                raise InputError("rank", ranks.tolist(), expected, "split those of each rank by themselves")
+                raise InputError("rank", ranks.tolist(), expected, "split the sets of each rank separately")
             rank = int(ranks[0])
         return np.linalg.qr(self._motions[..., :rank], mode="complete")[0][..., rank:]
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
-        """Give internal forces as named tensions, bendings and torsions of the fingers; see `InternalCoordinates`.
+        """Return named coordinates of the internal forces: tensions, bendings, torsions; see `InternalCoordinates`.
 
         Args:
-            names: of the fingers, in the order of the contacts; "1", "2", ... if None.
+            names: Names of the fingers, in the order of the contacts; "1", "2", ... if None.
 
         Raises:
-            InputError: the split of a bare matrix, names that do not fit.
+            InputError: The split is that of a matrix, or the names do not fit.
         """
         from graspfx.grasp.quality.internal import internal_coordinates
 
         if not isinstance(self.grasp, GraspMatrix):
-            raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")
+            raise InputError("split", self.grasp, "the split of a Grasp", "a matrix alone does not define contacts")
         self.grasp.require_one("internal_coordinates")
         return internal_coordinates(self.grasp, self, self.rank, names)
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force.
+        """Divide contact forces (m,) or (..., m) into external and internal parts, whose sum is the force.
 
-        Forces of many sets of contacts are (..., m), one for each set, or one for all.
+        For many sets of contacts, forces are (..., m), one for each set or one for all.
         """
         f = finite("force", force)
         if f.shape[-1:] != (self.components,) or not fits(f.shape[:-1], self.sets):
@@ -274,20 +275,20 @@ class Split(Carded):
         return external, f - external
 
     def project(self, force: FloatArray) -> FloatArray:
-        """Project P f for forces (..., m), unchecked."""
+        """Compute P f for forces (..., m), without checks."""
         if not self.sets:
             return self._project_rows(force)
         return np.asarray(self._project_rows(force[..., None, :])[..., 0, :])
 
     def _project_rows(self, forces: FloatArray) -> FloatArray:
-        """Project rows (..., k, m), of each set those along the last axis but one."""
+        """Project rows (..., k, m) of each set."""
         U = self._modes
         if self._root is None:
             return np.asarray((forces @ U) @ _transposed(U))
         return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
-        """Stretch rows x (..., m) to L x, L = M^(1/2) symmetric; or to L^-1 x."""
+        """Compute L x for rows x (..., m), L = M^(1/2) symmetric; or L^-1 x."""
         L = self._root
         if L is None:
             return x
@@ -296,13 +297,13 @@ class Split(Carded):
         return np.asarray(np.linalg.solve(L, x[..., None])[..., 0] if inverse else x @ L)
 
     def weigh(self, x: FloatArray) -> FloatArray:
-        """Weigh vectors x (..., m): M x."""
+        """Compute M x for vectors x (..., m)."""
         if self._root is None:
             return x
         return self.metric * x if self.metric.ndim == 1 else np.asarray((self.metric @ x[..., None])[..., 0])
 
     def modal_metric(self) -> FloatArray:
-        """Compute M Q = L U U' L, (..., m, m), symmetric to the last bit: one unit of external stiffness."""
+        """Compute M Q = L U U' L, (..., m, m), symmetric to the last bit: the stiffness of a unit external gain."""
         LU = self.stretch(_transposed(self._modes))
         return np.asarray(_transposed(LU) @ LU)
 
@@ -339,7 +340,7 @@ class Split(Carded):
         values, axes = np.linalg.eigh((M + M.T) / 2)
         if not values[0] > 0.0:
             raise InputError("metric", M, "a positive definite matrix", f"its smallest eigenvalue is {values[0]:.1e}")
-        # the symmetric root, not Cholesky's: it turns with the axes in which M is written
+        # the symmetric root, unlike Cholesky's, rotates with the axes in which M is written
         return np.asarray((axes * np.sqrt(values)) @ axes.T)
 
 
@@ -354,7 +355,7 @@ def fraction(name: str, argument: float) -> float:
 
 
 def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
-    """Tell whether axes of an array go with those of the sets of contacts; with one set all do."""
+    """True if an array's leading axes fit those of the sets of contacts; with one set, any do."""
     if not sets:
         return True
     try:
@@ -365,9 +366,9 @@ def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
 
 
 def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Find orthonormal bases (..., m, k) of the row spaces of A, and the singular values (..., k) above a threshold.
+    """Compute orthonormal bases (..., m, k) of the row spaces of A, and the singular values (..., k) above a threshold.
 
-    Columns beyond the rank are zero, as are the values.
+    Columns and values beyond the rank are zero.
     """
     if not A.size:
         return np.zeros((*A.shape[:-2], A.shape[-1], 0)), np.zeros((*A.shape[:-2], 0))
@@ -379,7 +380,7 @@ def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> t
     independent = lengths > least
     graded = independent.sum(axis=-1) == counting.sum(axis=-1)
     if graded.any():
-        # rows of very different length, each accurate in itself: unit rows keep that accuracy
+        # rows differ much in length, and each is accurate relative to its own; unit rows keep that accuracy
         unit = np.where(independent, 1.0 / np.where(independent, lengths, 1.0), 0.0)[..., None] * A
         rows = np.where(graded[..., None, None], np.linalg.svd(unit, full_matrices=False)[2], rows)
     return _transposed(rows * counting[..., None]), values * counting

@@ -1,4 +1,4 @@
-"""Touching, slipping and letting go for a given stiffness: eqs. (24)-(26) as a projection, for n fingers."""
+"""Unilateral contact of n fingers with a given stiffness: eqs. (24)-(26) as a projection."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from graspfx.numeric import SMALLEST, finite
 from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
-MOST = 8  # fingers on a card
+MOST = 8  # fingers shown on a card
 
 Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]
@@ -30,9 +30,9 @@ LAWS: dict[Law, str] = {
     "frictionless": "frictionless: normal forces only",
     "stick": "stick: a finger that pushes holds in every direction",
     "coulomb": "Coulomb's",
-    "associated": "associated: no answer to Coulomb's law was found, and fingers that slide lift off (s_n = mu |s_t|)",
+    "associated": "associated: no solution of Coulomb's law was found, and sliding fingers lift off (s_n = mu |s_t|)",
 }
-SOLVED = 1e-6  # of the forces: a larger residual is no answer
+SOLVED = 1e-6  # largest residual of a solution, relative to the forces
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,11 +40,11 @@ class Touch(Carded):
     """Forces of the fingers on the object, and the state of each contact.
 
     Attributes:
-        force: f, (m,) on the object [N].
-        status: per finger "free" (no force), "stick" (held in every direction) or "slide" (at the edge of its cone,
-            which is the normal without friction).
-        residual: the largest violation of f = K (e + s) and of the law, computed from the answer [N].
-        law: what the answer satisfies: "associated" where Coulomb's law was asked for and not met.
+        force: Force f on the object, (m,) [N].
+        status: State of each finger: "free" (no force), "stick" (held in every direction) or "slide" (on the edge of
+            its cone; without friction, along the normal).
+        residual: Largest violation of f = K (e + s) and of the law, computed from the solution [N].
+        law: Law that the solution satisfies; "associated" if Coulomb's law could not be satisfied.
     """
 
     force: FloatArray
@@ -71,28 +71,29 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Solve for fingertip forces that only push: f in C, s in C*, f's = 0, f = K (e + s).
+    """Solve for fingertip forces that can only push: f in C, s in C*, f's = 0, f = K (e + s).
 
-    C is {lambda n, lambda >= 0} per finger without friction; with "stick" a finger holds in every direction while it
-    pushes and is released whole where its normal force would pull. A coefficient mu gives the cone |f_t| <= mu f_n and
-    Coulomb's law in it: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and against f_t on its edge. Such an
-    answer exists, but for a large mu it need not be the only one; where none is found, the answer is the associated
-    one, s in C* (slipping lifts off), which exists, is unique and always found for a symmetric K; `law` says so.
+    Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger holds in every direction while
+    it pushes; if its normal force would pull, the whole force is released. A coefficient mu gives the cone |f_t| <= mu
+    f_n with Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and opposes f_t on its edge. A
+    solution exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in
+    C*: slip lifts off), and `law` reports it; for a symmetric K its solution exists, is unique and is always found.
 
     For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i touches
-    inside x_ci of (25), and alone it feels 2 kep kip/(kep + kip). For a symmetric K and s in C* it is the projection
-    argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e); K may be singular.
+    inside x_ci of (25), and a single finger feels 2 kep kip/(kep + kip). For a symmetric K and s in C* the solution is
+    the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
 
     Args:
-        stiffness: K, (m, m) [N/m], m = n d; its symmetric part positive semidefinite.
-        displacement: e = p - c, (m,) [m].
-        normals: (n, d), into the object; scaled to unit length.
-        friction: None or 0 (normal forces only), "stick", or mu: one coefficient or one per finger. With mu, a K in
-            which no answer is found is raised by 1e-6 of its largest eigenvalue, if these forces solve K as it is.
+        stiffness: Matrix K, (m, m) [N/m], m = n d, whose symmetric part is positive semidefinite.
+        displacement: Displacement e = p - c, (m,) [m].
+        normals: Normals into the object, (n, d), scaled to unit length.
+        friction: None or 0 (normal forces only), "stick", or mu, one coefficient for all or one per finger. If no
+            solution is found with mu, K is raised by 1e-6 of its largest eigenvalue; the forces are accepted if they
+            solve K itself.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a negative coefficient, a K without an answer,
-            or one so ill-conditioned that the forces found leave a residual above 1e-6 of max(|f|, |K e|).
+        InputError: Shapes do not fit, values are not finite, a coefficient is negative, K has no solution, or K is so
+            ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
@@ -131,14 +132,14 @@ def unilateral_force(
         found = f"leave a residual of {left:.3g} N of {size:.3g} N" if np.isfinite(left) else "were not found"
         raise InputError(
             "stiffness", K, "a matrix for which the contact forces are unique and can be computed",
-            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: bring them nearer to one "
-            "another, by more compliance of the contacts",
+            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce their ratio, "
+            "for example by more compliant contacts",
         )  # fmt: skip
     return Touch(F.T @ force, status, left, law)
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
-    """Find forces (n, d) in contact frames that only push, frictionless or held whole; say whether none was found."""
+    """Find pushing forces (n, d) in contact frames, frictionless or sticking, and whether none was found."""
     m = len(e)
     square = np.zeros((m, m))
     vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)
@@ -162,7 +163,7 @@ def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArra
 
 
 def coefficients(friction: object, n: int) -> FloatArray:
-    """Give mu of every finger, (n,)."""
+    """Return the coefficient mu of each finger, (n,)."""
     expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
     mu = finite("friction", friction, expected)
     if mu.shape not in ((), (n,)) or (mu < 0.0).any():
@@ -173,9 +174,9 @@ def coefficients(friction: object, n: int) -> FloatArray:
 def slipping(
     K: FloatArray, raised: float, e: FloatArray, mu: FloatArray, d: int
 ) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
-    """Solve for forces in contact frames with friction cones, their status, residual (inf if none are found) and law.
+    """Solve for forces with friction cones in contact frames; return them, their status, the residual and the law.
 
-    K as it is comes first; only where that has no answer K + raised I.
+    The residual is inf if no forces are found. K + raised I is tried only if K itself has no solution.
     """
     n, m = len(mu), len(e)
     symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
@@ -202,7 +203,7 @@ def slipping(
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
-    """Compute R(t), which maps t = f - c s to f where f and s fulfil the law: projection on the cones, or radial."""
+    """Compute R(t), which maps t = f - c s to f for f and s of the law: projection on the cones, or radial return."""
     normal, tangents = t.reshape(-1, d)[:, 0], t.reshape(-1, d)[:, 1:]
     length = np.linalg.norm(tangents, axis=1)
     inside = (length <= mu * normal) & (normal >= 0.0)
@@ -213,7 +214,7 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
-    """Measure how far f (n, d), in contact frames, is from f = K (e + s) with s where a force is released [N]."""
+    """Compute the residual of f = K (e + s) in contact frames [N], with s where a force is released; f (n, d)."""
     n, d = f.shape
     sticking = np.zeros((n, d), dtype=bool)
     sticking[f[:, 0] > 0.0, : d if stick else 1] = True
@@ -225,7 +226,7 @@ def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
     if stick:
         return float(gap)
     pull = np.maximum(-s.reshape(n, d)[:, 0], 0.0) * np.diag(K).reshape(n, d)[:, 0]
-    if pull.max() > gap:  # a singular K has many s: is there one that lets go?
+    if pull.max() > gap:  # a singular K has many s: does one of them release?
         from scipy.optimize import lsq_linear
 
         low = np.where(np.arange(n * d) % d == 0, 0.0, -np.inf)[free]

@@ -1,1 +1,1 @@
-"""Rigid bodies that move freely, on fixed planes, in PyBullet's world, or by other software."""
+"""Rigid bodies that move freely, on fixed planes, or in the worlds of PyBullet and MuJoCo."""

@@ -1,4 +1,4 @@
-"""Native rigid bodies with four integrators: the protocol of a body, and the filling of its block."""
+"""Native rigid bodies with four integrators: protocol of a body, and initialisation of its block."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ INTEGRATORS = {
     "implicit": at.IMPLICIT,
 }
 FREEDOMS = {1: (0,), 2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}  # rows of G in FREE, by d
-UNIT = 1e-6  # how far from 1 the norm of a quaternion may be
-VISCOUS_LIMIT = 2.0  # b T/m below which explicit viscosity decays
+UNIT = 1e-6  # tolerance for the norm of a quaternion
+VISCOUS_LIMIT = 2.0  # largest b T/m at which explicit viscosity decays
 
 
 class Body(Protocol):
-    """A body that moves an object: parameters, state and the wrench of the sample stand in one block."""
+    """A body that moves an object. One block holds its parameters, its state and the wrench of the sample."""
 
     @property
     def state(self) -> FloatArray:
-        """Block of the body, (SIZE,), offsets as in `objects.integrators`."""
+        """Block of the body, (SIZE,), with the offsets of `objects.integrators`."""
         ...
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block, constant over the sample."""
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries: the implicit integrator's motion over T [s] without a wrench."""
+        """Fill the NEXT and COMPLIANCE entries: motion of the implicit integrator over T [s] without a wrench."""
 
 
 class BlockBody:
@@ -54,7 +54,7 @@ class BlockBody:
         self.dimensions = d = BodyState(state).dimensions
         if d not in FREEDOMS:
             raise InputError("state", f"{d} dimensions", "a block written by fill_body")
-        self._body = BodyState(state.data)  # a memoryview's items are Python floats, twice as fast as an array's
+        self._body = BodyState(state.data)  # items of a memoryview are Python floats, twice as fast as an array's
         motion = BodyState(state).motion
         self.position, self.velocity = motion.array(Motion.position)[:d], motion.array(Motion.velocity)[:d]
         self._quaternion = motion.array(Motion.quaternion)
@@ -77,7 +77,7 @@ class BlockBody:
 
 @kernel
 def advance(body: BodyState, beside: Record, T: float) -> int:
-    """Move a body that meets nothing; the record beside its block is not used."""
+    """Move a body that meets nothing; the record beside its block is unused."""
     at.step(body, T)
     return 0
 
@@ -91,20 +91,20 @@ def expect(body: BodyState, beside: Record, T: float) -> None:
 class NativeBody(BlockBody):
     """A rigid body moved by the integrator that its block names.
 
-    A run may move it by its kernels: `stepping(S, o, F, f, T)`, 0 or a code, and `predicting(S, o, F, f, T)`, for the
-    body whose block starts at S[o] and its `buffer` at F[f]; S again where `buffer` is None.
+    A run may move it by its kernels, for a block that starts at S[o] and a `buffer` that starts at F[f] (S again if
+    `buffer` is None): `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and `predicting(S, o, F, f, T)`.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`; owned and written in place.
+        state: Block filled by `fill_body`, (SIZE,); the body owns it and writes in place.
     """
 
     stepping: Callable[..., int] = staticmethod(advance)
     predicting: Callable[..., None] = staticmethod(expect)
     buffer: FloatArray | None = None
-    structure: tuple[int, ...] = ()  # entries of the buffer that never change and pick what the kernels do
+    structure: tuple[int, ...] = ()  # entries of the buffer that are constant and select code paths in kernels
 
     def fault_text(self, code: int) -> str:
-        """Explain a code of `stepping` other than 0."""
+        """Explain a non-zero code of `stepping`."""
         raise InputError("code", code, "0: a body that meets nothing always moves on")
 
     def step(self, T: float) -> None:
@@ -115,7 +115,7 @@ class NativeBody(BlockBody):
         """Fill the NEXT and COMPLIANCE entries over T [s].
 
         Raises:
-            InputError: for another integrator than "implicit", whose step they would not describe.
+            InputError: The integrator is not "implicit"; these entries would not describe its step.
         """
         if self._body.integrator != at.IMPLICIT:
             name = next(name for name, kind in INTEGRATORS.items() if kind == self._body.integrator)
@@ -124,7 +124,7 @@ class NativeBody(BlockBody):
 
 
 def create(state: FloatArray) -> NativeBody:
-    """Make the body for `dynamics = "native"`."""
+    """Create the body for `dynamics = "native"`."""
     return NativeBody(state)
 
 
@@ -144,23 +144,27 @@ def fill_body(
     velocity: ArrayLike | None = None,
     angular_velocity: float | ArrayLike | None = None,
 ) -> None:
-    """Write a body's parameters and its state at time zero into its block.
+    """Write a body's parameters and its initial state into its block.
 
     Args:
-        state: (SIZE,) overwritten whole.
-        dimensions: d = 1, 2, 3.
-        mass: m [kg].
-        inertia: about the centre of mass [kg m^2]: one number, or in space the principal moments (3,) about the body's
-            axes (in the plane, too, then the third counts). Needed where a rotation is free.
-        viscosity: b [N s/m]; rotational_viscosity: b_w [N m s/rad].
+        state: Block, (SIZE,), overwritten completely.
+        dimensions: Dimension d: 1, 2 or 3.
+        mass: Mass m [kg].
+        inertia: Moment of inertia about the centre of mass [kg m^2]: a number, or in space the principal moments (3,)
+            about the body's axes (also accepted in the plane, where the third is used). Required if a rotation is free.
+        viscosity: Viscosity b [N s/m].
+        rotational_viscosity: Rotational viscosity b_w [N m s/rad].
         integrator: "explicit", "semi-implicit", "exact" or "implicit".
-        free: which of the w = 1, 3, 6 freedoms move, in the order of G's rows; by default all of them.
-        gravity: (d,) [m/s^2].
-        position: (d,) [m]; orientation: an angle [rad], or a unit quaternion x y z w.
-        velocity: (d,) [m/s]; angular_velocity: a number, or (3,) in world axes [rad/s].
+        free: Mask of the free freedoms, w = 1, 3 or 6, in the order of G's rows; all by default.
+        gravity: Gravity, (d,) [m/s^2].
+        position: Position, (d,) [m].
+        orientation: Angle [rad], or unit quaternion x y z w.
+        velocity: Velocity, (d,) [m/s].
+        angular_velocity: Angular velocity [rad/s]: a number, or (3,) in world axes.
 
     Raises:
-        InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+        InputError: An argument is invalid; the error names it.
+        UnknownNameError: No integrator has that name.
     """
     d = int(number("dimensions", dimensions, "1, 2 or 3"))
     if d not in FREEDOMS or d != dimensions:
@@ -214,7 +218,7 @@ def fill_body(
 
 
 def _vector(name: str, argument: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
-    """Convert an argument to an array, None to zeros; length 0 stands for one bare number."""
+    """Convert an argument to an array, None to zeros; length 0 stands for a single number."""
     shape = (length,) if length else ()
     if argument is None:
         return np.zeros(shape)

@@ -1,4 +1,4 @@
-"""The state of a rigid body, as it stands in a block."""
+"""State of a rigid body, in a block."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ EXPLICIT, SEMI_IMPLICIT, EXACT, IMPLICIT = 0, 1, 2, 3  # integrators
 
 
 class Motion(Record):
-    """Where a body is and how it moves; components that a line or a plane does not have are zero."""
+    """Position and motion of a body; components that do not exist on a line or in a plane are zero."""
 
     position: Vector  # x, the centre of mass [m]
     quaternion: Quaternion  # body to world; space
@@ -21,7 +21,7 @@ class Motion(Record):
 
 
 class Decay(Record):
-    """Values of exp(-z) and its integrals (`decay.decay_integrals`), until z is another."""
+    """Values of exp(-z) and its integrals (`decay.decay_integrals`), cached for one z."""
 
     z: float  # b T/m
     exponential: float
@@ -31,7 +31,7 @@ class Decay(Record):
 
 
 class BodyState(Record):
-    """A rigid body: its parameters, its motion, the wrench of the sample."""
+    """A rigid body: its parameters, its motion, and the wrench of the sample."""
 
     dimensions: int  # d
     mass: float  # m [kg]
@@ -39,21 +39,21 @@ class BodyState(Record):
     viscosity: float  # b [N s/m]
     rotational_viscosity: float  # b_w [N m s/rad]
     integrator: int  # EXPLICIT, SEMI_IMPLICIT, EXACT or IMPLICIT
-    free_translation: Vector  # 1.0 or 0.0, world axes
+    free_translation: Vector  # 1.0 or 0.0 per world axis
     free_rotation: Vector
     gravity: Vector  # [m/s^2]
     motion: Motion
-    force: Vector  # of this sample [N]
-    moment: Vector  # of this sample, about the position, world axes [N m]
-    next_motion: Motion  # after T under the implicit integrator with no wrench; no quaternion and no angle
+    force: Vector  # force of this sample [N]
+    moment: Vector  # moment of this sample about the position, world axes [N m]
+    next_motion: Motion  # motion after T with the implicit integrator and no wrench, without quaternion and angle
     compliance: float  # displacement of a free axis per force [m/N]
-    rotational_compliance: Matrix  # rotation per moment, world axes, zero where locked [rad/(N m)]
-    translation_decay: Decay  # of b T/m
-    rotation_decay: Decay  # of b_w T/J
+    rotational_compliance: Matrix  # rotation per moment, world axes, zero for locked rotations [rad/(N m)]
+    translation_decay: Decay  # for b T/m
+    rotation_decay: Decay  # for b_w T/J
 
 
 @kernel
 def copy_motion(source: Motion, to: Motion) -> None:
-    """Copy where a body is and how it moves."""
+    """Copy position and motion of a body."""
     to.position, to.quaternion, to.angle = source.position, source.quaternion, source.angle
     to.velocity, to.angular_velocity, to.rotation = source.velocity, source.angular_velocity, source.rotation

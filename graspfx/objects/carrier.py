@@ -1,4 +1,4 @@
-"""Bodies in a world of another program: what all such programs' bodies have in common."""
+"""Bodies simulated by another program: common base of all such bodies."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from graspfx.spatial import Quaternion, Vector, rotate
 
 
 class CarriedBody(BlockBody):
-    """A block's body in another program's world, pushed before the world's step and read after it.
+    """Body of a block in another program's world, pushed before the world's step and read after it.
 
-    Viscosity b is the force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), held over the sample: the velocity is
-    that of the viscous body, the position x+ = x + T v+. Rotation likewise, about the principal axes.
+    The force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), held over the sample, applies viscosity b exactly: the
+    velocity is that of the viscous body, the position is x+ = x + T v+. Rotation is treated likewise, about the
+    principal axes.
 
-    A locked freedom gets no force and its entries in the block are never written.
+    A locked freedom gets no force, and its entries in the block are never written.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
-        part: (guest.SIZE,) of the buffer, for the wrench and the motion; overwritten whole.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        part: The body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
     """
 
     handing: Callable[..., None] = staticmethod(guest.hand_over)
@@ -56,28 +57,28 @@ class CarriedBody(BlockBody):
         own_part.place = Vector(*self.place)
 
     def hold(self, T: float) -> None:
-        """Compute the shares of viscosity over samples of T [s]."""
+        """Compute the shares that viscosity leaves over samples of T [s]."""
         body, own_part = self._body, self.part
         own_part.share = decay_integrals(body.viscosity * T / body.mass)[1]
         b, J = body.rotational_viscosity, own_part.moments
         own_part.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
 
     def hand_over(self, T: float) -> None:
-        """Hand over the wrench in the block, with gravity and viscosity, for a push over T [s]."""
+        """Hand over the wrench in the block, with gravity and viscosity, for a step of T [s]."""
         self.handing(self._body, self.part, T)
 
     def take_over(self, T: float) -> int:
-        """Write the motion after a step of T [s] to the block; give 0, or a code if the body cannot go on."""
-        body, part = self._body, self.part  # as numbers, since every call of a run ends here
+        """Write the motion after a step of T [s] to the block; return 0, or a code if the body cannot go on."""
+        body, part = self._body, self.part  # as local names, since every call of a run ends here
         return int(source_function(self.taking)(body.buffer, body.offset, part.buffer, part.offset, T))
 
     @property
     def speed(self) -> float:
-        """Speed of rotation at the last reading [rad/s]."""
+        """Angular speed at the last reading [rad/s]."""
         return float(np.linalg.norm(self.part.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """Compute moments of inertia of which each free rotation by itself takes the one that it should."""
+        """Compute moments of inertia such that each single free rotation uses the correct one."""
         moments = numbers_of(self._body, BodyState.inertia)
         if not self.turns:
             return 1.0, 1.0, 1.0
@@ -92,15 +93,15 @@ class CarriedBody(BlockBody):
 
 
 class Carrier:
-    """Bodies in one world of another program that is their own: a guest of the tick.
+    """Bodies in a world of another program that they own: a guest of the tick.
 
     Args:
-        buffer: (bodies guest.SIZE,), flat; each body of `carried` has its part of it.
-        carried: the bodies.
-        calls: of an exchange, in their order.
+        buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
+        carried: Bodies.
+        calls: Calls of an exchange, in order.
     """
 
-    program = "the other program"  # in messages
+    program = "the other program"  # its name in messages
     handing: Callable[..., None] = staticmethod(guest.hand_over)
     taking: Callable[..., int] = staticmethod(guest.take_over)
 
@@ -116,14 +117,14 @@ class Carrier:
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Calls of an exchange; none if a subclass exchanges in a way of its own."""
+        """Calls of an exchange; empty if a subclass exchanges in its own way."""
         return self._calls if type(self).exchange is Carrier.exchange else ()
 
     def hold(self, T: float) -> None:
-        """Set the period of every sample from here on to T [s].
+        """Set the period of all following samples to T [s].
 
         Raises:
-            InputError: T is no finite time above zero.
+            InputError: T is not a finite time above zero.
         """
         if T != self._T:
             if not 0.0 < T < math.inf:
@@ -134,11 +135,11 @@ class Carrier:
             self._T = T
 
     def exchange(self) -> None:
-        """Push every body, let the world step, read every body: all that a tick needs of it."""
+        """Push every body, step the world, read every body: everything that a tick needs."""
         self._exchange()
 
     def take(self) -> int:
-        """Write the last reading to the blocks; give 0, or the code of the first body that cannot go on."""
+        """Write the last readings to the blocks; return 0, or the code of the first body that cannot go on."""
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
@@ -146,10 +147,10 @@ class Carrier:
         return str(self._fault(code))
 
     def step(self, T: float) -> None:
-        """Advance every body by T [s] under the wrench in its block, held, and its contacts.
+        """Advance every body by T [s] under the held wrench in its block, and its contacts.
 
         Raises:
-            InputError: T is no finite time above zero; a body cannot go on.
+            InputError: T is not a finite time above zero, or a body cannot go on.
         """
         self.hold(T)
         for one in self._moving:
@@ -160,7 +161,7 @@ class Carrier:
             raise self._fault(code)
 
     def free_motion(self, T: float) -> None:
-        """Raise InputError: the program cannot solve for a new state."""
+        """Raise InputError, because the program cannot solve for a new state."""
         raise InputError(
             "integrator", "implicit", f"another one: {self.program} has one integrator", "use native dynamics"
         )
@@ -173,5 +174,5 @@ class Carrier:
 
 
 def numbers_of(record: Any, field: Any) -> tuple[float, ...]:
-    """Give the numbers of a record's field."""
+    """Return the numbers of a record's field."""
     return tuple(record.array(field).tolist())

@@ -1,4 +1,4 @@
-"""One freedom under linear viscosity over a sample: v' = u - a v with u held, by each integrator."""
+"""One freedom with linear viscosity over a sample, for each integrator: v' = u - a v with u held."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.objects.body_state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT,
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """The step x+ = x + p v + q u, v+ = r v + s u: all four integrators are of this form."""
+    """The step x+ = x + p v + q u, v+ = r v + s u, the form of all four integrators."""
 
     p: float
     q: float
@@ -22,7 +22,7 @@ class Coefficients:
 def decay_integrals(z: float) -> tuple[float, float, float, float]:
     """Compute E = exp(-z) and its integrals (1 - E)/z, (z - 1 + E)/z^2, (z + z E - 2 + 2 E)/(2 z^3), to rounding.
 
-    They give velocity, path and turn of the axis under a constant wrench; series where differences would cancel.
+    They give velocity, displacement and rotation of the axis under a constant wrench; a series avoids cancellation.
     """
     if z >= 1.0:
         E = math.exp(-z)
@@ -41,7 +41,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
 
 @kernel
 def update_decay(decay: Decay, z: float) -> None:
-    """Compute the integrals for z unless they stand there for the same z."""
+    """Compute the integrals for z, unless the block already holds them."""
     if decay.z != z or decay.exponential == 0.0:
         decay.z = z
         decay.exponential, decay.first, decay.second, decay.turn = decay_integrals(z)
@@ -49,7 +49,7 @@ def update_decay(decay: Decay, z: float) -> None:
 
 @kernel
 def coefficients(kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients of an integrator's step of T [s] at the rate of decay a [1/s]."""
+    """Compute the coefficients of an integrator's step of T [s] at the decay rate a [1/s]."""
     if kind == EXPLICIT:
         return Coefficients(T, 0.0, 1.0 - T * a, T)
     if kind == SEMI_IMPLICIT:
@@ -64,13 +64,13 @@ def coefficients(kind: int, a: float, T: float) -> Coefficients:
 
 @inline
 def exact_coefficients(T: float, E: float, one: float, two: float) -> Coefficients:
-    """Give the coefficients of the exact integrator from the integrals of the decay."""
+    """Return the coefficients of the exact integrator from the integrals of the decay."""
     return Coefficients(T * one, T * T * two, E, T * one)
 
 
 @kernel
 def step_coefficients(decay: Decay, kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients, those of the exact integrator from the integrals in the block."""
+    """Compute the coefficients; those of the exact integrator use the integrals in the block."""
     if kind != EXACT:
         return coefficients(kind, a, T)
     update_decay(decay, a * T)

@@ -1,4 +1,4 @@
-"""The dynamics that a scene may name: what plan, certificate, checks and recording say about each, in one table."""
+"""Table of the dynamics that a scene may name, with the facts that plan, certificate, checks and recording use."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from graspfx.errors import installation
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Facts of a name that `object.dynamics` takes.
+    """Facts about a value of `object.dynamics`.
 
     Attributes:
-        label: the program's name in sentences.
-        package: what it imports; empty for nothing.
-        distribution: that has the package, for its version. It comes with the extra `name`.
-        integrator: its own, as linearised models have it; empty where the scene's counts.
-        meets: whether its objects meet obstacles of every shape and one another, and may bounce.
-        partial: whether a body that meets others may have some freedoms locked, and be in a plane or on a line.
-        rotations: how many free rotations a body that meets others may have, of three.
-        least: mass [kg] and moment of inertia [kg m^2] that a body which moves has to be above.
-        hulls: kinds of shapes that meet others as their convex hull.
-        otherwise: ways out where its package cannot be had, beside to install it.
+        label: Name of the program in sentences.
+        package: Package that it imports; empty for none.
+        distribution: Distribution of the package, for its version. The extra `name` installs it.
+        integrator: Its own integrator, for linearised models; empty if the scene's integrator applies.
+        meets: True if its objects meet obstacles of every shape and one another, and may bounce.
+        partial: True if a body that meets others may have locked freedoms, and may be in a plane or on a line.
+        rotations: Numbers of free rotations, out of three, that a body that meets others may have.
+        least: Mass [kg] and moment of inertia [kg m^2] that a moving body has to exceed.
+        hulls: Kinds of shapes that meet others as their convex hull.
+        otherwise: Alternatives to installing the package, for messages.
     """
 
     name: str
@@ -39,12 +39,12 @@ class Dynamics:
 
     @property
     def missing(self) -> bool:
-        """Whether its package is not installed."""
+        """True if its package is not installed."""
         return bool(self.package) and find_spec(self.package) is None
 
     @property
     def remedy(self) -> str:
-        """Ways out where its package is not installed."""
+        """What to do if its package is not installed."""
         return f"{installation(self.name)}{self.otherwise}"
 
 
@@ -67,5 +67,5 @@ MEETING = " or ".join(repr(each.name) for each in DYNAMICS.values() if each.meet
 
 
 def dynamics_of(name: str) -> Dynamics:
-    """Give the facts of dynamics by name; of a plug-in's only its name, and that it may meet anything."""
+    """Return the facts about dynamics by name. For a plug-in: its name, and that it may meet anything."""
     return DYNAMICS.get(name) or Dynamics(name, name)

@@ -1,6 +1,6 @@
-"""The energy of a rigid body over one sample: work, viscous loss and the defect of its integrator.
+"""Energy of a rigid body over one sample: work, viscous loss, and energy error of its integrator.
 
-With the held force F, gravity g, the planes' force C and the motion dx of the sample
+With the held force F, gravity g, the planes' force C and the displacement dx of the sample,
 
     1/2 m v+^2 - 1/2 m v^2 = (F + C + m g)'dx - loss + defect
 
@@ -11,8 +11,8 @@ With the held force F, gravity g, the planes' force C and the motion dx of the s
 | implicit | T b v+^2 | -1/2 m (v+ - v)^2 |
 | exact | integral of b v^2 | 0 |
 
-Rotations likewise with moments and the rotation vector. In space the turn of the inertia adds a defect, too:
-1/2 w+'(I+ - I) w+, and -T w+'(w x I w) where the body is moved by w+.
+Rotations obey the same with moments and the rotation vector. In space the rotation of the inertia adds a defect too:
+1/2 w+'(I+ - I) w+, and -T w+'(w x I w) if w+ moves the body.
 """
 
 from __future__ import annotations
@@ -27,38 +27,38 @@ from graspfx.objects.decay import decay_integrals
 from graspfx.objects.rotation import momentum, multiply, vector_of
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
-SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel
+SERIES = 0.5  # b T/m below which a series is used, because differences of exponentials cancel
 
 
 class SampleStart(Record):
-    """A body at the beginning of a sample, and how far it went since then."""
+    """Body at the beginning of a sample, and its displacement since then."""
 
     motion: Motion
-    force: Vector  # constant over the sample, and so is the moment [N]
-    moment: Vector  # [N m]
-    contact_force: Vector  # of obstacles over the sample [N]
-    contact_moment: Vector  # [N m]
-    shift: Vector  # dx [m]
+    force: Vector  # held force [N]
+    moment: Vector  # held moment [N m]
+    contact_force: Vector  # force of obstacles over the sample [N]
+    contact_moment: Vector  # moment of obstacles [N m]
+    shift: Vector  # displacement dx [m]
     turn: Vector  # rotation vector of the free rotations, world axes [rad]
-    energy: float  # kinetic, at the sample's start [J]
+    energy: float  # kinetic energy at the start [J]
 
 
 @dataclass(frozen=True, slots=True)
 class SampleEnergy:
-    """The entries of one sample [J]."""
+    """Terms of the energy balance of one sample [J]."""
 
-    work: float  # of the wrench
-    fallen: float  # of gravity
-    met: float  # of obstacles
-    loss: float  # that viscosity takes of translation,
-    turning_loss: float  # and of rotation
-    defect: float  # of the integrator in translation,
-    turning_defect: float  # and in rotation
+    work: float  # work of the wrench
+    fallen: float  # work of gravity
+    met: float  # work of obstacles
+    loss: float  # viscous loss in translation
+    turning_loss: float  # viscous loss in rotation
+    defect: float  # defect of the integrator in translation
+    turning_defect: float  # defect of the integrator in rotation
 
 
 @kernel
 def keep(body: BodyState, start: SampleStart) -> None:
-    """Copy motion, wrench and kinetic energy of a body for the sample that begins."""
+    """Store motion, wrench and kinetic energy of a body at the beginning of a sample."""
     copy_motion(body.motion, start.motion)
     start.force, start.moment = body.force, body.moment
     start.energy = kinetic(body)
@@ -79,7 +79,7 @@ def kinetic(body: BodyState) -> float:
 
 @kernel
 def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
-    """Compute the entries of the sample of T [s] that has just ended; `shift` and `turn` are written."""
+    """Compute the energy terms of the sample of T [s] that has just ended; write `shift` and `turn`."""
     kind, d, motion, before = body.integrator, body.dimensions, body.motion, start.motion
     m, b = body.mass, body.viscosity
     work = fallen = met = loss = turning_loss = defect = turning_defect = 0.0
@@ -116,7 +116,7 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
 
 
 def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: float) -> float:
-    """Compute the energy that viscosity takes over a sample [J]; u = force/m."""
+    """Compute the viscous loss over a sample [J], with u = force/m."""
     if kind != EXACT:
         if kind == EXPLICIT:
             return T * b * v * v
@@ -141,7 +141,7 @@ def decay_square(z: float) -> float:
 
 
 def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
-    """Compute m (v+ - v) times the mean velocity less the velocity of the step [J]."""
+    """Compute m (v+ - v) times the difference of the mean velocity and the step's velocity [J]."""
     if kind == EXACT:
         return 0.0
     return (0.5 if kind == EXPLICIT else -0.5) * m * (after - before) * (after - before)
@@ -149,7 +149,7 @@ def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
 
 @inline
 def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Compute p q' of two unit quaternions, the rotation from q to p."""
+    """Compute p q' of two unit quaternions: the rotation from q to p."""
     x, y, z, w = -q.x, -q.y, -q.z, q.w
     return Quaternion(
         p.w * x + p.x * w + p.y * z - p.z * y,
@@ -161,7 +161,7 @@ def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @kernel
 def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
-    """Compute the rotation vector from an orientation to the present one; zero about locked axes."""
+    """Compute the rotation vector from an orientation to the current one; zero about locked axes."""
     return multiply(body.free_rotation, vector_of(quotient(body.motion.quaternion, before)))
 
 
@@ -169,8 +169,8 @@ def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
 def settle_rotation(body: BodyState, start: SampleStart, T: float, done: float) -> tuple[float, float]:
     """Compute viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
 
-    Exact about one axis, and of a body with equal moments. Where exact is of fourth order, the loss is that of the mean
-    square velocity and the defect the energy of the step beyond the work.
+    The result is exact for one axis, and for a body with equal moments. If the exact integrator is of fourth order, the
+    loss is that of the mean square velocity, and the defect the remaining energy of the step.
     """
     kind, b = body.integrator, body.rotational_viscosity
     q, v, u = start.motion.quaternion, start.motion.angular_velocity, body.motion.angular_velocity

@@ -1,4 +1,4 @@
-"""Bodies that other software moves: the exchange of wrench and motion, and the protocol of such a body."""
+"""Bodies simulated by other software: exchange of wrench and motion, and protocol of such a body."""
 
 from __future__ import annotations
 
@@ -17,59 +17,59 @@ from graspfx.spatial import Quaternion, Vector, exponential, rotate
 
 
 class GuestState(Record):
-    """A body's part of the buffer: its properties, the wrench sent and the motion received; world axes."""
+    """A body's part of the buffer: its properties, the wrench sent and the motion received, in world axes."""
 
-    by_spin: bool  # it is handed the angular velocity after the step, else a moment
-    free_translation: Vector  # 1.0 or 0.0
+    by_spin: bool  # send the angular velocity after the step instead of a moment
+    free_translation: Vector  # 1.0 or 0.0 per axis
     free_rotation: Vector
-    turns: int  # how many rotations are free
-    axis: int  # the first of them
-    share: float  # (1 - E)/(b T/m), E = exp(-b T/m): of a constant force, the share that viscosity leaves
+    turns: int  # number of free rotations
+    axis: int  # axis of the first free rotation
+    share: float  # share of a constant force that viscosity leaves: (1 - E)/(b T/m), E = exp(-b T/m)
     shares: Vector  # the same about the principal axes
-    moments: Vector  # of inertia, as the software has them [kg m^2]
-    start: Quaternion  # from which one free rotation is counted
-    start_angle: float  # that the plane's began with [rad]
-    angle: float  # of one free rotation since then, unwrapped [rad]
-    push: Vector  # handed over [N]
-    twist: Vector  # [N m], or [rad/s]
+    moments: Vector  # moments of inertia in the software [kg m^2]
+    start: Quaternion  # orientation from which a single free rotation is counted
+    start_angle: float  # initial angle in the plane [rad]
+    angle: float  # angle of a single free rotation since then, unwrapped [rad]
+    push: Vector  # force sent [N]
+    twist: Vector  # moment sent [N m], or angular velocity [rad/s]
     waiting: bool  # a wrench was sent whose motion has not been taken yet
-    velocity: Vector  # received [m/s]
-    place: Vector  # [m], of a body with a free rotation; of others it is x + T v
-    turn: Quaternion  # since the start, or all of it if more than one rotation is free
-    spin: Vector  # [rad/s]
-    aim: Vector  # spin that a moment was to lead to, world axes, if it is to be the step's mean [rad/s]
-    lead: Vector  # of the spin at the step's end over that mean [rad/s]
+    velocity: Vector  # velocity received [m/s]
+    place: Vector  # position received [m], if a rotation is free; otherwise it is x + T v
+    turn: Quaternion  # rotation since the start; the whole orientation if several rotations are free
+    spin: Vector  # angular velocity received [rad/s]
+    aim: Vector  # angular velocity intended as the mean of the step, world axes [rad/s]
+    lead: Vector  # difference of the angular velocity at the step's end from that mean [rad/s]
 
 
 SIZE = size_of(GuestState)
-STRUCTURE = start_of(GuestState, "share")  # the entries before it never change
+STRUCTURE = start_of(GuestState, "share")  # the entries before it are constant
 
-TURN_LIMIT = 0.25 * math.pi  # PyBullet turns a body no further than this in one step, whatever its angular velocity
+TURN_LIMIT = 0.25 * math.pi  # largest rotation of a PyBullet body in one step, at any angular velocity
 TOO_FAST = 1
 
 
 @runtime_checkable
 class Guest(Protocol):
-    """A body, or a world of bodies, that other software moves by one call between two ticks.
+    """A body, or a world of bodies, that other software moves in one call between two ticks.
 
-    A run computes the wrenches for that software at the end of a tick, `handing(S, o, F, f, T)` for each body whose
-    block starts at S[o] and whose part of the buffer at F[f]; calls `exchange`; and takes the motion at the beginning
-    of the next tick, `taking(S, o, F, f, T)`: 0, or a code if the body cannot go on.
+    At the end of a tick, a run computes the wrenches for the software: `handing(S, o, F, f, T)` for each body whose
+    block starts at S[o] and whose part of the buffer starts at F[f]. It then calls `exchange`. At the beginning of the
+    next tick it takes the motion: `taking(S, o, F, f, T)` returns 0, or a code if the body cannot go on.
     """
 
     @property
     def buffer(self) -> FloatArray:
-        """Buffer of the wrenches sent and the motions received, the same array for the guest's life."""
+        """Buffer of wrenches sent and motions received; the same array for the guest's lifetime."""
         ...
 
     @property
     def structure(self) -> Sequence[int]:
-        """Entries of the buffer that never change and select the kernels' work."""
+        """Entries of the buffer that are constant and select code paths in kernels."""
         ...
 
     @property
     def places(self) -> Sequence[int]:
-        """Starts of the bodies' parts; -1 for one that never moves."""
+        """Start indices of the bodies' parts; -1 for a body that never moves."""
         ...
 
     @property
@@ -81,13 +81,13 @@ class Guest(Protocol):
         """Kernel that takes a body's motion from the other software."""
 
     def hold(self, T: float) -> None:
-        """Set the period of every sample from here on to T [s]."""
+        """Set the period of all following samples to T [s]."""
 
     def exchange(self) -> None:
-        """Send the wrenches, let the software step, and receive the motions: the one Python call of a tick."""
+        """Send the wrenches, step the software, and receive the motions: the only Python call of a tick."""
 
     def take(self) -> int:
-        """Take the last motions once; give 0, or the code of the first body that cannot go on."""
+        """Take the last motions once; return 0, or the code of the first body that cannot go on."""
         ...
 
     def fault_text(self, code: int) -> str:
@@ -97,17 +97,17 @@ class Guest(Protocol):
 
 @runtime_checkable
 class CallingGuest(Guest, Protocol):
-    """A guest whose `exchange` is nothing but calls of the software's functions, which a run then makes itself."""
+    """A guest whose `exchange` only calls functions of the software, so that a run can call them itself."""
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Calls of an exchange, in their order; none where `exchange` has to be called."""
+        """Calls of an exchange, in order; empty if `exchange` itself has to be called."""
         ...
 
 
 @kernel
 def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force (f + m g - b v) (1 - E)/(b T/m), and the moment likewise or the spin that it leads to."""
+    """Compute the force (f + m g - b v) (1 - E)/(b T/m), and likewise the moment, or the resulting angular velocity."""
     b = body.viscosity
     for a in range(3):
         push = 0.0
@@ -123,7 +123,7 @@ def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
-    """Compute the moment with exact viscosity, world axes [N m]."""
+    """Compute the moment with exact viscosity, in world axes [N m]."""
     motion, shares = body.motion, guest.shares
     moment = multiply(body.free_rotation, body.moment - body.rotational_viscosity * motion.angular_velocity)
     if shares.x == shares.y == shares.z:
@@ -134,7 +134,7 @@ def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
 
 @kernel
 def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> Vector:
-    """Compute w + T J^-1 M, world axes [rad/s]."""
+    """Compute w + T J^-1 M in world axes [rad/s]."""
     q, J = body.motion.quaternion, guest.moments
     m = rotate(q.conjugate, moment)
     return body.motion.angular_velocity + rotate(q, Vector(T * m.x / J.x, T * m.y / J.y, T * m.z / J.z))
@@ -142,7 +142,7 @@ def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> 
 
 @kernel
 def take_over(body: BodyState, guest: GuestState, T: float) -> int:
-    """Write the motion received after a step of T [s] to the block; TOO_FAST for a turn that was cut short."""
+    """Write the motion received after a step of T [s] to the block; return TOO_FAST if the rotation was truncated."""
     if not guest.waiting:
         return 0
     guest.waiting = False
@@ -156,7 +156,7 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
         return 0
     w = guest.spin
     speed = math.sqrt(w.x * w.x + w.y * w.y + w.z * w.z)
-    if not speed * T <= TURN_LIMIT:  # nor if it is not a number
+    if not speed * T <= TURN_LIMIT:  # true for NaN
         return TOO_FAST
     for a in range(3):
         if guest.free_rotation[a] != 0.0:
@@ -174,7 +174,7 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
         tz = angle if axis == 2 else 0.0
         q = exponential(Vector(tx, ty, tz)) @ guest.start
     old = motion.quaternion
-    if q.x * old.x + q.y * old.y + q.z * old.z + q.w * old.w < 0.0:  # its sign may change at will
+    if q.x * old.x + q.y * old.y + q.z * old.z + q.w * old.w < 0.0:  # both signs mean the same rotation
         q = Quaternion(-q.x, -q.y, -q.z, -q.w)
     motion.quaternion = q
     orient(body)
@@ -183,7 +183,7 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
 
 @kernel
 def unwrapped_angle(guest: GuestState, T: float) -> float:
-    """Compute the angle of the one free rotation [rad], the nearest to the expected one of those of the quaternion."""
+    """Compute the angle of the single free rotation [rad]: the quaternion's angle nearest to the expected one."""
     axis, q = guest.axis, guest.turn
     sine = q.x if axis == 0 else (q.y if axis == 1 else q.z)
     angle = 2.0 * math.atan2(sine, q.w)

@@ -1,18 +1,18 @@
-"""The motion of a rigid body during one sample: the body's block, and its integrators.
+"""Motion of a rigid body during one sample: the body's block, and its integrators.
 
-The wrench and gravity are held over the sample; viscosity is linear, m v' + b v = f + m g and
-(I w)' + b_w w = tau. Free directions are world axes: a locked one bears any force without motion.
+The wrench and gravity are held over the sample, and viscosity is linear: m v' + b v = f + m g and
+(I w)' + b_w w = tau. Free directions are world axes; a locked direction bears any force without motion.
 
 | integrator | translation, plane rotation | rotation in space |
 |---|---|---|
 | explicit | x += T v; v += T a | q = exp(T w) q; w += T w', gyroscopic term in w' |
 | semi-implicit | v += T a; x += T v | w += T w'; q = exp(T w) q |
 | exact | matrix exponential | isotropic inertia or one free axis: w exact, q by Magnus; else RKMK4; 4th order |
-| implicit | a taken with the new v | (I + T b_w) w+ = I w + T (tau - w x I w); q = exp(T w+) q |
+| implicit | a at the new v | (I + T b_w) w+ = I w + T (tau - w x I w); q = exp(T w+) q |
 
-Explicit and semi-implicit need b T/m < 2; exact and implicit take any viscosity. The gyroscopic term is explicit in all
-but exact. With some rotations locked the equations are those of the free axes, (I w)_free' = (tau - b_w w)_free,
-w_locked = 0: no approximation but the integrator's own.
+Explicit and semi-implicit require b T/m < 2; exact and implicit accept any viscosity. The gyroscopic term is explicit
+in all but the exact integrator. If some rotations are locked, the equations are those of the free axes,
+(I w)_free' = (tau - b_w w)_free, w_locked = 0, without further approximation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from graspfx.spatial import ZERO, Matrix, Vector, angle_matrix, exponential, nor
 
 __all__ = ["EXACT", "EXPLICIT", "IMPLICIT", "SEMI_IMPLICIT", "orient", "predict", "step"]
 
-# Offsets in the block, of its declaration.
+# Offsets in the block, from its declaration.
 DIMENSIONS = start_of(BodyState, "dimensions")
 MASS = start_of(BodyState, "mass")
 INERTIA = start_of(BodyState, "inertia")
@@ -53,7 +53,7 @@ ROTATIONAL_COMPLIANCE = start_of(BodyState, "rotational_compliance")
 DECAY = start_of(BodyState, "translation_decay")
 SIZE = size_of(BodyState)
 
-LOCKED = Matrix(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # no rotation under any moment
+LOCKED = Matrix(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # no rotation for any moment
 
 
 @kernel
@@ -92,10 +92,10 @@ def step(body: BodyState, T: float) -> None:
 
 @kernel
 def predict(body: BodyState, T: float) -> None:
-    """Compute where the body will be after T [s] without a wrench, and its compliance to one.
+    """Compute the motion after T [s] without a wrench, and the compliance to a wrench.
 
-    Under the implicit integrator, x+ = x_next + C f to the last bit with the compliance C, and in the plane
-    angle+ = angle_next + C_r moment; in space R+ = exp(C_r moment) R_next up to terms of T |w| times that rotation.
+    With the implicit integrator, x+ = x_next + C f to the last bit with the compliance C. In the plane
+    angle+ = angle_next + C_r moment. In space R+ = exp(C_r moment) R_next up to terms of T |w| times that rotation.
     """
     d, motion, next_motion = body.dimensions, body.motion, body.next_motion
     c = coefficients(IMPLICIT, body.viscosity / body.mass, T)

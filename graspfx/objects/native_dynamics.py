@@ -1,4 +1,4 @@
-"""Native rigid bodies, with four integrators: each by itself, or on fixed planes."""
+"""Native rigid bodies with four integrators, free or on fixed planes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
-    """Make the body of one object on half-spaces and planes; native objects do not meet one another."""
-    from graspfx.objects.floor.floor import FloorBody  # only scenes with obstacles need friction cones
+    """Create the body of one object on half-spaces and planes; native objects do not meet one another."""
+    from graspfx.objects.floor.floor import FloorBody  # friction cones are only needed in scenes with obstacles
 
     [member] = members
     return FloorBody(member, obstacles, meeting)

@@ -1,4 +1,4 @@
-"""Rotation of a rigid body in space during one sample: (I w)' + b_w w = tau on the free axes, w = 0 on the others."""
+"""Rotation of a rigid body in space during one sample: (I w)' + b_w w = tau on free axes, w = 0 on locked ones."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from graspfx.objects.body_state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import update_decay
 from graspfx.spatial import Quaternion, Vector, cross, dot, exponential, normalise, rotate, total
 
-STRIDE = 0.1  # a fourth-order step is divided so that |w| h and b_w h/I stay below: accurate, and stable
-STRIDES = 10_000  # at most, so that a run that has diverged still ends
+STRIDE = 0.1  # largest |w| h and b_w h/I of a fourth-order substep, for accuracy and stability
+STRIDES = 10_000  # largest number of substeps, so that a diverged run still ends
 
 
 @inline
@@ -56,7 +56,7 @@ def vector_of(turn: Quaternion) -> Vector:
 
 @kernel
 def new_spin(body: BodyState, T: float, kind: int, moment: Vector) -> Vector:
-    """Compute w after T [s] under a moment m: I w' = m - b_w w - w x I w on the free axes, first order."""
+    """Compute w after T [s] under a moment m: I w' = m - b_w w - w x I w on free axes, to first order."""
     q, w, b = body.motion.quaternion, body.motion.angular_velocity, body.rotational_viscosity
     L = momentum(body, q, w)
     moment -= cross(w, L)
@@ -95,12 +95,12 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
 
 @kernel
 def turn_exactly(body: BodyState, T: float) -> None:
-    """Rotate by the most exact step: exact velocity where one exists, fourth order in any case."""
+    """Rotate by the most accurate step: exact velocity if it exists, and at least fourth order."""
     I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
     if I.x == I.y == I.z:
         turn_steadily(body, T, I.x)
     elif total(free) == 1.0:
-        # about a fixed axis the moment of inertia does not change
+        # about a fixed axis the moment of inertia is constant
         L = momentum(body, body.motion.quaternion, free)
         turn_steadily(body, T, free.x * L.x + free.y * L.y + free.z * L.z)
     else:
@@ -116,9 +116,10 @@ def turn_exactly(body: BodyState, T: float) -> None:
 
 @kernel
 def turn_steadily(body: BodyState, T: float, J: float) -> None:
-    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, the orientation by Magnus' fourth order.
+    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, orientation by Magnus' 4th order.
 
-    log of the turn = integral of w + 1/2 double integral of w(s) x w(t), t < s; the second is along w x m, closed form.
+    log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The second is along w x m, closed
+    form.
     """
     motion, decay = body.motion, body.rotation_decay
     update_decay(decay, body.rotational_viscosity / J * T)
@@ -132,9 +133,9 @@ def turn_steadily(body: BodyState, T: float, J: float) -> None:
 
 @kernel
 def turn_freely(body: BodyState, h: float) -> None:
-    """Rotate any inertia: Euler's equations by a fourth-order Runge-Kutta-Munthe-Kaas step (Munthe-Kaas 1999).
+    """Rotate any inertia by Euler's equations: a fourth-order Runge-Kutta-Munthe-Kaas step (Munthe-Kaas 1999).
 
-    The step is one of body axes.
+    The step is computed in body axes.
     """
     motion = body.motion
     q = motion.quaternion
@@ -147,7 +148,7 @@ def turn_freely(body: BodyState, h: float) -> None:
     f = body_acceleration(body, q @ exponential(k * a), b)
     slopes += 2.0 * f
 
-    g = h * h / 8.0  # the commutator that brings the second slope into the frame of the first
+    g = h * h / 8.0  # the commutator, which transforms the second slope into the frame of the first
     c = a + k * f
     f = body_acceleration(body, q @ exponential(k * b + g * cross(a, b)), c)
     slopes += 2.0 * f
@@ -163,7 +164,7 @@ def turn_freely(body: BodyState, h: float) -> None:
 
 @kernel
 def body_acceleration(body: BodyState, q: Quaternion, w: Vector) -> Vector:
-    """Compute the angular acceleration in body axes of a body of orientation q that spins with w there."""
+    """Compute the angular acceleration in body axes of a body with orientation q and angular velocity w there."""
     I = body.inertia  # noqa: E741 (the inertia's letter)
     gyroscopic = Vector((I.z - I.y) * w.y * w.z, (I.x - I.z) * w.z * w.x, (I.y - I.x) * w.x * w.y)
     moment = rotate(q.conjugate, body.moment) - (body.rotational_viscosity * w + gyroscopic)

@@ -1,4 +1,4 @@
-"""Members of a world, the obstacles in it, and the law of contact among them."""
+"""Members of a world, its obstacles, and the law of contact among them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from graspfx.spatial import Quaternion, angle_matrix, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
-STIFFNESS = 1e5  # of a native contact point [N/m]: 0.1 kg on four points sink by 2.5 um
+STIFFNESS = 1e5  # stiffness of a native contact point [N/m]: 0.1 kg on four points sinks by 2.5 um
 
 
 @dataclass(frozen=True)
 class Member:
-    """A body's block (SIZE,) and its shape; without a shape it meets nothing."""
+    """Block (SIZE,) and shape of a body; a body without a shape meets nothing."""
 
     state: FloatArray
     shape: Any
@@ -26,7 +26,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A fixed shape, placed at `position` (3,) [m] and turned by `rotation` (3, 3)."""
+    """A fixed shape at `position` (3,) [m], rotated by `rotation` (3, 3)."""
 
     name: str
     shape: Any
@@ -36,13 +36,13 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Meeting:
-    """The law of contact among bodies.
+    """Law of contact among bodies.
 
     Attributes:
-        friction: Coulomb's coefficient of every pair.
-        restitution: speed of parting over speed of meeting, 0 to 1.
-        stiffness: of a contact point of a native body [N/m].
-        collide: whether the members meet one another too.
+        friction: Coulomb coefficient of all pairs.
+        restitution: Ratio of separation speed to approach speed, 0 to 1.
+        stiffness: Stiffness of a native body's contact point [N/m].
+        collide: True if the members also meet one another.
     """
 
     friction: float = 0.5

@@ -13,7 +13,6 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError, RecordingError, UnknownNameError, closest
 from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
@@ -569,8 +568,9 @@ class Recording(Carded):
         Raises:
             InputError: a recording without a tick, another number of titles, or no such width.
         """
-        drawing: Drawing = plugins.upward("Recording.plot")(self, *others, titles=titles, width=width)
-        return drawing
+        from graspfx.show.drawing import plot
+
+        return plot(self, *others, titles=titles, width=width)
 
     def picture(
         self,
@@ -594,8 +594,9 @@ class Recording(Carded):
         Raises:
             InputError: a recording without a tick, a time outside it, or no such width.
         """
-        drawing: Drawing = plugins.upward("Recording.picture")(self, time, view=view, forces=forces, width=width)
-        return drawing
+        from graspfx.show.drawing import picture
+
+        return picture(self, time, view=view, forces=forces, width=width)
 
     def save(
         self,
@@ -633,8 +634,9 @@ class Recording(Carded):
         Raises:
             MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
         """
-        data: xarray.Dataset = plugins.upward("Recording.to_xarray")(self)
-        return data
+        from graspfx.show.export import recording_dataset
+
+        return recording_dataset(self)
 
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame: a row per tick, a column per component, as `finger_force.thumb.x`.
@@ -644,7 +646,9 @@ class Recording(Carded):
         Raises:
             MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
         """
-        return plugins.upward("Recording.to_frame")(self)
+        from graspfx.show.export import recording_frame
+
+        return recording_frame(self)
 
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the columns of `to_frame` with the time first as comma-separated text, for which no package is needed.
@@ -658,7 +662,9 @@ class Recording(Carded):
         Raises:
             RecordingError: the file is there already, or cannot be written.
         """
-        plugins.upward("Recording.to_csv")(self, path, overwrite=overwrite)
+        from graspfx.show.export import write_csv
+
+        write_csv(self, path, overwrite=overwrite)
 
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and a chart.
@@ -674,8 +680,9 @@ class Recording(Carded):
             InputError: a recording without a tick, or no path of a page.
             RecordingError: the file is there already, or cannot be written.
         """
-        page: Path = plugins.upward("Recording.to_html")(self, path, overwrite=overwrite)
-        return page
+        from graspfx.live.page.document import write_page
+
+        return write_page(self, path, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:

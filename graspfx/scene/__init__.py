@@ -1,1 +1,1 @@
-"""A scene described: its tables, where it came from, and how its values are replaced; nothing is made here."""
+"""Description of a scene: tables, sources, presets and overrides. Nothing is assembled here."""

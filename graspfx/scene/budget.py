@@ -1,4 +1,4 @@
-"""How much a scene may hold before it is read: nesting, keys, values, letters of a number, bytes of its file."""
+"""Limits on the text of a scene before it is parsed: nesting, keys, values, length of numbers, size of the file."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 
 from graspfx.errors import Fault, InputError
 
-LARGEST_FILE = 4_000_000  # [bytes]
+LARGEST_FILE = 4_000_000  # size of a file [bytes]
 MOST_KEYS = 40_000
 MOST_VALUES = 200_000  # a mesh of 20 000 vertices with its faces
-DEEPEST = 32  # levels of tables and lists, and parts of a key
-LONGEST_WORD = 400  # letters of a number, a date or a key without quotes
-LONG = 10_000  # letters of a value in which the lines of its parts are not told apart
-LONGEST_KEY = 2_000  # of a whole key, in quotes or not
+DEEPEST = 32  # levels of nested tables and lists, and parts of a key
+LONGEST_WORD = 400  # letters of a number, a date or a bare key
+LONG = 10_000  # letters of a value above which the lines of its parts are not distinguished
+LONGEST_KEY = 2_000  # letters of a whole key, bare or quoted
 
 TOKEN = re.compile(
     r'''(?P<numbers>(?:[-+0-9.eE_]{1,40}\s*+,\s*+)++)      # what long lists are made of
@@ -30,9 +30,9 @@ TOKEN = re.compile(
 
 
 def excess(text: str) -> Fault | None:
-    """Say where TOML text exceeds what a reader takes; None where it does not, or where it is no TOML.
+    """Find where TOML text exceeds the limits; None if it does not, or if it is not TOML.
 
-    The time grows with the length of the text, whatever stands in it; that of a parser need not.
+    The time is proportional to the length of any text; that of a parser may not be.
     """
     depth = parts = keys = values = start = 0
     in_value = False
@@ -62,14 +62,14 @@ def excess(text: str) -> Fault | None:
             values += kind == "comma"
             parts, start, in_value = 0, token.end(), in_value and depth > 0
         elif kind == "open":
-            keys += depth == 0 and not in_value  # the header of a table
+            keys += depth == 0 and not in_value  # header of a table
             depth, parts, start = depth + 1, 0, token.end()
             if depth > DEEPEST:
-                return fault(f"tables or lists in one another, more than {DEEPEST} levels deep", at)
+                return fault(f"tables or lists nested more than {DEEPEST} levels deep", at)
         elif kind == "close":
             depth, parts, start = max(depth - 1, 0), 0, token.end()
         elif kind == "broken":
-            break  # its parser says so, with the line
+            break  # the parser reports it, with the line
         if keys > MOST_KEYS:
             return fault(f"more than {MOST_KEYS} keys", at)
         if values > MOST_VALUES:
@@ -78,7 +78,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """Write TOML with long values as 0, each key on its line: a text that is quick to look through."""
+    """Replace long values in TOML by 0, each key on its line, so that the text is quick to search."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()
@@ -97,18 +97,18 @@ def outline(text: str) -> str:
 
 
 def too_deep(data: Any) -> Fault | None:
-    """Say where tables and lists are in one another more than DEEPEST times, or a table is in itself."""
+    """Find where tables and lists are nested more than DEEPEST levels deep, or a table contains itself."""
     level: list[tuple[str, Any]] = [("", data)]
     for _ in range(DEEPEST + 1):
         level = [(f"{key}.{name}", value) for key, holder in level for name, value in _parts(holder)]
         if not level:
             return None
-    text = f"tables or lists in one another, more than {DEEPEST} levels deep"
+    text = f"tables or lists nested more than {DEEPEST} levels deep"
     return Fault(level[0][0].strip("."), text)
 
 
 def _parts(holder: Any) -> list[tuple[Any, Any]]:
-    """List the parts of a table or list that may hold more."""
+    """List the items of a table or list that are tables or lists."""
     items: Iterable[tuple[Any, Any]] = holder.items() if isinstance(holder, Mapping) else ()
     if isinstance(holder, list | tuple):
         items = enumerate(holder)
@@ -116,10 +116,10 @@ def _parts(holder: Any) -> list[tuple[Any, Any]]:
 
 
 def read_bytes(path: Path, name: str) -> bytes:
-    """Read a scene's file, if it is no longer than what is taken.
+    """Read a scene's file, if it is not too large.
 
     Raises:
-        InputError: it is longer, or cannot be read.
+        InputError: The file is too large, or cannot be read.
     """
     try:
         with path.open("rb") as file:

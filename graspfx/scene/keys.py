@@ -1,4 +1,4 @@
-"""Keys of a scene: where a value stands in nested tables, and its name with dots."""
+"""Keys of a scene: paths in nested tables, and their dotted names."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Key = tuple[str | int, ...]
 PART = re.compile(r'"([^"]*)"|([^.]+)')
 
 LISTS = ("object", "finger", "device", "hand", "obstacle")  # tables of which a scene may have several
-NAMES = ("label", "name")  # of such a table, its own first: a device's `name` is its driver's
+NAMES = ("label", "name")  # keys that name such a table, in order: the `name` of a device is its driver's
 
 
 def dotted(key: Sequence[str | int]) -> str:
-    """Write a key with dots; a part that has dots of its own stands in quotes."""
+    """Join a key with dots; quote a part that contains dots."""
     return ".".join(f'"{part}"' if "." in str(part) else str(part) for part in key)
 
 
 def parts_of(text: str) -> Key:
-    """Read a key that was written by `dotted`."""
+    """Parse a key that was written by `dotted`."""
     return tuple(quoted or (int(bare) if bare.isdecimal() else bare) for quoted, bare in PART.findall(text))
 
 
 def number_of(name: str, tables: Sequence[Mapping[str, Any]]) -> int | None:
-    """Find the table of that label or name among several, the first; None for none."""
+    """Find the index of the first table with that label or name; None if there is none."""
     for key in NAMES:
         for i, table in enumerate(tables):
             if table.get(key) == name:
@@ -37,13 +37,13 @@ def number_of(name: str, tables: Sequence[Mapping[str, Any]]) -> int | None:
 
 
 def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Find where a validator's location stands in the data: without its marks of alternatives and keys."""
+    """Convert a validator's location to a key of the data, without the validator's tags."""
     key: list[str | int] = []
     for part in location:
         if isinstance(part, str) and (part.startswith("<") or part == "[key]"):
             continue
         if isinstance(part, int) and isinstance(data, Mapping):
-            continue  # a lone table where a list of tables may stand
+            continue  # a single table in place of a list of tables
         key.append(part)
         if isinstance(part, int):
             data = data[part] if isinstance(data, Sequence) and part < len(data) else None
@@ -53,7 +53,7 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
 
 
 def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
-    """Write faults by dotted key, as the data writes it."""
+    """Return faults with dotted keys, as written in the data."""
     return [Fault(dotted(key_in(data, at)), text) for at, text in findings]
 
 
@@ -68,3 +68,23 @@ def general(key: str) -> str:
     if first in ("object", "finger", "device", "hand", "obstacle"):
         rest = ["*", *(rest[1:] if rest and (rest[0] == "*" or rest[0].isdecimal()) else rest)]
     return ".".join([first, *rest])
+
+
+# Former names --------------------------------------------------------------------------------------------------------
+
+
+FORMER = {  # for each driver: former name and current name of a setting
+    "simulated": {"friction": "damping"},
+    "two-link": {"joint_friction": "joint_damping"},
+}
+
+
+def current_setting(driver: object, key: str) -> str:
+    """Return the current name of a driver's setting."""
+    return FORMER.get(str(driver), {}).get(key, key)
+
+
+def other_names(driver: object, key: str) -> set[str]:
+    """List the other names of a driver's setting."""
+    names = FORMER.get(str(driver), {})
+    return {name for pair in names.items() if key in pair for name in pair} - {key}

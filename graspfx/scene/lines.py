@@ -1,4 +1,4 @@
-"""The line on which each key of a TOML file stands; computed only when there is a fault to report."""
+"""Line of each key in a TOML file; computed only if there is a fault to report."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ KEYS = ("bare_key", "quoted_key", "dotted_key")
 
 
 class KeyLines:
-    """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a key that is not there has the line of its table.
+    """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a missing key has the line of its table.
 
-    So has what stands in a very long value.
+    Parts of a very long value have the line of the value.
     """
 
     def __init__(self, text: str) -> None:
@@ -28,7 +28,7 @@ class KeyLines:
 
         tree = Parser(Language(tree_sitter_toml.language())).parse(outline(text).encode())
         self._lines: dict[Key, int] = {}
-        self._last: dict[Key, int] = {}  # of an array of tables, the table that is being filled
+        self._last: dict[Key, int] = {}  # index of the current table of each array of tables
         for node in tree.root_node.named_children:
             if node.type == "pair":
                 self._pair((), node)
@@ -54,7 +54,7 @@ class KeyLines:
                 self._pair(at, pair)
 
     def _open(self, at: Key, path: Sequence[str], name: Node) -> Key:
-        """Open the key of a table, through arrays of tables to their last one; tables that its name makes begin."""
+        """Open the key of a table, through arrays of tables to their last table; create implied tables."""
         for part in path:
             at = (*at, part)
             if at in self._last:

@@ -1,4 +1,4 @@
-"""A scene by name or path: a TOML table, or a Python file with `def scene(**parameters) -> Scene`."""
+"""Loading of a scene by name or path: a TOML file, or a Python file with `def scene(**parameters) -> Scene`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from graspfx import plugins
-from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
+from graspfx.errors import Fault, GraspFXError, InputError, SceneError, UnknownNameError, closest
 from graspfx.scene.budget import excess, read_bytes
 from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
-from graspfx.scene.presets import with_preset
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable
+from graspfx.scene.tables.scene_table import Preset
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
 OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -26,20 +29,20 @@ SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
 def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, *, preset: str | None = None) -> Scene:
-    """Load the scene behind a name on the shelf or the path of a .toml or .py file.
+    """Load a built-in scene by name, or a scene from a .toml or .py file.
 
     Args:
-        name: of a scene, or a path.
-        overrides: values by dotted key, as in {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
-            For a Python scene a key without a dot that `scene()` takes is its parameter, any other a key of what it
-            returns.
-        preset: the name of one of the scene's presets, whose values come before `overrides`.
+        name: Name of a scene, or path of a file.
+        overrides: Values by dotted key, for example {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
+            For a Python scene, a key without a dot that `scene()` accepts is its parameter; any other key refers to the
+            scene that it returns.
+        preset: Name of one of the scene's presets, whose values are applied before `overrides`.
 
     Raises:
-        SceneError: with every fault at once, each with its line.
-        UnknownNameError: no scene has that name, or the scene no such preset.
-        InputError: the path leads to no file, or the file holds no scene.
-        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
+        SceneError: The scene has faults; the error lists all of them, with their lines.
+        UnknownNameError: No scene has that name, or the scene has no such preset.
+        InputError: The file does not exist, or does not contain a scene.
+        PluginError: A Python file cannot be imported, or its `scene()` raises.
     """
     path = plugins.find("scenes", name)
     text = file_text(path)
@@ -52,11 +55,11 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
 
 
 def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """Give a scene as it is, or load the one behind a name or a path; with values replaced by dotted key.
+    """Return a scene unchanged, or load the one with a name or path; apply overrides by dotted key.
 
     Raises:
-        InputError: neither a scene nor a name or path; and the errors of `load`.
-        SceneError: with every fault of the scene with its overrides.
+        InputError: The argument is not a scene, name or path; and the errors of `load`.
+        SceneError: The scene with its overrides has faults; the error lists all of them.
     """
     if isinstance(scene, str | PathLike):
         return load(scene, overrides)
@@ -70,7 +73,7 @@ def file_text(path: Path) -> str:
     """Read a TOML file.
 
     Raises:
-        SceneError: it is not UTF-8; with the line.
+        SceneError: The file is not UTF-8; the error has the line.
     """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
@@ -83,10 +86,10 @@ def file_text(path: Path) -> str:
 
 
 def parse(text: str, name: str) -> dict[str, Any]:
-    """Read tables from the text of a file.
+    """Parse the text of a file into tables.
 
     Raises:
-        SceneError: it is not TOML, or larger than any file needs to be; with the line.
+        SceneError: The text is not TOML, or exceeds the limits; the error has the line.
     """
     if fault := excess(text):
         raise SceneError(name, [fault])
@@ -132,7 +135,7 @@ def _from_python(path: Path, source: Source, preset: str | None) -> Scene:
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
-    """Find overrides that are neither parameters nor keys of a scene, before `scene()` makes something of the rest."""
+    """Find overrides that are neither parameters nor keys of a scene, before `scene()` is called."""
     names = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
         if key.split(".")[0] not in names:
@@ -147,3 +150,46 @@ def _missing(parameters: Mapping[str, inspect.Parameter], arguments: Mapping[str
     for name, each in sorted(parameters.items()):
         if each.default is inspect.Parameter.empty and each.kind not in OPEN_ENDED and name not in arguments:
             yield Fault(name, "required by scene(), but not given")
+
+
+# Presets -------------------------------------------------------------------------------------------------------------
+
+
+def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> Source:
+    """Add the values of a named preset to a scene's source; None adds nothing.
+
+    An invalid preset has no values; the validation of the scene reports its faults.
+
+    Raises:
+        UnknownNameError: The scene has no preset of that name.
+        InputError: The name is not a string.
+    """
+    if name is None:
+        return source
+    if not isinstance(name, str):
+        raise InputError("preset", name, "the name of one of the scene's presets")
+    presets = table.get("preset", {})
+    if isinstance(presets, Mapping) and name not in presets:
+        raise UnknownNameError("preset", name, presets, "" if presets else f"{source.name} has no presets")
+    try:
+        values = Preset.model_validate(presets[name] if isinstance(presets, Mapping) else None).set
+    except ValidationError:
+        values = {}
+    return replace(source, preset=name, preset_values=values)
+
+
+def preset_faults(scene: Scene) -> list[Fault]:
+    """Find the faults of a scene under each of its presets; a scene with changes has none."""
+    source = scene.source
+    if source.changes:
+        return []
+    is_toml = source.path is not None and source.path.suffix == ".toml"
+    table = tomllib.loads(source.text) if is_toml else scene.to_dict()
+    faults: list[Fault] = []
+    for name in scene.preset:
+        under = with_preset(source, table, name)
+        try:
+            make_scene(table, under.changes, under, lines_from=source.text if is_toml else None).require_reach()
+        except SceneError as error:
+            faults += error.faults
+    return faults

@@ -1,24 +1,21 @@
-"""A checked scene: what a run is made from, with the text it came from."""
+"""A validated scene: the input of a run, with the text it came from."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
-from pydantic_core import PydanticSerializationError
+from pydantic_core import PydanticSerializationError, to_jsonable_python
 
-from graspfx import plugins
-from graspfx.card import Card, Carded
+from graspfx.card import Card, Carded, counted, listed, span
 from graspfx.errors import Fault, InputError, SceneError
-from graspfx.scene.data import not_data
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
-from graspfx.scene.scene_card import scene_card
 from graspfx.scene.source import Source
 from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import Readable
@@ -29,20 +26,23 @@ if TYPE_CHECKING:
 
 
 class Scene(Carded, SceneTable):
-    """A scene, described and checked: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
+    """A scene, validated when it is created: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
 
-    Fields are named as the keys of a scene file; lists of tables (`object`, `finger`, `device`, `hand`) are tuples.
+    Fields have the names of the keys of a scene file. Lists of tables (`object`, `finger`, `device`, `hand`) are
+    tuples.
 
     Raises:
-        SceneError: with every fault at once.
+        SceneError: The scene has faults; the error lists all of them.
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
-    _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.assembly.resolve`
+    _stock: Any = PrivateAttr(default=None)  # devices and meshes that the checks loaded, for `graspfx.assembly.resolve`
 
-    _written: dict[str, Any] | None = PrivateAttr(default=None)  # its written form, where that is at hand
+    _written: dict[str, Any] | None = PrivateAttr(default=None)  # nested tables of `to_dict`, if known
 
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
+        from graspfx.assembly.checks.faults import find_faults
+
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
@@ -51,10 +51,10 @@ class Scene(Carded, SceneTable):
         if checked is not None:
             self._take(checked.fields, checked.names, origin, None, checked.written)
             return
-        faults, stock = plugins.upward("Scene.faults")(table, origin)
+        faults, stock = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
-        valid = SceneTable(**table)  # by the validator that found no fault: a scene's own would be the same, made anew
+        valid = SceneTable(**table)  # reuses the validator of the checks; a scene's own would have to be built first
         self._take(vars(valid), valid.model_fields_set, origin, stock, None)
         if memory is not None:
             memory.keep(table, origin, self)
@@ -62,7 +62,7 @@ class Scene(Carded, SceneTable):
     def _take(
         self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
     ) -> None:
-        """Take fields that are valid, and the names of those that were set."""
+        """Set valid fields, and the names of those that were given."""
         private = {"_source": source, "_stock": stock, "_written": written}
         self.__setstate__({
             "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
@@ -70,13 +70,13 @@ class Scene(Carded, SceneTable):
         })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
-        """Compare as descriptions, wherever they came from."""
+        """Compare the descriptions, not their sources."""
         return isinstance(other, Scene) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
 
     def __copy__(self) -> Self:
-        """Copy the description: a copy whose fields are then replaced has devices and shapes of its own."""
+        """Copy the description only, so that a copy with replaced fields has its own devices and shapes."""
         copy = super().__copy__()
         copy._stock = copy._written = None
         return copy
@@ -93,14 +93,14 @@ class Scene(Carded, SceneTable):
 
     @property
     def source(self) -> Source:
-        """Where the scene came from."""
+        """Source of the scene."""
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the scene as nested tables that `Scene(**table)` takes, without defaults.
+        """Return the scene as nested tables that `Scene(**table)` accepts, without defaults.
 
         Raises:
-            InputError: an object in it that cannot be written as data.
+            InputError: The scene holds an object that cannot be written as data.
         """
         if self._written is not None:
             return deepcopy(self._written)
@@ -112,38 +112,41 @@ class Scene(Carded, SceneTable):
         return table
 
     def require_reach(self) -> None:
-        """Require what only shows when simulated devices are placed, as a run does.
+        """Check what only shows when simulated devices are placed, as at the start of a run.
 
         Raises:
-            SceneError: with every finger that starts where its device cannot be.
+            SceneError: Fingers start where their devices cannot reach; the error lists all of them.
         """
-        faults = plugins.upward("Scene.reach_faults")(self)
+        from graspfx.assembly.resolve import reach_faults
+
+        faults = reach_faults(self)
         if faults:
             raise self.error(faults)
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Make the error of these faults, each with where its key stands and with its line."""
+        """Return the error for these faults, each with its key and its line."""
         source = self._source
         is_toml = source.path is not None and source.path.suffix == ".toml"
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
         return _placed(source, table, as_faults(table, faults), source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
-        """Linearise small motions about the scene's grasp at rest: matrices that `gx.stability` takes for a scene.
+        """Linearise small motions about the scene's grasp at rest, for use with `gx.stability`.
 
         Args:
-            at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
-                meet the object at first, without a force; or "provisional", squeezed by one step from there.
-                `certificate.linearise` also says what is taken for granted.
+            at: State about which to linearise: "squeezed", the rest of hands that do not move, closed to their largest
+                squeeze; "start", where the fingers first meet the object, without force; or "provisional", one linear
+                step of squeezing from the start. `certificate.linearise` also returns the assumptions.
 
         Raises:
-            InputError: a device that does not tell its mass or friction.
+            InputError: A device does not state its mass or friction.
         """
-        linear: Linearisation = plugins.upward("Scene.linearise")(self, at).linear
-        return linear
+        from graspfx.certificate.linearise import linearise
+
+        return linearise(self, at).linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
-        """Copy the scene with values replaced by dotted key, as on the command line."""
+        """Return a copy of the scene with values replaced by dotted key, as on the command line."""
         changes = by_key(overrides)
         source = replace(self._source, overrides={**self._source.overrides, **changes})
         return make_scene(self.to_dict(), changes, source)
@@ -152,10 +155,10 @@ class Scene(Carded, SceneTable):
 def make_scene(
     table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
 ) -> Scene:
-    """Make a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
+    """Create a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
 
     Raises:
-        SceneError: with every fault at once.
+        SceneError: The scene has faults; the error lists all of them.
     """
     data, _, faults = overridden(table, overrides)
     try:
@@ -168,7 +171,7 @@ def make_scene(
 
 
 def _placed(source: Source, table: Mapping[str, Any], faults: Sequence[Fault], lines_from: str | None) -> SceneError:
-    """Sort faults by their lines, after those that have none; `table` is the scene without its overrides."""
+    """Sort faults by line, those without one first; `table` is the scene without its overrides."""
     lines = KeyLines(lines_from) if lines_from is not None else None
     _, replaced, _ = overridden(table, source.overrides)
     placed = [_with_line(fault, source, table, replaced, lines) for fault in faults]
@@ -191,5 +194,156 @@ def _with_line(
 
 
 def schema() -> dict[str, Any]:
-    """Write the JSON schema of a scene file."""
+    """Return the JSON schema of a scene file."""
     return SceneTable.model_json_schema()
+
+
+EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as data"
+DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/real-board.md)"
+
+
+def not_data(table: Any) -> InputError:
+    """Return the error of a table with an object that cannot be written as data."""
+    return next((InputError(key, value, EXPECTED, DO) for key, value in _leaves(table, "") if not _is_data(value)),
+                InputError("scene", table, EXPECTED, DO))  # fmt: skip
+
+
+def _is_data(value: object) -> bool:
+    try:
+        to_jsonable_python(value)
+    except PydanticSerializationError:
+        return False
+    return True
+
+
+def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """List the leaf values, each with its key."""
+    if isinstance(value, Mapping):
+        items = [(str(name), each) for name, each in value.items()]
+    elif isinstance(value, list | tuple):
+        items = [(str(i), each) for i, each in enumerate(value)]
+    else:
+        yield key, value
+        return
+    for name, each in items:
+        yield from _leaves(each, f"{key}.{name}" if key else name)
+
+
+# Card ----------------------------------------------------------------------------------------------------------------
+
+
+MOST = 4  # largest number of objects, or hands, that have a line each
+
+
+def scene_card(scene: SceneTable, source: Source) -> Card:
+    """Return the card of a scene."""
+    name = source.path.stem.replace("_", "-") if source.path is not None else source.name
+    title = f"Scene {name}: {scene.title}" if scene.title else f"Scene {name}"
+    calls = "gx.run(scene), gx.check(scene), gx.certify(scene), gx.open(scene), .replace({key: value}), .to_dict()"
+    return Card(title, [*_rows(scene, source)], calls)
+
+
+def _rows(scene: SceneTable, source: Source) -> Iterator[tuple[str, str]]:
+    ticks = round(scene.duration / scene.period)
+    yield "time", f"{scene.duration:g} s in {counted(ticks, 'tick')} of {1e3 * scene.period:g} ms"
+    yield "space", f"{counted(scene.dimensions, 'dimension')}{_gravity(scene)}"
+    yield "objects" if len(scene.object) > 1 else "object", "\n".join(_some(map(_object, scene.object)))
+    yield "obstacles", listed(f"{each.name} ({each.shape.kind})" for each in scene.obstacle)
+    yield "coupling", "\n".join(_coupling(scene))
+    yield "fingers", "\n".join(_fingers(scene))
+    yield "hands", "\n".join(_some(f"{each.name}: {_hand(each)}" for each in scene.hand))
+    yield "presets", listed(f"{name}{' (in force)' if name == source.preset else ''}" for name in scene.preset)
+    yield "set", listed(f"{key} = {value!r}" for key, value in source.overrides.items())
+    yield "file", str(source.path or "")
+
+
+def _some(lines: Iterator[str]) -> Iterator[str]:
+    for k, line in enumerate(lines):
+        if k < MOST:
+            yield line
+        elif k == MOST:
+            yield "..."
+
+
+def _gravity(scene: SceneTable) -> str:
+    if scene.gravity is None:
+        return ", no gravity"
+    return f", gravity ({', '.join(f'{each:g}' for each in scene.gravity)}) m/s^2"
+
+
+def _object(thing: Any) -> str:
+    weight = f"{thing.mass:g} kg" if thing.mass is not None else f"{thing.density:g} kg/m^3"
+    shape = f", {_shape(thing.shape)}" if thing.shape is not None else ""
+    mover = f"native, {thing.integrator}" if thing.dynamics == "native" else thing.dynamics
+    locked = "" if thing.free is None or all(thing.free) else f", locked: {_locked(thing.free)}"
+    return f"{thing.name}: {weight}{shape}, viscosity {thing.viscosity:g} N s/m, {mover}{locked}"
+
+
+def _locked(free: tuple[bool, ...]) -> str:
+    names = {1: ("x",), 3: ("x", "y", "turn"), 6: ("x", "y", "z", "turn x", "turn y", "turn z")}[len(free)]
+    return ", ".join(name for name, moves in zip(names, free, strict=True) if not moves)
+
+
+def _shape(shape: Any) -> str:
+    sizes = getattr(shape, "size", None)
+    if sizes is not None:
+        return f"{shape.kind} {' x '.join(f'{1e3 * each:g}' for each in sizes)} mm"
+    radius = getattr(shape, "radius", None)
+    if isinstance(radius, float):
+        return f"{shape.kind} of radius {1e3 * radius:g} mm"
+    file = getattr(shape, "mesh", None)
+    return f"mesh {file}" if isinstance(file, str) else str(shape.kind)
+
+
+def _coupling(scene: SceneTable) -> Iterator[str]:
+    law = scene.coupling
+    for name, part in (("external", law.external), ("internal", law.internal)):
+        yield f"{name} {_gain(part.stiffness, 'N/m')}, {_gain(part.damping, 'N s/m')}"
+    friction = "contacts stick" if law.friction == "stick" else f"friction {law.friction:g}"
+    touch = "attached contacts" if law.contact == "attached" else f"fingers only push, {friction}"
+    passivity = "" if law.passivity == "off" else f", passivity {law.passivity}"
+    yield f"{touch}{passivity}"
+
+
+def _gain(gain: Any, unit: str) -> str:
+    return f"{gain:g} {unit}" if isinstance(gain, int | float) else f"matrix [{unit}]"
+
+
+def _fingers(scene: SceneTable) -> Iterator[str]:
+    fingers = scene.finger
+    drivers: dict[str, int] = {}
+    labels = {each.label: each.name for each in scene.device}
+    for finger in fingers:
+        name = finger.device if isinstance(finger.device, str) else finger.device.name
+        driver = labels.get(name, name)
+        drivers[driver] = drivers.get(driver, 0) + 1
+    yield f"{len(fingers)}: {listed(scene.finger_names)}"
+    devices = listed(f"{count} x {driver}" for driver, count in drivers.items())
+    balls = [finger.radius for finger in fingers if finger.radius]
+    tips = f"balls of {span((1e3 * each for each in balls), 'mm')}" if balls else "points"
+    yield f"devices {devices}; fingertips are {tips}"
+    own = [finger.hand for finger in fingers if finger.hand is not None and not isinstance(finger.hand, str)]
+    if own:
+        yield f"{counted(len(own), 'hand')} of their own: {_hand(own[0])}"
+
+
+def _hand(hand: Any) -> str:
+    parts = []
+    for key in ("arm", "grip"):
+        part = getattr(hand, key, None)
+        if part is not None:
+            parts.append(f"{key} {_gain(part.stiffness, 'N/m')}")
+    stiffness = getattr(hand, "stiffness", None)
+    if stiffness is not None:
+        parts.append(_gain(stiffness, "N/m"))
+    for key in ("motion", "turn"):
+        course = getattr(hand, key, None)
+        courses = course if isinstance(course, tuple) else () if course is None else (course,)
+        if courses:
+            parts.append(f"{key} {' + '.join(str(each.kind) for each in courses)}")
+    squeeze = getattr(hand, "squeeze", None)
+    if isinstance(squeeze, int | float) and squeeze:
+        parts.append(f"squeeze {1e3 * squeeze:g} mm")
+    elif isinstance(squeeze, tuple) and squeeze:
+        parts.append(f"squeeze in {counted(len(squeeze), 'step')}")
+    return ", ".join(parts) or "held"

@@ -1,4 +1,4 @@
-"""Values of a scene replaced by dotted key: `coupling.internal.stiffness`, `finger.*.device.mass`."""
+"""Replacement of a scene's values by dotted key: `coupling.internal.stiffness`, `finger.*.device.mass`."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from typing import Any
 
 from graspfx.errors import Fault, InputError
 from graspfx.scene.budget import DEEPEST, too_deep
-from graspfx.scene.former import others
-from graspfx.scene.keys import LISTS, Key, dotted, number_of
+from graspfx.scene.keys import LISTS, Key, dotted, number_of, other_names
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Copy overrides into a dictionary of their own.
+    """Copy overrides into a new dictionary.
 
     Raises:
-        InputError: something else than values by dotted key, or tables and lists too deep in one another.
+        InputError: The overrides are not values by dotted key, or are nested too deeply.
     """
     values = {} if overrides is None else overrides
     if not isinstance(values, Mapping):
@@ -29,15 +28,15 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def toml_value(text: str, argument: str) -> Any:
-    """Read a value as TOML.
+    """Parse a value as TOML.
 
     Args:
-        text: of the value; it may take several lines.
-        argument: in messages.
+        text: Text of the value, on one or more lines.
+        argument: Name of the argument in messages.
 
     Raises:
-        InputError: other keys follow the value on lines of their own.
-        TOMLDecodeError: no TOML.
+        InputError: Other keys follow the value on their own lines.
+        TOMLDecodeError: The text is not TOML.
     """
     import tomllib
 
@@ -48,11 +47,11 @@ def toml_value(text: str, argument: str) -> Any:
 
 
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
-    """Copy nested tables with values replaced; list the replaced keys, and a fault for each that leads nowhere.
+    """Copy nested tables with values replaced; list the replaced keys, and a fault for each key that cannot be set.
 
-    A number picks a table or value of a list, a name the table of that name, `*` takes all of them. A lone table needs
-    neither, and counts as a list of one; a key that it has comes before its name. Tables on the way that are missing
-    are made: whether a key exists is for the scene's validation to say.
+    In a list, a number selects an item, a name selects the table of that name, and `*` selects all. A single table
+    counts as a list of one, whose index may be omitted; its keys take precedence over its name. Missing intermediate
+    tables are created; the validation of the scene decides whether a key exists.
     """
     changed: dict[str, Any] = deepcopy(dict(data))
     replaced: set[Key] = set()
@@ -67,7 +66,7 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
 
 def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -> str | None:
-    """Find the override that replaced a key or what holds it, or that leads nowhere by that name; None for none."""
+    """Find the override that replaced a key or a table around it, or an invalid override of that name; else None."""
     for name, value in overrides.items():
         if name == dotted(key) or is_within(key, overridden(data, {name: value})[1]):
             return name
@@ -75,28 +74,28 @@ def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -
 
 
 def is_within(key: Key, replaced: AbstractSet[Key]) -> bool:
-    """Tell whether a key, or what holds it, was replaced."""
+    """True if a key, or a table around it, was replaced."""
     return any(key[:length] in replaced for length in range(1, len(key) + 1))
 
 
 def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:
-    """Follow the path into a table or list; yield what it replaced, or why it could not."""
+    """Follow the path into a table or list; yield each replaced key, or a reason why it cannot be replaced."""
     part, *rest = path
     if not part:
         yield "an override needs a key between its dots"
     elif isinstance(holder, dict):
         if rest and not at and part == "record" and isinstance(holder.get(part), list | str):
-            holder[part] = {"columns": holder[part]}  # a list of columns is the table with them
+            holder[part] = {"columns": holder[part]}  # a list of columns is short for the table
         is_item = len(at) == 1 and at[0] in LISTS and number_of(part, [holder]) == 0
         if rest and part not in holder and (part in ("*", "0") or is_item):
-            yield from _replace(holder, at, rest, value)  # a lone table as a list of one
+            yield from _replace(holder, at, rest, value)  # treat a single table as a list of one
         elif rest:
             is_new = part not in holder
             for outcome in _replace(holder.setdefault(part, {}), (*at, part), rest, value):
                 yield (*at, part) if is_new and not isinstance(outcome, str) else outcome
         else:
-            for name in others(holder.get("name"), part):
-                holder.pop(name, None)  # the same setting under its former name, or under its name now
+            for name in other_names(holder.get("name"), part):
+                holder.pop(name, None)  # the same setting under its former or current name
             holder[part] = deepcopy(value)
             yield (*at, part)
     elif isinstance(holder, list):
@@ -131,7 +130,7 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
 
 
 def _names_lone(part: str, rest: list[str], item: Any, value: Any) -> bool:
-    """Tell whether a part of a key is the name of the only table of its list, and no key of it."""
+    """True if part of a key is the name of the only table of its list, and not one of its keys."""
     if not isinstance(item, dict) or part in item or number_of(part, [item]) is None:
         return False
     return bool(rest) or isinstance(value, Mapping)

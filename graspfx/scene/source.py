@@ -1,4 +1,4 @@
-"""Where a scene came from."""
+"""Source of a scene: file, preset and overrides."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from graspfx.environment import resolved, to_path
 
 @dataclass(frozen=True)
 class Source:
-    """Where a scene came from.
+    """Source of a scene.
 
     Attributes:
-        name: as it stands in messages.
-        text: of the file, verbatim; empty for a scene made in Python.
-        path: of the file.
-        overrides: by dotted key, as a user gave them.
-        preset: the name of the scene's preset in force; empty for none.
-        preset_values: that preset's, by dotted key.
-        is_recorded: whether a recording says all this: then nobody chose the folder, and no Python in it may run.
+        name: Name in messages.
+        text: Text of the file, verbatim; empty for a scene made in Python.
+        path: Path of the file.
+        overrides: Overrides by dotted key, as given by the user.
+        preset: Name of the active preset; empty for none.
+        preset_values: Values of that preset, by dotted key.
+        is_recorded: True if a recording holds the scene; nobody chose its folder, and Python files in it must not run.
     """
 
     name: str = "scene"
@@ -35,29 +35,29 @@ class Source:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """All values that replace the file's, by dotted key, in their order: the preset's, then the overrides."""
+        """Values that replace the file's, by dotted key: those of the preset, then the overrides."""
         first = {key: value for key, value in self.preset_values.items() if key not in self.overrides}
         return first | dict(self.overrides)
 
     @property
     def folder(self) -> Path | None:
-        """Where relative paths in the scene start; None for the current folder."""
+        """Folder in which relative paths of the scene start; None for the current folder."""
         return self.path.parent if self.path is not None else None
 
     @property
     def is_trusted(self) -> bool:
-        """Whether all that the scene names may be used: it is Python, or the user says so."""
+        """True if everything that the scene names may be used: it is Python, or the user allows it."""
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:
-        """Tell whether an override names this."""
+        """True if an override names this text."""
         return text in texts_in(self.overrides)
 
     def holds(self, text: str) -> bool:
-        """Tell whether a path leads into the folder of the scene's file, through all links, or an override names it.
+        """True if a path, with links resolved, lies in the folder of the scene's file, or an override names it.
 
         Raises:
-            InputError: a path that leads nowhere.
+            InputError: The path does not exist.
         """
         if self.folder is None or self.is_of_user(text):
             return True
@@ -66,7 +66,7 @@ class Source:
 
 
 def texts_in(value: Any) -> Iterator[str]:
-    """List all texts in a value of a table, at every depth."""
+    """List all strings in a value, at every depth."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):

@@ -1,4 +1,4 @@
-"""Memory of scenes that were checked before: whoever has one lends it to the scenes that are made meanwhile."""
+"""Cache of validated tables, shared within a `with` block."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.scene.source import Source
 
 
 class CheckedTable(NamedTuple):
-    """A scene that passed all its checks: its fields, the names of those that were set, and its written form."""
+    """A scene that passed all checks: its fields, the names of those that were given, and its nested tables."""
 
     fields: dict[str, Any]
     names: set[str]
@@ -19,14 +19,14 @@ class CheckedTable(NamedTuple):
 
 
 class Memory(Protocol):
-    """A memory of scenes."""
+    """A cache of scenes."""
 
     def recall(self, table: Mapping[str, Any], source: Source) -> CheckedTable | None:
-        """Recall what the checks made of this very table from this source; None if they have to be made."""
+        """Return the scene that passed the checks with this table and source; None if it is not cached."""
         ...
 
     def keep(self, table: Mapping[str, Any], source: Source, scene: Any) -> None:
-        """Keep a scene that has just passed its checks."""
+        """Store a scene that has just passed its checks."""
         ...
 
 
@@ -35,7 +35,7 @@ _memory: ContextVar[Memory | None] = ContextVar("memory", default=None)
 
 @contextmanager
 def remembering(memory: Memory) -> Iterator[None]:
-    """Let the scenes that are made within the block use a memory."""
+    """Let all scenes that are created within the block use a cache."""
     token = _memory.set(memory)
     try:
         yield
@@ -44,5 +44,5 @@ def remembering(memory: Memory) -> Iterator[None]:
 
 
 def current_memory() -> Memory | None:
-    """Give the memory in force; None for none."""
+    """Return the active cache; None for none."""
     return _memory.get()

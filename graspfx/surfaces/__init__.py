@@ -1,1 +1,1 @@
-"""Surfaces to touch: shapes in closed form and meshes, and the contact of a finger on them."""
+"""Surfaces in closed form and triangle meshes, and the contact of a finger with them."""

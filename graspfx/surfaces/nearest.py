@@ -1,4 +1,4 @@
-"""Where a finger touches a surface, as kernels of all surfaces give it."""
+"""Contact of a finger with a surface: the result of all surface kernels."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from graspfx.spatial import Vector
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """A contact in the object's frame: p - c = -gap n of a finger at p."""
+    """Contact in the object's frame, with p - c = -gap n for a finger at p."""
 
-    face: int  # on which the contact is, to be given again with the next sample
+    face: int  # face of the contact, to be passed to the next sample
     point: Vector  # c, on the surface [m]
-    normal: Vector  # n, unit, into the object
-    gap: float  # above zero outside [m]
+    normal: Vector  # n, unit normal into the object
+    gap: float  # > 0 outside [m]

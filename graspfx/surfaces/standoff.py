@@ -1,4 +1,4 @@
-"""Where a fingertip that comes in along a ray towards a shape's centre first has a given gap."""
+"""Position along a ray to a shape's centre at which an approaching fingertip has a given gap."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-MOST = 20_000  # steps on the way in: a ray that takes more goes along the surface
-NEAR = 1e-6  # of the shape's extent: from there on the surface is followed by its normal
-POLISH = 40  # steps of that
-EXACT = 1e-16  # of the extent: what is left of the distance, below which no step helps
-LEAST = 1e-9  # of the extent: what may be left of it where a ray only brushes the surface
+MOST = 20_000  # steps; a ray that needs more runs along the surface
+NEAR = 1e-6  # relative to the shape's extent: closer than this, steps follow the surface normal
+POLISH = 40  # largest number of those steps
+EXACT = 1e-16  # relative to the extent: remaining distance at which no step improves the result
+LEAST = 1e-9  # relative to the extent: remaining distance that is accepted if a ray only grazes the surface
 
 
 def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> float | None:
-    """Find the largest t at which t u is `distance` away from the shape, u the unit vector along the direction [m].
+    """Find the largest t at which t u has the distance `distance` from the shape, u the direction's unit vector.
 
-    From outside the distance to a shape is also how far one may go without meeting it, so that stepping by it comes to
-    the outermost such point and never past it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996); Newton's
-    method along the normal does the rest. The distance is the gap that a finger's contact has.
+    From outside, the distance to a shape is a step that cannot pass through it. Such steps converge to the outermost
+    point and never pass it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). Newton's method along the normal
+    finishes. The distance is the gap that the finger's contact has.
 
     Args:
-        shape: about its centre.
-        direction: of any length above zero, in the shape's frame (d,).
-        distance: from the surface, zero or more [m].
+        shape: Shape about its centre.
+        direction: Direction of any non-zero length in the shape's frame, (d,).
+        distance: Distance from the surface, zero or more [m].
 
     Returns:
-        t; None where the ray never is that near.
+        t [m], or None if the ray never comes that close.
     """
     u = direction / np.linalg.norm(direction)
     if getattr(shape, "endless", False):
-        climb = -float(_gap(shape, u, 1.0)[1] @ u)  # from a plane's either side
+        climb = -float(_gap(shape, u, 1.0)[1] @ u)  # valid on either side of a plane
         return distance / climb if climb > 0.0 else None
     extent = _extent(shape)
     t = extent + distance
@@ -54,7 +54,7 @@ def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> flo
 
 
 def _polished(shape: Shape | Mesh, u: FloatArray, t: float, distance: float, extent: float) -> float | None:
-    """Take the last steps: Newton's, and halves of the interval where one of them leaves it."""
+    """Take the last steps by Newton's method, with bisection if a step leaves the interval."""
     best, low, high = (np.inf, t), -np.inf, np.inf
     for _ in range(POLISH):
         gap, inward = _gap(shape, u, t)
@@ -72,13 +72,13 @@ def _polished(shape: Shape | Mesh, u: FloatArray, t: float, distance: float, ext
 
 
 def _gap(shape: Shape | Mesh, u: FloatArray, t: float) -> tuple[float, FloatArray]:
-    """Give the gap of a point on the ray, and the normal into the shape there."""
+    """Return the gap of a point on the ray, and the normal into the shape there."""
     contact = shape.contact((t * u)[None])
     return float(contact.gap[0]), contact.normal[0]
 
 
 def _extent(shape: Shape | Mesh) -> float:
-    """Give a length within which all of the shape is about its centre [m]."""
+    """Return an upper bound on the distance of the shape from its centre [m]."""
     if shape.kind == MESH:
         return float(np.linalg.norm(shape.vertices, axis=1).max())  # type: ignore[union-attr]
     return float(sum(shape.parameters))

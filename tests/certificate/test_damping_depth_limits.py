@@ -140,7 +140,7 @@ def test_damping_at_rest_is_the_formula() -> None:
     assert np.array_equal(linearise(scene(depth=1e-4)).linear.damping, full.damping)
     start = linearise(scene(), "start")
     assert not start.linear.damping.any()
-    assert "no damping where nothing presses yet: it grows with depth" in start.assumed
+    assert "unloaded contacts have no damping, which grows with depth" in start.assumed
 
 
 def test_a_singular_damping_has_its_limit_in_series() -> None:

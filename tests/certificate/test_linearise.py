@@ -93,7 +93,7 @@ def test_without_friction_forces_are_along_the_normals() -> None:
     n[[0, 2, 5], [0, 1, 2]] = 1.0
     soft = np.linalg.inv(n.T @ np.linalg.inv(K) @ n)  # forces along n alone: compliances add
     assert found.linear.stiffness == pytest.approx(n @ soft @ n.T, abs=1e-9 * KIP)
-    assert "contacts without friction: forces along the normals alone" in found.assumed
+    assert "contacts without friction: forces act along the normals only" in found.assumed
 
 
 def test_arms_are_point_devices_at_their_posture() -> None:

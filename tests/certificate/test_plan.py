@@ -68,7 +68,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({}, "letting go", True, "slips freely"),
     ({"coupling__friction": "stick"}, "letting go", True, "holds where it touched"),
     ({"coupling__contact": "attached"}, "letting go", False, "attached: the contact is bilateral"),
-    ({"coupling__contact": "attached"}, "contact points", False, "attached: they are fixed in the object"),
+    ({"coupling__contact": "attached"}, "contact points", False, "attached: contact points are fixed in the object"),
     ({}, "contact points", True, "closed form on box"),
     (IMPLICIT, "predict", True, "one system"),
     ({}, "predict", False, "present state"),

@@ -38,7 +38,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({"force": 2.0}, "limit", True, "2 N by [safety]"),
     ({"hold": 5}, "stale readings", True, "after 5 samples in a row"),
     ({"force": 2.0}, "soft start", True, "grow over 0.5 s"),
-    ({"soft_start": 0.0}, "soft start", False, "whole from the first tick on"),
+    ({"soft_start": 0.0}, "soft start", False, "have their values from the first tick"),
     ({"rate": 20.0}, "rate", True, "20 N/s of growth"),
     ({"force": 2.0}, "rate", False, "no safety.rate"),
     ({"speed": 1.5}, "over speed", True, "1.5 m/s, beyond which"),

@@ -310,5 +310,5 @@ def test_stacks_of_boxes_are_solved_or_refused(cases: int, mu: float | None) -> 
 def test_the_card_says_which_law_holds() -> None:
     """Where Coulomb's law was asked for and another one holds, the repr says so."""
     touch = Touch(np.array([0.1, 0.2]), ("slide",), 1e-17, "associated")
-    assert "associated: no answer to Coulomb's law was found" in repr(touch)
+    assert "associated: no solution of Coulomb's law was found" in repr(touch)
     assert "Coulomb's" in repr(gx.unilateral_force(np.eye(2), [0.1, 0.0], [[1.0, 0.0]], friction=0.5))

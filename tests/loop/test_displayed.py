@@ -375,7 +375,7 @@ def rows(scene: gx.Scene) -> list[tuple[bool, str]]:
 
 def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:
     """The step, its figures and devices, and a driver that may clamp where nobody sees it."""
-    assert rows(pinch()) == [(False, "no device tells a largest force")]
+    assert rows(pinch()) == [(False, "no device states a largest force")]
     [(runs, why)] = rows(pinch(**LIMIT))
     assert runs
     assert "finger0 0.2 N (simulated)" in why
@@ -389,6 +389,6 @@ def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:
     assert "in every sample" in rows(arms(drive="elbow"))[0][1]
     files = foreign_parts.write(tmp_path)
     hidden = rows(pinch(finger__1__device=foreign_parts.device(files, "device", mass=0.1)))
-    assert hidden[0] == (False, "no device tells a largest force")
+    assert hidden[0] == (False, "no device states a largest force")
     assert "finger1" in hidden[1][1]
     assert "not visible" in hidden[1][1]

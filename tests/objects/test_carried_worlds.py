@@ -264,7 +264,7 @@ def test_a_locked_member_stands_and_a_turned_obstacle_is_turned(worlds: Any) -> 
 
 
 def test_what_has_no_end_is_no_member(worlds: Any) -> None:
-    with pytest.raises(InputError, match="has an end"):
+    with pytest.raises(InputError, match="bounded shape"):
         worlds(Member(member(CUBE).state, HalfSpace((0.0, 0.0, 1.0))))
     with pytest.raises(InputError, match="one integrator"):
         worlds(member(CUBE)).free_motion(0.001)

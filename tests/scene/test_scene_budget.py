@@ -34,8 +34,8 @@ def many(line: str, count: int) -> Callable[[], str]:
 
 
 CASES: dict[str, tuple[Callable[[], str], str]] = {
-    "deep lists": (lambda: f"j = {'[' * 100_000}{']' * 100_000}\n{BASE}", ":1: tables or lists in one another, more"),
-    "deep tables": (lambda: f"j = {'{a=' * 5000}1{'}' * 5000}\n{BASE}", ":1: tables or lists in one another, more"),
+    "deep lists": (lambda: f"j = {'[' * 100_000}{']' * 100_000}\n{BASE}", ":1: tables or lists nested more"),
+    "deep tables": (lambda: f"j = {'{a=' * 5000}1{'}' * 5000}\n{BASE}", ":1: tables or lists nested more"),
     "a key of 5000 parts": (lambda: f"{'.'.join('a' * 5000)} = 1\n{BASE}", ":1: a key of more than 32 parts"),
     "a key of 10^6 parts": (lambda: f"{'.'.join('a' * 10**6)} = 1\n{BASE}", ":1: a key of more than 32 parts"),
     "parts in quotes": (lambda: f"""j = {{{'.'.join(['"a b"'] * 5000)} = 1}}\n{BASE}""", ":1: a key of more than 32"),
@@ -162,7 +162,7 @@ def test_tables_from_python_and_overrides_have_a_depth_too() -> None:
     itself: dict[str, Any] = {}
     itself["itself"] = itself
     for value in (deep, itself):
-        with pytest.raises(SceneError, match="in one another, more than 32 levels"):
+        with pytest.raises(SceneError, match="nested more than 32 levels"):
             gx.Scene(period=0.1, junk=value)
         with pytest.raises(InputError, match="at most 32 levels"):
             gx.load("reference-1dof", {"junk": value})

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -29,12 +30,20 @@ def files() -> Mapping[str, Path]:
 
 
 @cache
+def upward() -> frozenset[tuple[str, str]]:
+    """Return the imports that pyproject.toml allows against the direction, as pairs of modules: the ways up."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    pairs = (edge.split(" -> ") for each in contracts if each["id"] == "rooms" for edge in each["ignore_imports"])
+    return frozenset((source, target) for source, target in pairs if source != PACKAGE)
+
+
+@cache
 def imports() -> Graph:
     """Return what each module imports: at its top, in its functions, and for type checkers alone.
 
     A package that is entered on the way to a module counts as imported too, unless the importing module is inside of
-    it. The package's own file lists the public names of every room for type checkers, and loads them by name: it is
-    left out.
+    it. The ways up are left out, and so is the package's own file, which lists the public names of every room for type
+    checkers and loads them by name.
     """
     graph = {name: frozenset(_imported(name, ast.parse(path.read_text("utf-8")))) for name, path in files().items()}
     return graph | {PACKAGE: frozenset()}
@@ -49,6 +58,8 @@ def _imported(module: str, tree: ast.AST) -> Iterator[str]:
             members = [f"{node.module}.{alias.name}" for alias in node.names]
             named = [member if member in files() else node.module for member in members]
         for name in named:
+            if (module, name) in upward():
+                continue
             parts = name.split(".")
             ways = (".".join(parts[:k]) for k in range(2, len(parts) + 1))
             yield from (
@@ -149,7 +160,8 @@ flowchart TD"""
 
 MIDDLE = """```
 
-The one way up is `graspfx.plugins.UPWARD`, a table of names: what a scene or a recording asks of rooms above its own.
+A method may import what it asks of a room above its own: these imports are listed, one by one, in pyproject.toml
+(`ignore_imports` of the contract `rooms`), and are not drawn here.
 Drivers stand on the shelf `devices/`, apart from the framework, and import `graspfx.protocols` only.
 
 | room | subject | imports |

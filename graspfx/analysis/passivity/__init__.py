@@ -1,4 +1,4 @@
-"""How stiff a display may be and still never give energy to the one who holds it, whoever that is."""
+"""Passivity: how stiff a display may be without ever giving energy to whoever holds it."""
 
 from __future__ import annotations
 

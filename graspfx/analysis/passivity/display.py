@@ -1,4 +1,4 @@
-"""Responses of a sampled display, from positions to held forces, and the motion that draws most energy from one."""
+"""Responses of a sampled display from positions to held forces, and the motion that extracts most energy."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-SYMMETRIC = 1e-9  # relative: what H(1) may be off and still be taken as symmetric, or as not negative
-AT_REST = 1e-9  # [rad] stands for z = 1 where H is a function, which may divide by z - 1
-ROUNDED = 1e-7  # relative: what such a function may lose there
-LONGEST = 5000  # samples times channels: a matrix of 200 MB
+SYMMETRIC = 1e-9  # relative asymmetry, or negative part, of H(1) that counts as none
+AT_REST = 1e-9  # angle [rad] that replaces z = 1 for a function H, which may divide by z - 1
+ROUNDED = 1e-7  # relative error that such a function may have there
+LONGEST = 5000  # largest number of samples times channels, for a matrix of 200 MB
 
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """H(z) = C (z I - A)^-1 B + D, n channels, force that opposes the motion [N] from position [m].
+    """H(z) = C (z I - A)^-1 B + D with n channels, from position [m] to the opposing force [N].
 
     Attributes:
-        A, B, C, D: (s, s), (s, n), (n, s), (n, n).
+        A, B, C, D: Matrices (s, s), (s, n), (n, s), (n, n).
     """
 
     A: FloatArray
@@ -48,7 +48,7 @@ class StateSpace:
         return np.linalg.eigvals(self.A).astype(complex)
 
     def stable(self) -> bool:
-        """Tell whether all poles lie inside the unit circle."""
+        """True if all poles lie inside the unit circle."""
         return not self.states or bool(np.abs(self.poles()).max() < 1.0)
 
     def response(self, angles: FloatArray) -> ComplexArray:
@@ -57,13 +57,13 @@ class StateSpace:
         return np.asarray(self.C @ np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j) + self.D)
 
     def static(self) -> FloatArray:
-        """Evaluate H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
+        """Evaluate H(1), the static stiffness, (n, n) [N/m]; H must be stable."""
         return np.asarray(self.C @ np.linalg.solve(np.eye(self.states) - self.A, self.B) + self.D)
 
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """H(z) as a function of z, a number or (n, n); whether it is stable is the caller's word."""
+    """H(z) as a function of z that returns a number or (n, n); the caller guarantees that it is stable."""
 
     evaluate: Callable[[complex], Any]
     channels: int
@@ -82,10 +82,10 @@ Display = StateSpace | Function
 
 
 def display(H: object, period: float) -> Display:
-    """Make a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy), or a stiffness.
+    """Create a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy) or a stiffness.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a continuous system, another sampling period.
+        InputError: Shapes do not fit, values are not finite, or the system is continuous or has another period.
     """
     period = number("period", period, "s", zero=False)
     _check_sampling(H, period)
@@ -116,10 +116,10 @@ def display(H: object, period: float) -> Display:
 
 
 def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
-    """Give a damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
+    """Return a damping or a mass as (n, n), from a number, one per direction, or a symmetric matrix.
 
     Raises:
-        InputError: another shape, not finite, not symmetric.
+        InputError: The shape is another one, or the matrix is not finite or not symmetric.
     """
     b = _real(name, matrix)
     if b.shape not in ((), (n,), (n, n)):
@@ -132,10 +132,10 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
 
 
 def never_passive(system: Display, scale: float) -> bool:
-    """Tell whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
+    """True if no device damping is sufficient: H is unstable, or H(1) is not symmetric or is negative.
 
-    A skew part of H(1) gives energy to a slow enough circle, and a negative stiffness to a long enough push: both grow
-    faster than friction takes, which for slow motion goes to zero. `scale` is the size of H elsewhere [N/m].
+    A skew part of H(1) gives energy to a sufficiently slow circle, and a negative stiffness to a sufficiently long
+    push. Both exceed the dissipation, which vanishes for slow motion. `scale` is the magnitude of H elsewhere [N/m].
     """
     if isinstance(system, StateSpace):
         if not system.stable():
@@ -168,12 +168,13 @@ def _square(name: str, matrix: object) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class WorstMotion:
-    """The motion from rest that leaves the least energy in device and display.
+    """Motion from rest that leaves the least energy in device and display.
 
     Attributes:
-        margin: T E / sum |D_k|^2, [N s/m]: the damping that the device could spare on it, negative if it lacks some.
-        steps: D_k, (N, n), with sum |D_k|^2 = 1 m^2.
-        energy: E [J], what they take in on these steps, at least; negative: what they give.
+        margin: T E / sum |D_k|^2 [N s/m]: damping of the device in excess of what the motion requires; negative if too
+            small.
+        steps: Displacements D_k, (N, n), with sum |D_k|^2 = 1 m^2.
+        energy: Lower bound E of the energy absorbed over these steps [J]; negative if they extract energy.
     """
 
     margin: float
@@ -184,18 +185,18 @@ class WorstMotion:
 def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> WorstMotion:
     """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
 
-    D_k = x_{k+1} - x_k; of all motions between two samples the even one loses least to friction, D'B D/T. The smallest
-    eigenvalue of that form falls to the damping margin as N grows, about as 1/N^2, and never passes it: a negative one
-    comes with the motion that proves it.
+    D_k = x_{k+1} - x_k. Of all motions between two samples, uniform motion dissipates least, D'B D/T. As N grows, the
+    smallest eigenvalue of this form decreases to the damping margin, about as 1/N^2, and is never below it. A negative
+    value therefore comes with a motion that proves it.
 
     Args:
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
-        damping: of the device, one number, (n,) or (n, n) [N s/m].
-        period: T [s].
-        samples: N; the work grows as (N n)^3, and N n is at most 5000.
+        damping: Damping of the device, a number, (n,) or (n, n) [N s/m].
+        period: Period T [s].
+        samples: Number N of samples. The work grows as (N n)^3, and N n may be at most 5000.
 
     Raises:
-        InputError: a function of z, no samples, or more than N n allows.
+        InputError: H is a function of z, or `samples` is zero or too large.
     """
     system = display(H, period)
     if not isinstance(system, StateSpace):

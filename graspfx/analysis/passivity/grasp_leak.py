@@ -1,4 +1,4 @@
-"""Which gains of eq. (4) are passive at the devices: the leak of a held coupling against the dampings beside it."""
+"""Passive gains of eq. (4) at the devices: energy that a held coupling generates against the dampings beside it."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ Integrator = Literal["explicit", "semi-implicit", "exact"]
 
 @dataclass(frozen=True, eq=False)
 class CouplingLimits:
-    """Passive at the devices' ports, to every operator, for every mass of devices and object, if kip and kep are below.
+    """Limits of kip and kep for passivity at the devices' ports, for all operators and masses of devices and object.
 
-    And only if: above `internal` always, above `external` for a heavy enough object where ked = 0.
+    They are also necessary: `internal` always, `external` for a sufficiently heavy object if ked = 0.
 
     Attributes:
-        internal: 2 (b - kid)/T, of the forces that squeeze [N/m]; infinity where no force is internal.
-        external: min over modes of (2/T) (b B_i/(b + B_i) - ked), of those that move the object; infinity without any.
-        modal_viscosity: B_i, eigenvalues of (G G')^-1/2 B_o (G G')^-1/2, rising [N s/m].
+        internal: 2 (b - kid)/T, for squeezing [N/m]; inf if no force is internal.
+        external: Minimum over modes of (2/T) (b B_i/(b + B_i) - ked), for moving the object [N/m]; inf if there are
+            none.
+        modal_viscosity: Eigenvalues B_i of (G G')^-1/2 B_o (G G')^-1/2 in ascending order [N s/m].
     """
 
     internal: float
@@ -37,21 +38,21 @@ class CouplingLimits:
 
 
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
-    """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object on the two ends of a held spring [N/m].
+    """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object at the two ends of a held spring [N/m].
 
-    The leak of the spring, T/2 k per D^2/T of what it is stretched in a sample, is spread over two dampings in series.
-    Passive at the device's port, to every operator, for every mass of device and object, if k is below; above it,
-    without ked, a heavy enough object gives energy. It takes an object that moves exactly under a held force
-    (integrator "exact"), and no lag.
+    The spring generates T/2 k per D^2/T, D its stretch in a sample, which two dampings in series dissipate. Below this
+    stiffness the system is passive at the device's port for every operator and all masses of device and object. Above
+    it, without ked, a sufficiently heavy object generates energy. The object must move exactly under a held force
+    (integrator "exact"), without delay.
 
     Args:
-        damping: b of the device [N s/m].
-        period: T [s].
-        object_viscosity: B [N s/m]; infinity for an object that stands still.
-        coupling_damping: ked, on the backward difference of e [N s/m].
+        damping: Damping b of the device [N s/m].
+        period: Period T [s].
+        object_viscosity: Viscosity B of the object [N s/m]; inf for a fixed object.
+        coupling_damping: Damping ked on the backward difference of e [N s/m].
 
     Returns:
-        The largest stiffness, 0 if the damping alone leaks too much.
+        The largest stiffness; 0 if the damping alone generates too much.
     """
     number("period", period, "s", zero=False)
     for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
@@ -71,18 +72,18 @@ def coupling_limits(
 ) -> CouplingLimits:
     """Compute the limits of kep and kip for equal devices of damping b in all directions; see `CouplingLimits`.
 
-    The leak matrix of K = kep P + kip (I - P) falls apart: squeezing moves no object, and in the frame (G G')^1/2 every
-    external mode has the same kep on both sides. So the two limits do not depend on each other.
+    The leak matrix of K = kep P + kip (I - P) separates: squeezing moves no object, and in the frame (G G')^1/2 every
+    external mode has the same kep on both sides. The two limits are therefore independent.
 
     Args:
-        G: grasp matrix (w, m), rows of the object's free directions; dependent rows move nothing and are left out.
-        damping: b of every device [N s/m].
-        period: T [s].
-        object_viscosity: B_o, one number for all, (w,) or symmetric (w, w) [N s/m; N m s/rad for rotations].
-        external_damping, internal_damping: ked, kid, on backward differences of e [N s/m].
+        G: Grasp matrix (w, m), with rows for the object's free directions; dependent rows are left out.
+        damping: Damping b of every device [N s/m].
+        period: Period T [s].
+        object_viscosity: Viscosity B_o, a number, (w,) or symmetric (w, w) [N s/m; N m s/rad for rotations].
+        external_damping, internal_damping: Dampings ked and kid on backward differences of e [N s/m].
 
     Raises:
-        InputError: shapes that do not fit, a negative damping, a period that is not positive.
+        InputError: Shapes do not fit, a damping is negative, or the period is not positive.
     """
     number("period", period, "s", zero=False)
     number("damping", damping, "N s/m")
@@ -93,7 +94,7 @@ def coupling_limits(
     internal = max(0.0, 2 / period * (damping - abs(internal_damping)))
     left, sizes, _ = np.linalg.svd(G, full_matrices=False)
     significant = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
-    shape = left[:, significant] / sizes[significant]  # the columns of (G G')^-1/2 that count, up to a rotation
+    shape = left[:, significant] / sizes[significant]  # significant columns of (G G')^-1/2, up to a rotation
     viscosity = np.linalg.eigvalsh(shape.T @ Bo @ shape)
     external = (
         external_limit(damping, period, max(0.0, float(viscosity[0])), coupling_damping=external_damping)
@@ -104,21 +105,22 @@ def coupling_limits(
 
 
 def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike | None = None) -> FloatArray:
-    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most that holding eq. (4) can create.
+    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most energy that a held eq. (4) creates.
 
-    On increments y = (Dx, Dq) of fingers and object a held force takes f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
-    De = Dx - G'Dq and V = 1/2 e'K e: it creates 1/2 De'K De = y'L y/T beyond what is stored. Damping on the backward
-    difference, D (e_k - e_{k-1})/T, gives back up to De'|D| De/T at half the sampling rate. Frictions take at least
-    y' diag(B_d, B_o) y/T. So the whole is passive, sample by sample, if diag(B_d, B_o) - L >= 0; without D also only
-    if, for objects heavy enough.
+    On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
+    De = Dx - G'Dq and V = 1/2 e'K e. It thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping on the
+    backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions dissipate
+    at least y' diag(B_d, B_o) y/T. The whole is therefore passive in every sample if diag(B_d, B_o) - L >= 0; without D
+    this is also necessary for sufficiently heavy objects.
 
-    For a symmetric positive semidefinite K; without D, fingers that touch and let go without friction leak no more,
-    because their force is the gradient of a convex energy no stiffer than K.
+    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more,
+    because their force is the gradient of a convex energy that is at most as stiff as K.
 
     Args:
-        K: stiffness (m, m) [N/m]. D: damping (m, m) [N s/m] or None.
-        G: grasp matrix (w, m); no rows for an object that stands still.
-        period: T [s].
+        K: Stiffness, (m, m) [N/m].
+        G: Grasp matrix (w, m); without rows for a fixed object.
+        period: Period T [s].
+        damping: Damping D, (m, m) [N s/m], or None.
     """
     number("period", period, "s", zero=False)
     G = _matrix("G", G)
@@ -140,13 +142,13 @@ def leak_margin(
     *,
     coupling_damping: ArrayLike | None = None,
 ) -> float:
-    """Compute the least eigenvalue of diag(B_d, B_o) - L: not negative iff frictions take all that holding can create.
+    """Compute the smallest eigenvalue of diag(B_d, B_o) - L; if >= 0, friction dissipates all that the hold creates.
 
-    Its sign is the answer, also with rotations among the object's freedoms; its size mixes their units.
+    Its sign decides, also if the object can rotate; its magnitude then mixes units.
 
     Args:
-        damping: B_d of the devices, one number, (m,) or (m, m) [N s/m].
-        object_viscosity: B_o, one number, (w,) or (w, w).
+        damping: Damping B_d of the devices, a number, (m,) or (m, m) [N s/m].
+        object_viscosity: Viscosity B_o, a number, (w,) or (w, w).
     """
     G = _matrix("G", G)
     w, m = G.shape
@@ -168,17 +170,18 @@ def grasp_display(
     damping: ArrayLike | None = None,
     integrator: Integrator = "exact",
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute H(z) that devices feel from an object behind eq. (4), as (A, B, C, D) for `required_damping` and others.
+    """Compute H(z) at the devices of an object behind eq. (4), as (A, B, C, D), for example for `required_damping`.
 
-    f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample; states q, q', e_{k-1}. Exact
-    for this one object, where `leak_margin` holds for every mass. Contacts are fixed in the object, it turns little.
+    f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. It
+    is exact for this object, while `leak_margin` holds for every mass. Contacts are fixed in the object, whose rotation
+    is small.
 
     Args:
-        K, damping: (m, m) [N/m], [N s/m].
-        G: (w, m), independent rows.
-        mass: M_o, one number, (w,) or (w, w), positive definite.
-        viscosity: B_o, one number, (w,) or (w, w); without any the display is not stable.
-        integrator: of the object; "semi-implicit" moves by the new velocity, "explicit" by the old one.
+        K, damping: Stiffness and damping, (m, m) [N/m], [N s/m].
+        G: Grasp matrix (w, m) with independent rows.
+        mass: Mass M_o, a number, (w,) or (w, w), positive definite.
+        viscosity: Viscosity B_o, a number, (w,) or (w, w); without any the display is not stable.
+        integrator: Integrator of the object; "semi-implicit" moves with the new velocity, "explicit" with the old one.
     """
     number("period", period, "s", zero=False)
     one_of("integrator", integrator, get_args(Integrator))
@@ -212,7 +215,7 @@ def grasp_display(
     A[: 2 * w] += push @ C
     A[2 * w :, : 2 * w] = stretch
     B = np.vstack([push @ D, np.eye(m)])
-    if not d.any():  # then e_{k-1} is in no force
+    if not d.any():  # no force depends on e_{k-1}
         A, B, C = A[: 2 * w, : 2 * w], B[: 2 * w], C[:, : 2 * w]
     return A, B, C, D
 
@@ -237,7 +240,7 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
             "K",
             k,
             f"a symmetric matrix ({m}, {m})",
-            'use form="symmetric": against a standing object an asymmetric one creates energy however damped',
+            'use form="symmetric": on a fixed object an asymmetric one generates energy at any damping',
         )
     k = (k + k.T) / 2
     if np.linalg.eigvalsh(k)[0] < -1e-9 * np.abs(k).max():

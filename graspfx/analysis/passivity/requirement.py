@@ -1,4 +1,4 @@
-"""The damping of a device that a display requires: for functions of z on an adaptive grid, for matrices without one."""
+"""Device damping that a display requires: by an adaptive grid for functions of z, without a grid for matrices."""
 
 from __future__ import annotations
 
@@ -12,47 +12,48 @@ from graspfx.analysis.passivity.display import Display, StateSpace, display, nev
 
 FloatArray = NDArray[np.float64]
 
-SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # [rad] where the grid may begin
-PARTED = 100.0  # times the least difference so far
-ROUNDS = 60  # halvings of an interval at most, down to the spacing of floats; and levels of the pencil
-STEP = 1e-10  # relative: how far above a value known to be reached the next level is tried
-NEAR = 1e-4  # eigenvalues so near the unit circle are looked at; one too many costs an evaluation and no more
+SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # candidates for the start of the grid [rad]
+PARTED = 100.0  # factor on the smallest difference so far
+ROUNDS = 60  # largest number of bisections of an interval, and of levels of the pencil
+STEP = 1e-10  # relative distance of the next level above a value that is known to be attained
+NEAR = 1e-4  # distance from the unit circle up to which eigenvalues are examined; an extra one only costs time
 
 
 def required_damping(H: object, period: float) -> float:
     """Compute sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
 
-    A device of mass and damping b that shows H through a hold is passive to every operator iff b exceeds this
-    (Colgate and Schenkel 1997). With n channels: largest eigenvalue of the Hermitian part, for devices of equal b.
+    A device with mass and damping b that displays H through a hold is passive for every operator if and only if b
+    exceeds this value (Colgate and Schenkel 1997). For n channels it is the largest eigenvalue of the Hermitian part,
+    for devices of equal b.
 
-    Matrices are searched without a grid, to about 1e-9 (`PositiveReal`); a function of z by an adaptive grid, to about
-    1e-9 where H has no time constant above 10000 samples and no resonance much narrower than pi/256.
+    Matrices are searched without a grid, to about 1e-9 (`PositiveReal`). A function of z is searched on an adaptive
+    grid, to about 1e-9 if H has no time constant above 10000 samples and no resonance much narrower than pi/256.
 
     Args:
-        H: force that opposes the motion over position [N/m]: a function of z, a number or (n, n); (A, B, C, D); an
-            object with these, as of python-control or SciPy; or a constant stiffness.
-        period: T [s].
+        H: Opposing force per position [N/m]: a function of z that returns a number or (n, n); (A, B, C, D); an object
+            with these, for example from python-control or SciPy; or a constant stiffness.
+        period: Period T [s].
 
     Returns:
-        The damping; infinity where none is enough: H unstable (a function's stability is the caller's word), or the
-        static stiffness H(1) not symmetric or negative. Negative where H itself takes energy at every frequency.
+        The damping; inf if none is sufficient, because H is unstable (for a function this is not tested), or H(1) is
+        not symmetric or is negative. It is negative if H itself dissipates at every frequency.
 
     Raises:
-        InputError: matrices that do not fit, a continuous system, another sampling period than `period`.
+        InputError: Matrices do not fit, or the system is continuous or has another period.
     """
     system = display(H, period)
     return _lack(system, np.zeros((system.channels, system.channels)), period)
 
 
 def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
-    """Compute the least eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
+    """Compute the smallest eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
 
-    Not negative iff a device with damping B shows H passively at all its channels together (the Loewner order), to
-    every operator who may hold all of them; minus infinity where no damping is enough.
+    It is non-negative if and only if a device with damping B displays H passively at all its channels together (the
+    Loewner order), for every operator who may hold all of them; -inf if no damping is sufficient.
 
     Args:
-        H, period: as `required_damping`.
-        damping: B, one number, (n,) or a symmetric (n, n) [N s/m].
+        H, period: As for `required_damping`.
+        damping: Damping B, a number, (n,) or a symmetric (n, n) [N s/m].
     """
     system = display(H, period)
     return -_lack(system, symmetric("damping", damping, system.channels), period)
@@ -70,8 +71,8 @@ def _lack(system: Display, B: FloatArray, T: float) -> float:
 def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.complex128]:
     """Compute T/2 [Herm H + cot(th/2) j Skew H] with Herm, Skew = (H ± H*)/2, Hermitian (k, n, n) [N s/m].
 
-    The same as T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} (Colgate and Schenkel 1997), written so that
-    nothing cancels: (1 - e^{-j th})/(2 (1 - cos th)) = (1 + j cot(th/2))/2.
+    This equals T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} (Colgate and Schenkel 1997), in a form without
+    cancellation: (1 - e^{-j th})/(2 (1 - cos th)) = (1 + j cot(th/2))/2.
     """
     H = system.response(angles)
     adjoint = H.conj().transpose(0, 2, 1)
@@ -80,12 +81,12 @@ def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.com
 
 
 def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, float]:
-    """Find sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
+    """Compute sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
 
-    Intervals are halved as long as their curvature leaves room for a larger value, then the peak is polished; slow
-    motion is extrapolated. Accurate to about 1e-9 of the damping where the time constants of H are below 10000 samples
-    and it has no resonance much narrower than the first grid's pi/256: such a one can be missed in a function; of
-    matrices the poles are looked at.
+    Intervals are bisected as long as their curvature permits a larger value; then the peak is polished, and slow motion
+    is extrapolated. The result is accurate to about 1e-9 of the damping if time constants of H are below 10000 samples,
+    and H has no resonance much narrower than the spacing pi/256 of the first grid. A function with a narrower one can
+    be missed; for matrices the poles are examined.
     """
     first, limit = at_rest(system, T)
     angles = np.concatenate([np.geomspace(first, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])
@@ -104,11 +105,11 @@ def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, floa
 
 
 def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
-    """Find an angle from which on `required_at` is free of rounding, and its limit for th -> 0, (n, n).
+    """Find an angle above which `required_at` is free of rounding, and its limit for th -> 0, (n, n).
 
-    Close to z = 1 the rounding of H counts 2/th-fold, far from it the extrapolation of its real part, which is even,
-    from th, 2 th and 4 th fails: the angle is taken where two extrapolations differ least, on this side of where they
-    first part (on the far side of a slow pole they would agree again, on another limit).
+    Close to z = 1 the rounding of H is amplified by 2/th. Far from it the extrapolation of its even real part from th,
+    2 th and 4 th fails. The chosen angle has the smallest difference of two extrapolations, up to where they first
+    separate; beyond a slow pole they would agree again, on another limit.
     """
     G = required_at(system, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
     G = G.reshape(len(SLOW), 3, *G.shape[1:])
@@ -120,7 +121,7 @@ def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
 
 
 def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tuple[float, float]:
-    """Find a function's largest value on a grid that is halved where it could still hold a larger one."""
+    """Find a function's largest value on a grid that is refined where a larger value is still possible."""
     values = value(angles)
     left, right, low, high = angles[:-1], angles[1:], values[:-1], values[1:]
     k = int(values.argmax())
@@ -134,7 +135,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
         k = int(largest.argmax())
         if largest[k] > best:
             best, at = float(largest[k]), float(middle[k])
-        # a parabola through the three values rises above them by less than its curvature
+        # a parabola through the three values exceeds them by less than its curvature
         rise = 4 * np.abs(largest - (low + high) / 2)
         open_ = (np.maximum(np.maximum(low, high), largest) + rise > best) & (rise > 1e-9 * scale)
         open_ &= right - left > 1e-13
@@ -148,7 +149,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
 
 
 def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
-    """Sharpen a peak, known to within a millesimal of its angle, to rounding."""
+    """Sharpen a peak, whose angle is known to 0.1 %, to rounding."""
     from scipy.optimize import minimize_scalar
 
     for width in (1e-2, 1e-4, 1e-6):
@@ -162,11 +163,11 @@ def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) 
 
 
 class PositiveReal:
-    """W(z) = B/T + H(z)/(z - 1) with its pole taken out: T Herm W = B - T/2 H(1) + T Herm X(z), symmetric H(1).
+    """W(z) = B/T + H(z)/(z - 1) without its pole: T Herm W = B - T/2 H(1) + T Herm X(z), for symmetric H(1).
 
     X(z) = (H(z) - H(1))/(z - 1) = -C (I - A)^-1 (z I - A)^-1 B, and Herm{1/(z - 1)} = -1/2 on the circle. A display is
-    passive on a device with damping B iff this is nowhere negative, z = 1 included, and H(1) >= 0 (discrete positive
-    real lemma, Hitz and Anderson 1969). For a stable H whose H(1) is symmetric.
+    passive on a device with damping B if and only if this is nowhere negative, including z = 1, and H(1) >= 0 (discrete
+    positive real lemma, Hitz and Anderson 1969). H must be stable with symmetric H(1).
     """
 
     def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:
@@ -175,18 +176,18 @@ class PositiveReal:
         self.A, self.B = system.A, system.B
         self.C = -T * np.linalg.solve((np.eye(system.states) - system.A).T, system.C.T).T
         sizes = np.linalg.norm(self.B), np.linalg.norm(self.C)
-        if min(sizes) > 0.0:  # states in units that make the pencil's blocks alike
+        if min(sizes) > 0.0:  # scale states so that the pencil's blocks are of similar size
             ratio = np.sqrt(sizes[1] / sizes[0])
             self.B, self.C = self.B * ratio, self.C / ratio
 
     def lack(self, angles: FloatArray) -> FloatArray:
-        """Compute the damping that is missing at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
+        """Compute the missing damping at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
         z = np.exp(1j * angles)[:, None, None]
         X = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B + 0j)
         return np.asarray(np.linalg.eigvalsh(-self.rest - (X + X.conj().transpose(0, 2, 1)) / 2)[:, -1])
 
     def crossings(self, level: float, near: float = NEAR) -> FloatArray:
-        """Find the angles in [0, pi] at which some eigenvalue of -T Herm W equals `level`, sorted.
+        """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level`, in ascending order.
 
         On the unit circle: z x = A x + B u, p = z (A'p + C'u), 0 = C x + B'p + 2 (rest + level) u, a symplectic pencil
         whose eigenvalues there are these angles.
@@ -206,10 +207,10 @@ class PositiveReal:
         return np.sort(np.abs(np.angle(over[on] / under[on])))
 
     def worst(self) -> tuple[float, float]:
-        """Maximise `lack` [N s/m] over th, and give th: no level above it is crossed.
+        """Maximise `lack` [N s/m] over th, and return th: no level above it is crossed.
 
-        Each round takes the crossings of the largest value so far, between which the values above it lie, and looks at
-        the middles of those intervals: it converges quadratically (Boyd and Balakrishnan 1990; Bruinsma and Steinbuch
+        Each round computes the crossings of the largest value so far, which enclose all larger values, and evaluates
+        the midpoints of those intervals. It converges quadratically (Boyd and Balakrishnan 1990; Bruinsma and Steinbuch
         1990, for the H-infinity norm).
         """
         start = np.concatenate([[0.0, np.pi], np.abs(np.angle(np.linalg.eigvals(self.A)))])
@@ -217,7 +218,7 @@ class PositiveReal:
         k = int(values.argmax())
         best, at = float(values[k]), float(start[k])
         if not len(self.A):
-            return best, np.pi  # without memory every frequency is the worst
+            return best, np.pi  # without memory, all frequencies are equal
         scale = float(np.abs(values).max() + np.abs(self.rest).max())
         for _ in range(ROUNDS):
             edges = self.crossings(best + STEP * scale)
@@ -233,5 +234,5 @@ class PositiveReal:
         return polished(self.lack, best, at)
 
     def holds(self) -> bool:
-        """Tell whether Herm W > 0 on the whole circle, from the pencil's eigenvalues and one evaluation alone."""
+        """True if Herm W > 0 on the whole circle, from the pencil's eigenvalues and a single evaluation."""
         return bool(self.lack(np.array([np.pi]))[0] < 0.0) and not len(self.crossings(0.0, near=1e-9))

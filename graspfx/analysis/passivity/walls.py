@@ -1,4 +1,4 @@
-"""Walls: passive up to which stiffness, also late, through an encoder, and over their damping (Z-width)."""
+"""Passive walls: the largest stiffness, also with a delay, with an encoder, and over the damping (Z-width)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import number, numbers
 from graspfx.analysis.plant import Plant
 from graspfx.card import Card, Carded
@@ -18,32 +17,32 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-COUNT = 161  # dampings of the wall
+COUNT = 161  # number of wall dampings
 
 
 def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
     """Compute K = (b - |B|)/(T/2 + t_d): b > K (T/2 + t_d) + |B| [N/m] (Colgate, Schenkel 1997; Diolaiti et al. 2006).
 
-    The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device t_d late.
+    The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device after the delay t_d.
 
     | delay t_d | B | the limit is |
     |---|---|---|
     | none | any | exact: passive below, not above |
     | whole samples | B <= 0 | exact |
-    | whole samples | B > 0 | safe, and low: its two terms are worst at different frequencies |
-    | part of a sample | any | up to 7.7 % too high; `guaranteed_wall_limit` is safe |
+    | whole samples | B > 0 | conservative: its two terms are worst at different frequencies |
+    | part of a sample | any | up to 7.7 % too high; use `guaranteed_wall_limit` |
 
     Args:
-        damping: b of the device [N s/m].
-        period: T [s].
-        wall_damping: B [N s/m].
-        delay: t_d [s].
+        damping: Damping b of the device [N s/m].
+        period: Period T [s].
+        wall_damping: Damping B of the wall [N s/m].
+        delay: Delay t_d [s].
 
     Returns:
-        The largest stiffness, 0 where B alone takes all of the device's damping.
+        The largest passive stiffness; 0 if B alone uses up the device's damping.
 
     Raises:
-        InputError: a period that is not positive, a negative damping or delay, numbers that are not finite.
+        InputError: The period is not positive, a damping or delay is negative, or numbers are not finite.
     """
     b, T, t = _wall(damping, period, wall_damping, delay)
     return max(0.0, (b - abs(wall_damping)) / (T / 2 + t))
@@ -52,11 +51,11 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
 def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
     """Compute K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]) [N/m], a = 1/2 + t_d/T, p the part of a sample in t_d.
 
-    Safe for every operator, delay and B, and exact for B = 0: an operator may move fast while the force is still the
-    old one and slowly afterwards, which costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
+    It is passive for every operator, delay and B, and exact for B = 0. An operator may move fast while the old force
+    still acts and slowly afterwards; this costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
     of whole samples the two are equal.
 
-    Args and errors: as `wall_limit`.
+    Arguments and errors are those of `wall_limit`.
     """
     b, T, t = _wall(damping, period, wall_damping, delay)
     p = t / T - math.floor(t / T)
@@ -75,16 +74,16 @@ def _wall(damping: float, period: float, wall_damping: float, delay: float) -> t
 
 @dataclass(frozen=True)
 class QuantisedWall:
-    """A stiffness against both frictions of a device (the plane of Diolaiti et al. 2006).
+    """A wall stiffness compared with both frictions of a device (the plane of Diolaiti et al. 2006).
 
     Attributes:
-        viscous: b/(K T), enough from 1/2 + t_d/T on.
-        coulomb: f_c/(K Delta), enough from 1/2 on.
-        passive: whether both are enough, so that no motion gains energy.
-        calm_below: speed [m/s] up to which no motion gains energy: Coulomb friction pays also for the hold; infinity if
-            the viscous one does.
-        calm_above: speed [m/s] from which none does: viscosity pays also for the steps; what buzzes stays slower. Zero
-            if Coulomb friction pays for them, infinity if viscosity has nothing left.
+        viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough.
+        coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
+        passive: True if both are enough, so that no motion gains energy.
+        calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also covers the hold; inf
+            if viscous friction does.
+        calm_above: Speed [m/s] above which no motion gains energy, because viscous friction also covers the
+            quantisation; limit cycles are slower. Zero if Coulomb friction covers it, inf if viscous friction cannot.
     """
 
     viscous: float
@@ -97,15 +96,15 @@ class QuantisedWall:
 def quantised_wall_limit(damping: float, period: float, *, friction: float, resolution: float) -> float:
     """Compute K = min(2 b/T, 2 f_c/Delta) [N/m] (Abbott and Okamura 2005).
 
-    A mass with viscous and Coulomb friction in a wall K x, held over a sample, x rounded to an encoder's steps: passive
-    to every operator below, and for no stiffness above. Rounding is Delta/2 off at most, so that the force is wrong by
-    K Delta/2, which friction f_c takes whatever the speed.
+    A mass with viscous and Coulomb friction in a wall K x held over a sample, with x rounded to encoder steps, is
+    passive for every operator below this stiffness and not passive above. Rounding errs by at most Delta/2, so that the
+    force errs by at most K Delta/2, which the friction f_c dissipates at any speed.
 
     Args:
-        damping: b [N s/m].
-        period: T [s].
-        friction: f_c, Coulomb friction [N].
-        resolution: Delta, one step [m]; 0 for a continuous sensor.
+        damping: Damping b [N s/m].
+        period: Period T [s].
+        friction: Coulomb friction f_c [N].
+        resolution: Encoder step Delta [m]; 0 for a continuous sensor.
     """
     _check(damping, period, friction, resolution, 0.0)
     return min(2 * damping / period, 2 * friction / resolution if resolution > 0.0 else math.inf)
@@ -114,22 +113,22 @@ def quantised_wall_limit(damping: float, period: float, *, friction: float, reso
 def quantised_wall(
     stiffness: float, damping: float, period: float, *, friction: float, resolution: float, delay: float = 0.0
 ) -> QuantisedWall:
-    """Judge a wall K x through an encoder where the two frictions are not both enough; see `QuantisedWall`.
+    """Judge a wall K x with an encoder if the two frictions are not both sufficient; see `QuantisedWall`.
 
-    Over time the hold creates up to b_n v^2 per second, b_n the damping that makes K the limit of
-    `guaranteed_wall_limit` (K T/2 without a delay), and rounding up to K Delta/2 |v|;
-    frictions take b v^2 and f_c |v|. So no motion gains energy whose speed v, averaged over each stretch of held force,
-    keeps to
+    On average, the hold generates at most the power b_n v^2, where b_n is the damping for which K is the limit of
+    `guaranteed_wall_limit` (K T/2 without a delay), and rounding at most K Delta/2 |v|. Frictions dissipate b v^2 and
+    f_c |v|. Therefore no motion gains energy whose speed v, averaged over each interval of held force, satisfies
 
         (b_n - b) v <= f_c - K Delta/2.
 
-    With f_c > K Delta/2 and b too small: calm below a speed, and a kick beyond it may grow. With b enough and f_c too
-    small: calm above a speed, and limit cycles under it that feel like buzzing. With neither: nothing is claimed.
+    If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster kick may grow. If b is
+    sufficient and f_c too small, it is calm above a speed, with limit cycles below it that feel like buzzing. If
+    neither holds, nothing is guaranteed.
 
     Args:
-        stiffness: K [N/m].
-        delay: t_d [s].
-        damping, period, friction, resolution: as `quantised_wall_limit`.
+        stiffness: Stiffness K [N/m].
+        delay: Delay t_d [s].
+        damping, period, friction, resolution: As for `quantised_wall_limit`.
     """
     _check(damping, period, friction, resolution, delay)
     number("stiffness", stiffness, "N/m", zero=False)
@@ -160,13 +159,12 @@ def _check(damping: float, period: float, friction: float, resolution: float, de
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ZWidth(Carded):
-    """The largest stiffness of a wall over its damping.
+    """Largest stiffness of a wall over its damping.
 
     Attributes:
-        wall_damping: B, (k,) [N s/m].
-        passive: the largest K that is passive to every operator, (k,) [N/m]; zero where B alone is not.
-        stable: the largest K that is stable with the device let go of, (k,) [N/m], zero where none is; None without a
-            mass.
+        wall_damping: Damping B of the wall, (k,) [N s/m].
+        passive: Largest K that is passive for every operator, (k,) [N/m]; zero if B alone is not passive.
+        stable: Largest K that is stable with a free device, (k,) [N/m], zero if there is none; None without a mass.
     """
 
     wall_damping: FloatArray
@@ -174,8 +172,10 @@ class ZWidth(Carded):
     stable: FloatArray | None
 
     def plot(self, *, width: str = "screen") -> Any:
-        """Draw the region; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("ZWidth.plot")(self, width=width)
+        """Plot the region. A notebook shows the figure; `.save(path)` writes it."""
+        from graspfx.show.certificate_figures import z_width
+
+        return z_width(self, width=width)
 
     def _card(self) -> Card:
         low, high = self.wall_damping[0], self.wall_damping[-1]
@@ -199,19 +199,20 @@ def z_width(
 ) -> ZWidth:
     """Compute the largest stiffness of a wall K x + B (x_k - x_(k-1))/T over B (Colgate and Brown 1994).
 
-    Passive: `guaranteed_wall_limit`, safe for every operator. Stable: `gx.stability.wall_limit`, of the device that
-    nobody holds, which takes its mass.
+    Passive: `guaranteed_wall_limit`, for every operator. Stable: `gx.stability.wall_limit`, for a device that nobody
+    holds, which depends on its mass.
 
     Args:
-        damping: b of the device [N s/m].
-        period: T [s].
-        mass: m of the device [kg]; without it there is no `stable`.
-        delay: whole samples until the force acts.
-        latency: besides, of reading and force, any time [s].
-        wall_damping: B, rising [N s/m]; if None up to where no stiffness is passive or, with a mass, stable.
+        damping: Damping b of the device [N s/m].
+        period: Period T [s].
+        mass: Mass m of the device [kg]; without it `stable` is None.
+        delay: Delay of the force, in whole samples.
+        latency: Additional delay of reading and force [s], not necessarily whole samples.
+        wall_damping: Values of B in ascending order [N s/m]; if None, up to the largest B with a passive or, with a
+            mass, stable stiffness.
 
     Raises:
-        InputError: naming the argument that cannot be.
+        InputError: An argument is invalid; the error names it.
     """
     plant = Plant(1.0 if mass is None else mass, damping, period, delay=delay, latency=latency).checked(single=True)
     b, T = plant.damping, plant.period
@@ -234,7 +235,7 @@ def z_width(
 
 
 def _largest_damping(plant: Plant, stable_limit: Callable[[float], float]) -> float:
-    """Find about where the wall's damping alone is not stable any more, by doubling and halving."""
+    """Find approximately where the wall's damping alone becomes unstable, by doubling and bisection."""
     most = 1e3 * plant.mass / plant.period
     high = 1e-3 * max(plant.damping, 1e-3 * most)
     while stable_limit(high) > 0.0 and high < most:

@@ -1,4 +1,4 @@
-"""Exact limits of sampled coupling impedances: walls, objects, grasps of n fingers (`gx.stability`)."""
+"""Exact stability limits of sampled coupling impedances: walls, objects, grasps of n fingers (`gx.stability`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from graspfx.analysis.stability.one_gain import (
     wall_limits,
 )
 
-__all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps, design)
+__all__ = [  # noqa: RUF022 (order: numbers, arrays of numbers, grasps, design)
     "wall_limit",
     "external_limit",
     "stable_intervals",

@@ -1,12 +1,12 @@
-"""Eigenvalues of loops with long delays, without a state for each sample of them.
+"""Eigenvalues of loops with long delays, without a state for each delayed sample.
 
-A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has the eigenvalues z with det T(z) = 0,
+A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues the z with det T(z) = 0,
 
     T(z) = z I + B diag(z^-n) C - A,
 
-as many as states and samples of delay together. How many of them lie beyond a circle |z| = rho is the number of times
-that det(T(z)/z), which is 1 far out and has no poles there, goes round zero on it, clockwise: the argument principle.
-On a circle it is computed through the Schur form of A = U S U^H, whose entries on the diagonal are l_i:
+whose number is that of states plus delayed samples. The function det(T(z)/z) tends to 1 for large z and has no poles
+outside. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times that it
+winds clockwise around zero on the circle. It is computed from the Schur form A = U S U^H with diagonal entries l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -23,29 +23,29 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-EVEN = 160  # points of the half circle to begin with
+EVEN = 160  # initial number of points on the half circle
 NEAR = np.concatenate([-np.geomspace(0.1, 1e3, 9)[::-1], [0.0], np.geomspace(0.1, 1e3, 9)])  # about eigenvalues of A
-TURN = 0.7  # [rad]: the most that the determinant may turn from a point to the next, and its logarithm change
-UNEVEN = 4.0  # a step over the ones beside it, at most
-PER_TURN = 9.0  # points of a turn of z^-n where the reaction counts
-COUNTS = 0.2  # of 1: a gain of the reaction that turns the determinant
-ROUNDS = 40  # of halvings
-FINEST = 1e-13  # [rad]
-TRIES = 4  # of looking for it, from circles of several radii, before counting alone decides
-LEAST, NARROW = 1e-3, 1e-11  # |z| below which nothing is looked for; relative width of what counting leaves
-MOST_GROWTH = 1e200  # z^-n beyond which nothing is looked for either
-STEPS = 60  # of iterations
-SAME, SOUND = 1e-13, 1e-9  # relative: steps that are rounding; at an eigenvalue
-LONGEST = 0.05  # step
-STARTS = 24  # of each kind, the likeliest ones
+TURN = 0.7  # largest change of the determinant's phase [rad], and of its logarithm, between points
+UNEVEN = 4.0  # largest ratio of neighbouring steps
+PER_TURN = 9.0  # points per turn of z^-n where the reaction matters
+COUNTS = 0.2  # gain of the reaction above which it matters
+ROUNDS = 40  # largest number of bisections
+FINEST = 1e-13  # smallest step [rad]
+TRIES = 4  # number of searches, from circles of several radii, before counting alone decides
+LEAST, NARROW = 1e-3, 1e-11  # smallest |z| that is searched; relative width of the bracket by counting
+MOST_GROWTH = 1e200  # largest z^-n that is searched
+STEPS = 60  # largest number of iterations
+SAME, SOUND = 1e-13, 1e-9  # relative: size of steps that are rounding; residual of an eigenvalue
+LONGEST = 0.05  # largest step
+STARTS = 24  # number of starts of each kind, the most promising ones
 ROUNDING = 1e-15
-AT_ONCE = 1_000_000  # entries of (z I - S)^-1 U^H B, of some points together
-OUTSIDE = 1e-9  # beyond the farthest root, where none may be
+AT_ONCE = 1_000_000  # entries of (z I - S)^-1 U^H B that are computed together for several points
+OUTSIDE = 1e-9  # relative distance outside the farthest root at which no root may be left
 
 
 @dataclass(frozen=True, eq=False)
 class LateLoop:
-    """A (N, N), B (N, p), C (p, N) and delays n (p,) [samples] of a loop with a late reaction."""
+    """Loop with a late reaction: A (N, N), B (N, p), C (p, N), and delays n (p,) [samples]."""
 
     A: FloatArray
     B: FloatArray
@@ -53,7 +53,7 @@ class LateLoop:
     delay: NDArray[np.int64]
 
     def matrices(self, z: ComplexArray) -> ComplexArray:
-        """Compute T of each z, (points, N, N)."""
+        """Compute T at each z, (points, N, N)."""
         late = z[:, None] ** -self.delay[None, :].astype(float)
         T = (self.B[None] * late[:, None, :]) @ self.C[None].astype(complex) - self.A[None]
         i = np.arange(len(self.A))
@@ -61,7 +61,7 @@ class LateLoop:
         return np.asarray(T)
 
     def slopes(self, z: ComplexArray) -> ComplexArray:
-        """Compute dT/dz of each z, (points, N, N)."""
+        """Compute dT/dz at each z, (points, N, N)."""
         n = self.delay[None, :].astype(float)
         late = -n * z[:, None] ** (-n - 1.0)
         S = (self.B[None] * late[:, None, :]) @ self.C[None].astype(complex)
@@ -71,7 +71,7 @@ class LateLoop:
 
     @cached_property
     def eigenvalues(self) -> ComplexArray:
-        """Eigenvalues of A, those of conjugate pairs both."""
+        """Eigenvalues of A, both of each conjugate pair."""
         return np.asarray(np.diag(self._schur[0]))
 
     @cached_property
@@ -83,7 +83,7 @@ class LateLoop:
         return S, U.conj().T @ self.B, self.C @ U
 
     def responses(self, z: ComplexArray) -> ComplexArray:
-        """Compute H of each z, (points, p, p)."""
+        """Compute H at each z, (points, p, p)."""
         n, p = self.B.shape
         return np.concatenate([self._responses(part) for part in np.array_split(z, 1 + len(z) * n * p // AT_ONCE)])
 
@@ -98,12 +98,12 @@ class LateLoop:
         return np.asarray((C @ Y.reshape(n, -1)).reshape(p, len(z), p).transpose(1, 0, 2))
 
     def _gaps(self, z: ComplexArray) -> ComplexArray:
-        """Compute z - l_i, (points, N); an eigenvalue of A that z is equal to counts as one rounding apart."""
+        """Compute z - l_i, (points, N); if z equals an eigenvalue of A, return one rounding instead of zero."""
         gaps = z[:, None] - self.eigenvalues
         return np.where(np.abs(gaps) > ROUNDING, gaps, ROUNDING)
 
     def determinants(self, z: ComplexArray, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Compute phase and log of the size of det(T/z) of each z from the responses there."""
+        """Compute phase and logarithm of the magnitude of det(T/z) at each z from the responses there."""
         factors = self._gaps(z) / z[:, None]
         late = z[:, None] ** -self.delay[None, :].astype(float)
         sign, size = np.linalg.slogdet(np.eye(len(self.delay)) + late[:, :, None] * H)
@@ -117,7 +117,7 @@ def roots_beyond(loop: LateLoop, radius: float) -> int:
 
 
 def root_at(loop: LateLoop, radius: float) -> complex | None:
-    """Find the eigenvalue next to a circle, where det(T/z) turns fastest; None where iterations find none."""
+    """Find the eigenvalue next to a circle, where the phase of det(T/z) changes fastest; None if iterations fail."""
     angle, phase, _ = _points(loop, radius)
     k = int((_turns(phase) / np.diff(angle)).argmax())
     return root_near(loop, complex(radius * np.exp(0.5j * (angle[k] + angle[k + 1]))))
@@ -132,7 +132,7 @@ def farthest_root(loop: LateLoop) -> complex:
         if count == 0 and abs(best) > 0.0:
             if _walk(loop, abs(best) * (1.0 + OUTSIDE))[0] == 0:
                 return best
-            radius = math.sqrt(radius * abs(best))  # something is between
+            radius = math.sqrt(radius * abs(best))  # another root lies between
         elif abs(best) > radius:
             if _walk(loop, abs(best) * (1.0 + OUTSIDE))[0] == 0:
                 return best
@@ -143,7 +143,7 @@ def farthest_root(loop: LateLoop) -> complex:
 
 
 def _bisected(loop: LateLoop) -> complex:
-    """Find the largest |z| by counting alone: where eigenvalues are many times the same, iterations are slow."""
+    """Find the largest |z| by counting alone, because iterations are slow for multiple eigenvalues."""
     low = high = 1.0
     least = max(LEAST, MOST_GROWTH ** (-1.0 / float(loop.delay.max())))
     while low > least and not _walk(loop, low)[0]:
@@ -159,14 +159,14 @@ def _bisected(loop: LateLoop) -> complex:
 
 
 def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
-    """Walk along half a circle: roots beyond it, the angles, and log |det T/z| there."""
+    """Walk along half a circle: return the number of roots outside, the angles, and log |det T/z| there."""
     angle, phase, size = _points(loop, radius)
     turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
     return round(-float(turns)), angle, size
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so close that det(T/z) turns and changes little between them; its phase and log size there."""
+    """Choose angles so dense that det(T/z) changes little between them; return its phase and log magnitude too."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
@@ -187,9 +187,9 @@ def _turns(phase: FloatArray) -> FloatArray:
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles to begin with: even ones, some about eigenvalues of A, fine ones where the reaction counts.
+    """Choose initial angles: evenly spaced, some about eigenvalues of A, and dense where the reaction matters.
 
-    With them phase and log of the size of det(T/z).
+    Returned with phase and logarithm of the magnitude of det(T/z).
     """
     z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]
@@ -213,7 +213,7 @@ def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, Float
 
 
 def _even(angle: FloatArray) -> FloatArray:
-    """Sort angles, and halve steps that are much wider than those beside them."""
+    """Sort angles, and halve steps that are much wider than their neighbours."""
     angle = np.unique(angle)
     while (wide := _is_uneven(angle)).any():
         place = np.flatnonzero(wide)
@@ -222,9 +222,9 @@ def _even(angle: FloatArray) -> FloatArray:
 
 
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
-    """Tell of each step whether it is much wider than one beside it.
+    """True for each step that is much wider than a neighbour.
 
-    A root of several is passed with a turn of 2 pi, which shows in the steps on either side alone.
+    A multiple root is passed with a phase change of 2 pi, which shows only in the steps on either side.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
@@ -236,7 +236,7 @@ def _circle(radius: float, angle: FloatArray) -> ComplexArray:
 
 
 def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray, best: complex) -> complex:
-    """Find the farthest of the roots near where the determinant is small, and near eigenvalues of A."""
+    """Find the farthest of the roots near points of small determinant, and near eigenvalues of A."""
     dips = np.flatnonzero((size <= np.append(size[1:], np.inf)) & (size <= np.insert(size[:-1], 0, np.inf)))
     dips = dips[np.argsort(size[dips])][:STARTS]
     alone = loop.eigenvalues
@@ -247,16 +247,16 @@ def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray
 
 
 def root_near(loop: LateLoop, z: complex) -> complex | None:
-    """Follow the method of successive linear problems, T x = m T'x, from z to an eigenvalue; None where it finds none.
+    """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None.
 
-    It is as quick where an eigenvalue is several times the same by symmetry.
+    It converges equally fast to eigenvalues that are multiple by symmetry.
     """
     at = np.array([z], dtype=complex)
     for _ in range(STEPS):
         try:
             steps = np.linalg.eigvals(np.linalg.solve(loop.matrices(at), loop.slopes(at)))[0]
         except np.linalg.LinAlgError:
-            return complex(at[0])  # T has no inverse there
+            return complex(at[0])  # T is singular there
         step = complex(1.0 / steps[np.abs(steps).argmax()])
         at = at - step * min(1.0, LONGEST / abs(step))
         if abs(step) <= SAME * abs(at[0]):
@@ -265,7 +265,7 @@ def root_near(loop: LateLoop, z: complex) -> complex | None:
 
 
 def _roots_near(loop: LateLoop, starts: ComplexArray) -> list[complex]:
-    """Follow Newton's method, 1 / trace(T^-1 T') a step, from each start; the eigenvalues that it leads to."""
+    """Apply Newton's method, with steps 1 / trace(T^-1 T'), from each start; return the eigenvalues that it finds."""
     z = starts.astype(complex)
     change = np.full(len(z), np.inf)
     for _ in range(STEPS):

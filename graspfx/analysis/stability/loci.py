@@ -1,4 +1,4 @@
-"""Frequency response of the opened loop: characteristic loci, for Bode and Nyquist diagrams and margins."""
+"""Frequency response of the open loop: characteristic loci, for Bode and Nyquist diagrams and margins."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx import plugins
 from graspfx.analysis.arguments import numbers
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Subject
@@ -20,12 +19,12 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-COUNT = 2000  # frequencies
-LOWEST = 1e-3  # of the Nyquist frequency
-SILENT = 1e-9  # of the largest magnitude: a locus that is none
-REFINED = 60  # bisections of a crossing
-NEAR = 1e-2  # relative: how far off a crossing may be that was taken for another
-GROWING = 1e-9  # beyond the unit circle: what is no rounding of a motion that stays where it is
+COUNT = 2000  # number of frequencies
+LOWEST = 1e-3  # lowest frequency, relative to the Nyquist frequency
+SILENT = 1e-9  # relative to the largest magnitude: a smaller locus is zero
+REFINED = 60  # number of bisections of a crossing
+NEAR = 1e-2  # relative error of a crossing that was confused with another one
+GROWING = 1e-9  # excess of |z| over 1 that is not rounding of a constant motion
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,13 +32,13 @@ class Loci(Carded):
     """Characteristic loci of a loop: the eigenvalues of its return ratio L(e^(jwT)), by frequency.
 
     Attributes:
-        frequency: (F,) [Hz], up to half the sampling rate.
-        response: (F, k), each column a locus, continuous in frequency; loci without any gain are left out.
-        gain_margin: the least factor above 1 of all the coupling's forces, and so of its gains together unless it
-            predicts ("implicit"), at which a locus meets -1; inf for none.
-        gain_frequency: where it does [Hz]; nan for none.
-        phase_margin: the least angle at which a locus crosses the unit circle before -1 [degrees]; inf for none.
-        phase_frequency: where it does [Hz]; nan for none.
+        frequency: Frequencies up to half the sampling rate, (F,) [Hz].
+        response: Loci as columns, (F, k), continuous in frequency; loci without any gain are left out.
+        gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus meets -1; inf if none
+            does. It is also a factor on all gains together, unless the coupling predicts ("implicit").
+        gain_frequency: Frequency of that crossing [Hz]; nan if there is none.
+        phase_margin: Smallest angle from -1 at which a locus crosses the unit circle [degrees]; inf if none does.
+        phase_frequency: Frequency of that crossing [Hz]; nan if there is none.
     """
 
     frequency: FloatArray
@@ -51,22 +50,26 @@ class Loci(Carded):
 
     @property
     def magnitude(self) -> FloatArray:
-        """|L| of each locus, (F, k)."""
+        """Magnitude |L| of each locus, (F, k)."""
         return np.abs(self.response)
 
     @property
     def phase(self) -> FloatArray:
-        """Phase of each locus [degrees], (F, k), unwrapped from where it begins in (-270, 90]."""
+        """Phase of each locus [degrees], (F, k), unwrapped from a start in (-270, 90]."""
         phase = np.unwrap(np.angle(self.response), axis=0)
         return np.asarray(np.degrees(phase - 2 * math.pi * np.ceil((phase[:1] - 0.5 * math.pi) / (2 * math.pi))))
 
     def bode(self, *, width: str = "screen") -> Any:
-        """Draw magnitude and phase over frequency; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("Loci.bode")(self, width=width)
+        """Plot magnitude and phase over frequency. A notebook shows the figure; `.save(path)` writes it."""
+        from graspfx.show.certificate_figures import bode
+
+        return bode(self, width=width)
 
     def nyquist(self, *, width: str = "screen") -> Any:
-        """Draw the loci about -1; the figure is shown by a notebook, `.save(path)` writes it."""
-        return plugins.upward("Loci.nyquist")(self, width=width)
+        """Plot the loci about -1. A notebook shows the figure; `.save(path)` writes it."""
+        from graspfx.show.certificate_figures import nyquist
+
+        return nyquist(self, width=width)
 
     def _card(self) -> Card:
         rows = [
@@ -82,15 +85,16 @@ class Loci(Carded):
 def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
     """Compute the loci of L(z) = -C (z I - A)^-1 B, the return ratio of the loop opened at the coupling's forces.
 
-    The closed loop is stable where they encircle -1, against the clock, as often as A (`open_loop`) has eigenvalues
-    outside the unit circle (MacFarlane and Postlethwaite 1977).
+    The closed loop is stable if they encircle -1 counterclockwise as often as A (`open_loop`) has eigenvalues outside
+    the unit circle (MacFarlane and Postlethwaite 1977).
 
     Args:
-        subject: a `Linearisation`, a scene, or the name or path of one.
-        frequency: rising [Hz], up to half the sampling rate; 2000 of three decades if None.
+        subject: `Linearisation`, scene, or name or path of a scene.
+        frequency: Frequencies in ascending order [Hz], up to half the sampling rate; 2000 over three decades if None.
 
     Raises:
-        InputError: frequencies that do not rise, or that sampling does not tell apart; others as `Scene.linearise`.
+        InputError: Frequencies are not in ascending order or exceed half the sampling rate; or an error of
+            `Scene.linearise`.
     """
     loop = open_loop(subject)
     half = 0.5 / loop.period
@@ -116,7 +120,7 @@ def _eigenvalues(loop: OpenLoop, frequency: float) -> ComplexArray:
 
 
 def _joined(values: ComplexArray) -> ComplexArray:
-    """Order eigenvalues so that each column goes on from the one before: the nearest pairs first."""
+    """Order eigenvalues so that columns are continuous, matching the nearest pairs first."""
     joined = values.copy()
     for k in range(1, len(values)):
         before, after = joined[k - 1], values[k]
@@ -131,10 +135,10 @@ def _joined(values: ComplexArray) -> ComplexArray:
 
 
 def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Find the least 1/|L| above 1 where a locus crosses the negative real axis, or ends on it.
+    """Compute the smallest 1/|L| above 1 where a locus crosses the negative real axis, or ends on it.
 
-    Loci may lie so close together that their crossings are taken for one another: the first is found anew as the factor
-    at which an eigenvalue of the closed loop leaves the unit circle, or enters it.
+    Loci may be so close that their crossings are confused. The first crossing is therefore recomputed as the factor at
+    which an eigenvalue of the closed loop crosses the unit circle.
     """
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
@@ -149,7 +153,7 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
 
 
 def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
-    """Bisect for the factor of the forces nearest to a known one at which the number of growing motions changes."""
+    """Bisect for the factor of the forces, nearest to a known one, at which the number of growing motions changes."""
 
     def growing(each: float) -> int:
         return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())
@@ -172,7 +176,7 @@ def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple
 
 
 def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Find the least angle between a locus on the unit circle and -1."""
+    """Compute the smallest angle between a locus on the unit circle and -1."""
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
         column = response[:, locus]
@@ -185,7 +189,7 @@ def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray)
 
 
 def _refined(loop: OpenLoop, ends: FloatArray, values: ComplexArray, of: Any) -> tuple[float, complex]:
-    """Bisect to where a function of a locus changes its sign; the locus is the eigenvalue nearest to both ends."""
+    """Bisect for a sign change of a function of a locus, which is the eigenvalue nearest to both ends."""
     (low, high), (at_low, at_high) = map(float, ends), map(complex, values)
     for _ in range(REFINED):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""The whole sampled closed loop of a grasp as one matrix, its spectral radius, and the loop opened at its forces."""
+"""The sampled closed loop of a grasp as one matrix, its spectral radius, and the loop opened at its forces."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from graspfx.exponential import expm1
 FloatArray = NDArray[np.float64]
 Motions = tuple[FloatArray, ...]
 
-MOST_LATE = 80  # samples of reactions, over all coordinates, that are states of a loop
-MOST_WALKED = 100_000  # samples of delay times coordinates squared of one part of a loop: beyond, judging takes minutes
-DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of the stiffest are free
+MOST_LATE = 80  # largest number of delayed reaction samples, over all coordinates, that are states of a loop
+MOST_WALKED = 100_000  # largest delay [samples] times squared number of coordinates of a part; more takes minutes
+DRIFT = 1e-10  # relative to the stiffest: motions that stretch less are free
 
 
 @one_blas_thread()
 def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = False) -> float:
-    """Find the largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
+    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if it is below 1.
 
     Args:
-        linear: a `Linearisation`, a scene, or the name or path of one.
-        recording: of the scene, or its path: the loop is that at the rest that it ended with, and of hardware with the
-            forces as late as they came in it, the worse end of 98 % of the samples.
-        drift: count motions of fingers and object together that change no force (no operator's spring), too.
+        linear: `Linearisation`, scene, or name or path of a scene.
+        recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
+            hardware also provides the lateness of forces, the worse of its 1st and 99th percentile.
+        drift: Include motions of fingers and object together that change no force (without an operator's spring).
     """
     return radius_of(linear_of(linear, recording), drift=drift)
 
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
-    """Find the largest |z| of the eigenvalues of `loop_matrix`, without free motions of everything unless `drift`."""
+    """Compute the largest |z| of the eigenvalues of `loop_matrix`; without force-free motions unless `drift`."""
     if is_late(linear):
         return abs(farthest_root(late_loop(linear, drift=drift)))
     A = loop_matrix(linear)
@@ -48,25 +48,25 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 
 def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
-    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, forces undisplayed, unfelt).
+    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, late forces, late wrench).
 
-    After them, of an operator: limbs and their rates, what the grip has added, and reactions to come. Readings are
-    there where the positions that the coupling takes have an age.
+    For an operator they are followed by limbs and their rates, the force that the grip has added, and pending
+    reactions. Readings are states if the positions that the coupling takes have an age.
 
-    Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
-    wrench is there under "implicit", whose prediction holds it.
+    Devices and hands advance by the exponential of their coupled equations, the object by its integrator. The ground's
+    last wrench is a state with "implicit", whose prediction holds it.
 
     Args:
-        subject: the grasp: a `Linearisation`, a scene, or the name or path of one.
-        motions: `uncoupled` of it, if known: gains are no part of it.
+        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
+        motions: Result of `uncoupled`, if known; it does not depend on gains.
     """
     return LoopRows(linear_of(subject), motions).closed()
 
 
 class OpenLoop(NamedTuple):
-    """A loop opened at the coupling's forces u (m,), which act as contact forces on the object do: A, B, C.
+    """A loop opened at the coupling's forces u (m,), which act like contact forces on the object: A, B, C.
 
-    `hand` (states, m) is how a force of the operator on each device coordinate, held over a sample, enters.
+    `hand` (states, m) is the input matrix of an operator's force on each device coordinate, held over a sample.
     """
 
     A: FloatArray
@@ -77,12 +77,12 @@ class OpenLoop(NamedTuple):
 
 
 def open_loop(subject: Subject) -> OpenLoop:
-    """Open the loop where forces meet the plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; with u = f it is `loop_matrix`.
+    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; with u = f it is `loop_matrix`.
 
-    Under "implicit" the coupling's own prediction of the object stays inside of C.
+    With "implicit", the coupling's own prediction of the object stays inside C.
 
     Args:
-        subject: the grasp: a `Linearisation`, a scene, or the name or path of one.
+        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
     """
     linear = linear_of(subject)
     rows = LoopRows(linear, inputs=linear.coordinates[0])
@@ -91,21 +91,21 @@ def open_loop(subject: Subject) -> OpenLoop:
 
 
 def is_late(linear: Linearisation) -> bool:
-    """Tell whether a loop has a reaction with so many samples of delay that a state for each would take too long."""
+    """True if a reaction's delay has so many samples that a state for each would take too long."""
     operator = linear.operator
     return operator is not None and operator.reacts and int(operator.delay.max()) * len(linear.mass) > MOST_LATE
 
 
 def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: bool = False) -> LateLoop:
-    """Build the loop of an operator with a late reaction, opened where the reaction enters.
+    """Build the loop of an operator with a late reaction, opened where the reaction acts.
 
     Args:
-        linear: of a loop with a reaction.
-        motions: `uncoupled` of it, if known.
-        drift: count motions of everything that change no force, too.
+        linear: Loop with a reaction.
+        motions: Result of `uncoupled`, if known.
+        drift: Include motions that change no force.
 
     Raises:
-        InputError: more samples of delay than so many coordinates are judged with.
+        InputError: The delay has too many samples for this number of coordinates.
     """
     operator = linear.operator
     assert operator is not None
@@ -127,26 +127,26 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
 
 
 class LoopRows:
-    """Devices, hands and object, as rows over the state and, beside it, some inputs.
+    """Devices, hands and object, as rows over the state and additional inputs.
 
-    Devices i feel a force (n_i + phi_i) T after its tick, and are read (a_i + psi_i) T before it:
+    Device i feels a force (n_i + phi_i) T after its tick, and its reading is (a_i + psi_i) T old:
 
         s_(k+1) = E(T) s_k + Gamma(T - phi T) F_(k-n) + [Gamma(T) - Gamma(T - phi T)] F_(k-n-1)
         x(t_(k+1) - psi T): the same up to (1 - psi) T
 
-    with E(t) and Gamma(t) exact for devices and hands under a force held for t: the hold is in them already, and is no
-    part of the delay.
+    E(t) and Gamma(t) are exact for devices and hands under a force held for t. They include the hold, which is not part
+    of the delay.
 
     Args:
-        linear: the grasp.
-        motions: `uncoupled` of it, if known.
-        inputs: forces u beside the state, in place of the coupling's.
-        opened: whether late reactions are inputs, too.
+        linear: Grasp.
+        motions: Result of `uncoupled`, if known.
+        inputs: Number of forces u that replace the coupling's.
+        opened: True if late reactions are inputs too.
 
     Attributes:
-        size: number of states.
-        at: rows of the state by name.
-        reading: rows of the positions that the coupling takes.
+        size: Number of states.
+        at: Rows of the state by name.
+        reading: Rows of the positions that the coupling takes.
     """
 
     def __init__(
@@ -184,17 +184,17 @@ class LoopRows:
             start += width
         self.at = at
         self.drift, self.hold, p, self.shift, R, self.push = uncoupled(linear) if motions is None else motions
-        self.translation, self.spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+        self.translation, self.spun = at["q"] + p @ at["w"], R @ at["w"]  # object without a wrench
         self.reading = self._read("x", "y")
         self.speed_reading = self._read("v", "dy") if linear.rate == "state" else at["v"]
 
     def closed(self) -> FloatArray:
-        """Give the rows of the next state, the coupling's forces fed back."""
+        """Return the rows of the next state, with the coupling's forces fed back."""
         f, extra = self.coupling()
         return self.advanced(f + extra[: len(f)], self.linear.G @ f - extra[len(f) :])
 
     def opened(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Give A and B of the next state under forces u in place of the coupling's, and the coupling's forces f."""
+        """Return A and B of the next state under forces u in place of the coupling's, and the coupling's forces f."""
         f, extra = self.coupling()
         u, m = self.at["u"], len(f)
         rows = self.advanced(u + extra[:m], self.linear.G @ u - extra[m:])
@@ -202,7 +202,7 @@ class LoopRows:
 
     @property
     def hand(self) -> FloatArray:
-        """How a force of the operator on each device coordinate, held over a sample, enters, (states, m)."""
+        """Return the input matrix of an operator's force on each device coordinate, held over a sample, (states, m)."""
         m = len(self.linear.mass)
         entry = np.zeros((self.size, m))
         entry[: 2 * m] = self.hold[: 2 * m]
@@ -221,7 +221,7 @@ class LoopRows:
         return entry
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
-        """Give the coupling's forces f, and what the preload adds to devices and object, as rows over the state."""
+        """Return the coupling's forces f, and the preload's forces on devices and object, as rows over the state."""
         linear, at, q, s = self.linear, self.at, self.shift, self.push
         m, r = linear.coordinates
         T = linear.period
@@ -246,7 +246,7 @@ class LoopRows:
         return f, extra
 
     def advanced(self, display_force: FloatArray, felt: FloatArray) -> FloatArray:
-        """Give the next state's rows, for the force to display on devices and the wrench that the object is to feel."""
+        """Return the next state's rows, for the forces to display on devices and the wrench to apply to the object."""
         linear, at, object_lag = self.linear, self.at, self.linear.object_delay
         late = [display_force, *(at[f"f{i}"] for i in range(1, self.lag + 1))]
         wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
@@ -272,13 +272,13 @@ class LoopRows:
         return np.concatenate(rows + own)
 
     def _read(self, fresh: str, name: str) -> FloatArray:
-        """Give the rows that the coupling takes: each device's by its age."""
+        """Return the rows that the coupling takes, each device's by its age."""
         if not self.readings:
             return self.at[fresh]
         return np.stack([self.at[f"{name}{a}"][i] for i, a in enumerate(self._back)])
 
     def _moved(self, part: float, motion: FloatArray, begun: FloatArray, ended: FloatArray) -> FloatArray:
-        """Give the rows of (x, x') after a part of the sample, forces that end and begin within it."""
+        """Return the rows of (x, x') after a part of the sample, with forces that end and begin within it."""
         E, Gamma = self._step(part)
         state = E @ motion - Gamma @ begun
         if self._phi.any():
@@ -291,7 +291,7 @@ class LoopRows:
     def _newest(
         self, state: FloatArray, motion: FloatArray, begun: FloatArray, ended: FloatArray
     ) -> list[FloatArray]:  # fmt: skip
-        """Give the rows of the readings after a sample."""
+        """Return the rows of the readings after a sample."""
         if not self.readings:
             return []
         m, newest = len(self._psi), state.copy()
@@ -303,7 +303,7 @@ class LoopRows:
         return rows_
 
     def _step(self, part: float) -> tuple[FloatArray, FloatArray]:
-        """Give E and Gamma over a part of the sample."""
+        """Return E and Gamma over a part of the sample."""
         if part == 1.0:
             return self.drift, self.hold
         if part not in self._steps:
@@ -311,7 +311,7 @@ class LoopRows:
         return self._steps[part]
 
     def _operated(self, operator: OperatorMatrices, displayed: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """Give what the operator's own forces add to (x, x', y, y'), and the rows of what it remembers."""
+        """Return the operator's own forces on (x, x', y, y'), and the rows of the operator's memory."""
         at, S = self.at, operator.limb
         limbs = held_limbs(self.linear)
         push = np.zeros((len(self.hold), displayed.shape[1]))
@@ -333,22 +333,22 @@ class LoopRows:
 
 
 def _groups(parts: FloatArray) -> Sequence[tuple[float, NDArray[np.intp]]]:
-    """Give each part of a sample above zero, and the places that have it."""
+    """Return each positive part of a sample, and the indices that have it."""
     return [(part, np.flatnonzero(parts == part)) for part in np.unique(parts[parts > 0.0]).tolist()]
 
 
 def late_readings(linear: Linearisation) -> int:
-    """Count the rows of readings that a loop's state holds: none where positions have no age."""
+    """Return the number of rows of readings in a loop's state; zero if positions have no age."""
     if not linear.age.any():
         return 0
     return 1 + max(samples_and_part(age, linear.period)[0] for age in linear.age.tolist())
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """Compute F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from position and speed without it.
+    """Compute F_g = -(K_g q_1 + B_g w_1) for the resulting motion, from position and speed without it.
 
-    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with a as `objects.floor.rest` looks ahead, so that
-    every integrator meets the ground as q_0 + T w_1.
+    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with the lookahead a of `objects.floor.rest`, so
+    that for every integrator the ground acts at q_0 + T w_1.
     """
     if linear.ground is None:
         return np.zeros_like(position)
@@ -362,7 +362,7 @@ def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, sp
 
 
 def uncoupled(linear: Linearisation) -> Motions:
-    """Give `held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
+    """Return `held_devices` and `object_matrices`: the motion of devices and object under forces held over a sample."""
     matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
     return *held_devices(linear), *matrices
 
@@ -373,8 +373,8 @@ def held_devices(linear: Linearisation, duration: float | None = None) -> tuple[
     With limbs y, (x, x', y, y'): (2 m + 2 l, 2 m + 2 l), (2 m + 2 l, m).
 
     Args:
-        linear: the grasp.
-        duration: in place of T [s].
+        linear: Grasp.
+        duration: Duration in place of T [s].
     """
     m, T = len(linear.mass), linear.period if duration is None else duration
     K, B = linear.hand_stiffness, linear.hand_damping + np.diag(linear.friction)
@@ -388,7 +388,7 @@ def held_devices(linear: Linearisation, duration: float | None = None) -> tuple[
         per_mass = 1.0 / linear.mass[:, None]
         E = advance(per_mass * K, per_mass * B, per_mass * np.eye(m), T)
         return E[:, : 2 * m], E[:, 2 * m :]
-    # coordinates that hands do not couple: each is alone
+    # coordinates that hands do not couple are independent
     wide, i = np.zeros((2, m, 3, m)), np.arange(m)
     rows = zip(linear.mass.tolist(), np.diag(B).tolist(), np.diag(K).tolist(), strict=True)
     wide[:, i, :, i] = [_advance_alone(k / mass, b / mass, 1.0 / mass, T) for mass, b, k in rows]
@@ -437,7 +437,7 @@ def advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: flo
 
 @lru_cache(maxsize=256)
 def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
-    """Compute `advance` of one coordinate; alike ones are many."""
+    """Compute `advance` for one coordinate; equal coordinates share the result."""
     one = np.ones((1, 1))
     return advance(stiffness * one, damping * one, push * one, T)
 
@@ -447,7 +447,7 @@ def object_matrices(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
 
-    Under "implicit" q and s are also what the force is solved with.
+    With "implicit", the force is solved for with q and s too.
     """
     figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
     return _object_matrices(integrator, len(inertia), *figures, T)
@@ -457,7 +457,7 @@ def object_matrices(
 def _object_matrices(
     integrator: str, n: int, inertia_entries: bytes, viscosity_entries: bytes, T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute `object_matrices`, once for an object whatever pushes it."""
+    """Compute `object_matrices`, cached by the object's properties."""
     inertia, viscosity = (np.frombuffer(each).reshape(n, n) for each in (inertia_entries, viscosity_entries))
     I = np.eye(n)  # noqa: E741 (the identity's letter)
     per: FloatArray = np.asarray(np.linalg.inv(inertia), dtype=float)
@@ -480,13 +480,13 @@ def _object_matrices(
 
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
-    """Restrict A to the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    """Restrict A to the quotient by the motions (x, q) that change no force, for which A s = s."""
     basis = drift_free(linear, len(A))
     return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """Find an orthonormal basis of the states without motions that change no force; None where all of them count."""
+    """Find an orthonormal basis of the states without motions that change no force; None if all states count."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness
@@ -496,11 +496,11 @@ def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
         K += linear.preload
     if linear.ground is not None:
         K[m:, m:] += linear.ground[0]
-    holding = linear.hand_stiffness  # its product with x is zero where a displacement x stretches no hand
+    holding = linear.hand_stiffness  # its product with x is zero if a displacement x stretches no hand
     if linear.operator is not None:
         holding = np.vstack([holding, linear.operator.pull])
     hand = np.hstack([holding, np.zeros((len(holding), r))])
-    # coordinates in units of the energy that they store, so that metres and radians compare
+    # coordinates in units of the energy that they store, so that metres and radians are comparable
     length = np.sqrt(np.concatenate([linear.mass, np.diag(linear.inertia)]) / linear.mass.mean())
     stretch = np.vstack([K / length[:, None], hand]) / length
     _, sizes, motions = np.linalg.svd(stretch)

@@ -1,4 +1,4 @@
-"""Parts of a loop that move by themselves: modes in closed form, and smaller loops whatever the gains are."""
+"""Independent parts of a loop: modes in closed form, and smaller loops that separate for all gains."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-SAME = 1e-9  # relative: what equal and zero mean of modes
-COMMUTING = 1e-8  # relative: what the axes of matrices that commute may leave beside the diagonal
-FAINT = 1e-9  # relative: levers and preloads below it change a limit by less than its rounding, by their square
-NOTHING = 1e-11  # relative: what a coupling below it does to a limit is less than its rounding
-SHORTEST = 1e-3  # of the levers of an object's coordinate [m]
-ALIKE = 1e-12  # relative: by what gains, devices and hands of alike motions differ
+SAME = 1e-9  # relative tolerance for equal and for zero properties of modes
+COMMUTING = 1e-8  # relative off-diagonal rest of commuting matrices in their common axes
+FAINT = 1e-9  # relative: smaller arms and preloads change a limit, by their square, by less than rounding
+NOTHING = 1e-11  # relative: a smaller coupling changes a limit by less than rounding
+SHORTEST = 1e-3  # smallest arm of an object's coordinate [m]
+ALIKE = 1e-12  # relative difference of gains, devices and hands up to which motions are equal
 
 
 def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray | None:
-    """Find orthonormal columns that diagonalise all of the matrices, to a part of each; None where there are none."""
+    """Find orthonormal columns that diagonalise all of the matrices within a relative tolerance; None if none do."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > tolerance * size for A, size in zip(matrices, sizes, strict=True)):
         return None
-    # one combination with unequal weights has the common eigenvectors, unless two sums of eigenvalues coincide
+    # a combination with unequal weights has the common eigenvectors, unless two sums of eigenvalues coincide
     weights = 0.61803398875 ** np.arange(len(matrices))
     axes: FloatArray = np.linalg.eigh(sum((w / size * A for w, size, A in zip(weights, sizes, matrices, strict=True))))[
         1
@@ -47,17 +47,18 @@ def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A part of a closed loop that moves by itself.
+    """An independent mode of a closed loop.
 
     Attributes:
         kind: "internal" (a device on a wall), "external" (a device that moves an object) or "coupled" (external motions
             that do not separate).
-        count: how many motions: equal internal ones count together, coupled ones are the size of their block.
-        stiffness, damping: of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
-        object_mass, object_viscosity: what its device moves [kg, N s/m]; 0 for "internal", matrices for "coupled".
-        spectral_radius: of its closed loop.
-        motions: (m, count), orthonormal device motions, each times the square root of its mass over their mean.
-        limits: of its stiffness, with its damping as it is; None for "coupled".
+        count: Number of motions: equal internal ones are counted together; for "coupled" the size of the block.
+        stiffness, damping: Stiffness and damping of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
+        object_mass, object_viscosity: Object that its device moves [kg, N s/m]; 0 for "internal", matrices for
+            "coupled".
+        spectral_radius: Spectral radius of its closed loop.
+        motions: Orthonormal device motions, (m, count), each times the square root of its mass over their mean.
+        limits: Limits of its stiffness at its present damping; None for "coupled".
     """
 
     kind: str
@@ -72,18 +73,19 @@ class Mode:
 
 
 def modes(linear: Subject) -> list[Mode]:
-    """List internal modes, then external ones, of a grasp of identical devices at zero preload.
+    """List the modes of a grasp of identical devices without preload, internal ones first.
 
-    m - r internal copies of "device + wall k_ip"; r external modes "device + object" with M_i the eigenvalues of
-    (G G')^-1/2 M_o (G G')^-1/2 and b_i, k_i likewise, one coupled block if those matrices do not commute. Devices with
-    different masses count as identical when friction, springs and gains are proportional to them as by a metric of the
-    masses: each is measured in the square root of its mass over their mean.
+    There are m - r equal internal modes "device + wall k_ip", and r external modes "device + object", where M_i are the
+    eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, and b_i and k_i likewise; if those matrices do not commute, they form
+    one coupled block. Devices with different masses count as identical if friction, springs and gains are proportional
+    to the masses, as with a mass metric: each is measured in units of the square root of its mass over their mean.
 
     Args:
-        linear: a `Linearisation`, a scene, or the name or path of one.
+        linear: `Linearisation`, scene, or name or path of a scene.
 
     Raises:
-        InputError: devices, delays or gains that do not separate, a preload or a ground; `spectral_radius` takes any.
+        InputError: Devices, delays or gains do not separate, or there is a preload or a ground; `spectral_radius` has
+            no such restriction.
     """
     linear = linear_of(linear)
     r = linear.coordinates[1]
@@ -104,7 +106,7 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Give the device that all are, in units of its own mass, and the roots of their masses over the mean."""
+    """Return the device that all equal, in units of its own mass, and the roots of their masses over the mean."""
     if linear.preload is not None and linear.preload.any():
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
@@ -192,33 +194,34 @@ def _external(linear: Linearisation, device: Plant, U: FloatArray, parts: Sequen
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of a loop that moves by itself.
+    """An independent part of a loop.
 
     Attributes:
-        linear: the part as a loop of its own; without an object for motions that do not reach it.
-        basis: B (m, k), x = B y: its stiffness is B'K B; None for a loop that is one part, in its own coordinates.
+        linear: The part as a loop of its own; without an object if its motions do not reach the object.
+        basis: Matrix B (m, k) with x = B y, so that its stiffness is B'K B; None if the loop is a single part.
     """
 
     linear: Linearisation
     basis: FloatArray | None
 
     def stiffness(self, K: FloatArray) -> FloatArray:
-        """Give K of the whole loop on the part's own coordinates."""
+        """Project K of the whole loop to the part's own coordinates."""
         return K if self.basis is None else np.asarray(self.basis.T @ K @ self.basis)
 
 
 def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Part]:
-    """Divide a loop into parts that move by themselves whatever the factors of its gains.
+    """Divide a loop into parts that are independent for all factors of its gains.
 
-    Devices are measured in the square root of their masses. The smallest space that holds what the object's motion and
-    its forces reach, G', G_e', G_c' and the preload, and that no stiffness, damping, friction or hand leads out of, is
-    the part with the object. What is orthogonal to it moves as on a wall: where all matrices have common eigenvectors
-    there, each is a loop of one coordinate, and alike ones are listed once. With n fingers alike that leaves at most 15
-    coordinates of 3 n, whatever n. Limits and spectral radii are those of the whole loop to rounding.
+    Devices are measured in units of the square root of their masses. The part with the object is the smallest space
+    that contains everything that the object's motion and forces reach, G', G_e', G_c' and the preload, and that is
+    invariant under stiffness, damping, friction and hands. Its orthogonal complement moves as on a wall. If all
+    matrices have common eigenvectors there, each is a loop of one coordinate, and equal ones are listed once. n equal
+    fingers thus leave at most 15 of 3 n coordinates, for any n. Limits and spectral radii are those of the whole loop,
+    to rounding.
 
     Args:
-        linear: the loop.
-        gains: symmetric matrices (m, m) that its stiffness is put together from; its stiffness alone if empty.
+        linear: Loop.
+        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; only its stiffness if empty.
     """
     m, r = linear.coordinates
     if m <= r:
@@ -264,9 +267,9 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
 
 
 def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | None:
-    """Find an orthonormal basis (m, k) of the least space that holds the rows and that no matrix leads out of.
+    """Find an orthonormal basis (m, k) of the smallest space that contains the rows and is invariant under `matrices`.
 
-    None where that is the whole space.
+    None if that is the whole space.
     """
     m = rows.shape[1]
     new, basis, least = rows.T, np.zeros((m, 0)), FAINT
@@ -289,12 +292,12 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
     """Restrict a loop to orthonormal columns of its devices' coordinates, each times the root of its mass."""
     m, r = linear.coordinates
     k, q = columns.shape[1], r if with_object else 0
-    B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and f of the part's own
+    B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and the part's own f
 
     def on(A: FloatArray) -> FloatArray:
         value = A[0, 0] / root[0] ** 2
         if (np.diag(value * root**2) == A).all():
-            return np.asarray(value * np.eye(k))  # one number for all in units of their masses, without rounding
+            return np.asarray(value * np.eye(k))  # one number for all, in units of their masses, without rounding
         return np.asarray(B.T @ A @ B)
 
     preload = None
@@ -321,7 +324,7 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
     if linear.operator is not None:
         own = linear.operator.on(B, forces)
         changes["operator"] = own
-        if own.limbs:  # the device's friction is not the hand's, between tip and limb
+        if own.limbs:  # friction of the device differs from that of the hand, between tip and limb
             changes["hand_damping"] = on(linear.hand_damping)
             changes["operator"] = replace(own, friction=own.friction + on(np.diag(linear.friction)))
     if not with_object:

@@ -1,4 +1,4 @@
-"""Exact limits of one gain: of walls, of objects that fingers move, over arrays of parameters, and for a design."""
+"""Exact limits of one gain: walls and objects moved by fingers, over arrays of parameters, and design formulas."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from graspfx.analysis.plant import BLOCK, ObjectOptions, Plant, WallOptions
 
 FloatArray = NDArray[np.float64]
 
-DECADES = -6, 3  # of b T/m in which a friction is looked for
-GRID = 361  # frictions looked at first, 40 to a decade
-REFINED = 65, 6  # frictions between two neighbours, and how often: to 1e-12
+DECADES = -6, 3  # range of log10(b T/m) in which a friction is searched
+GRID = 361  # number of frictions of the first grid, 40 per decade
+REFINED = 65, 6  # frictions between two neighbours, and number of refinements: to 1e-12
 
 
 def _on_wall(mass: ArrayLike, damping: ArrayLike, period: ArrayLike, wall_damping: Any = 0.0, **options: Any) -> Plant:
@@ -35,41 +35,41 @@ def _with_object(
 
 
 def wall_limit(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> float:
-    """Find the first loss of stability of a wall as its stiffness grows from zero [N/m], inf where there is none.
+    """Compute the stiffness at which a wall first becomes unstable as it grows from zero [N/m]; inf if it never does.
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
     It is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and delay it
-    is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b,
+    is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b and
     b0 = ((1 - E)/p - T E)/b.
 
     Args:
-        mass: m of the device [kg].
-        damping: b, its viscous damping [N s/m].
-        period: T [s].
-        spring: k_s, between the device and the ground, as the operator's finger is [N/m]; 0 if not given.
-        wall_damping: B [N s/m], on the backward difference of the position, as `simulated` devices without encoders
-            report velocity; a negative one is allowed. 0 if not given.
-        delay: of the displayed force, whole samples; 0 if not given.
-        spring_damping: b_s, the operator's [N s/m]; 0 if not given.
-        latency: besides, from the motion to its reading and from there to the force, any time [s]: a delay of
-            (n + phi) T acts on the held force within a sample, exactly. 0 if not given.
+        mass: Mass m of the device [kg].
+        damping: Viscous damping b of the device [N s/m].
+        period: Period T [s].
+        spring: Stiffness k_s between device and ground, for example of the operator's finger [N/m]; 0 if not given.
+        wall_damping: Damping B of the wall [N s/m] on the backward difference of the position, which `simulated`
+            devices without encoders report as velocity. It may be negative; 0 if not given.
+        delay: Delay of the displayed force, in whole samples; 0 if not given.
+        spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
+        latency: Additional delay from the motion to its reading and from there to the force [s], not necessarily whole
+            samples: a delay of (n + phi) T shifts the held force within a sample, exactly. 0 if not given.
 
     Raises:
-        InputError: naming the argument that cannot be.
+        InputError: An argument is invalid; the error names it.
     """
     return wall_limits(mass, damping, period, **options).limit
 
 
 def wall_limits(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> Limits:
-    """Find all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
+    """Compute all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
     return _on_wall(mass, damping, period, **options).checked(single=True).limits()
 
 
 def wall_limit_map(
     mass: ArrayLike, damping: ArrayLike, period: ArrayLike, **options: Unpack[WallOptions]
 ) -> FloatArray:
-    """Compute `wall_limit` for arrays of parameters that broadcast against one another, in their common shape."""
+    """Compute `wall_limit` for arrays of parameters that broadcast, in their common shape."""
     return _on_wall(mass, damping, period, **options).checked().limit_map()
 
 
@@ -81,36 +81,38 @@ def external_limit(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Find the first loss of stability of fingers that move an object as k_ep grows from zero [N/m], inf without one.
+    """Compute k_ep at which fingers that move an object first become unstable as it grows from zero [N/m]; or inf.
 
-    n equal fingers along one axis are one device of mass m coupled to an object of mass m_v/n and viscosity b_v/n:
+    n equal fingers along one axis are equivalent to one device of mass m and an object of mass m_v/n and viscosity
+    b_v/n:
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')
 
-    The object moves by one of the integrators of `INTEGRATORS`; "implicit" solves the force together with the object's
-    new state, "bullet" is PyBullet's with exact viscosity. B acts on the backward difference of the device's position
+    The object moves by one of the `INTEGRATORS`. "implicit" solves for the force together with the object's new state,
+    "bullet" is PyBullet's integrator with exact viscosity. B acts on the backward difference of the device's position
     and on the object's own velocity, as in a run with `simulated` devices without encoders.
 
     Args:
-        mass: m of a device [kg].
-        damping: b, its viscous damping [N s/m].
-        period: T [s].
-        object_mass: m_v [kg].
-        object_damping: b_v [N s/m].
-        fingers: n; 2 if not given.
-        spring: k_s between each device and the ground, as the operator's finger is [N/m]; 0 if not given. Without one,
-            the motion of devices and object together is left out: no force depends on it.
-        integrator: of the object; "exact" if not given.
-        delay: of the displayed force, whole samples; 0 if not given.
-        object_delay: of the force on the object, whole samples, none under "implicit"; 0 if not given.
-        coupling_damping: B [N s/m]; 0 if not given.
-        spring_damping: b_s [N s/m]; 0 if not given.
-        latency: of each device besides, from the motion to its reading and from there to the force, any time [s]; 0 if
+        mass: Mass m of a device [kg].
+        damping: Viscous damping b of a device [N s/m].
+        period: Period T [s].
+        object_mass: Mass m_v of the object [kg].
+        object_damping: Viscosity b_v of the object [N s/m].
+        fingers: Number n of fingers; 2 if not given.
+        spring: Stiffness k_s between each device and ground, for example of the operator's finger [N/m]; 0 if not
+            given. Without it, the common motion of devices and object is left out, because no force depends on it.
+        integrator: Integrator of the object; "exact" if not given.
+        delay: Delay of the displayed force, in whole samples; 0 if not given.
+        object_delay: Delay of the force on the object, in whole samples, zero with "implicit"; 0 if not given.
+        coupling_damping: Damping B of the coupling [N s/m]; 0 if not given.
+        spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
+        latency: Additional delay of each device from the motion to its reading and from there to the force [s]; 0 if
             not given.
 
     Raises:
-        InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+        InputError: An argument is invalid; the error names it.
+        UnknownNameError: No integrator has that name.
     """
     return external_limits(mass, damping, period, object_mass, object_damping, **options).limit
 
@@ -123,7 +125,7 @@ def external_limits(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> Limits:
-    """Find all stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
+    """Compute all stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked(single=True).limits()
 
 
@@ -135,7 +137,7 @@ def external_limit_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> FloatArray:
-    """Compute `external_limit` for arrays of parameters that broadcast against one another, in their common shape."""
+    """Compute `external_limit` for arrays of parameters that broadcast, in their common shape."""
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked().limit_map()
 
 
@@ -149,7 +151,7 @@ def external_limit_blocks(
 ) -> Iterator[tuple[int, FloatArray]]:
     """Compute `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
 
-    Whatever the number of points, only one block is held: parameters that broadcast are not spread out.
+    Only one block is held in memory for any number of points; parameters that broadcast are not expanded.
     """
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked().limit_blocks()
 
@@ -163,7 +165,7 @@ def external_stable_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> NDArray[np.bool_]:
-    """Tell whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
+    """Test whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options).checked()
     plant = replace(plant, gain=numbers("gain", gain, "N/m"))
     stable = np.empty(plant.shape, dtype=bool)
@@ -185,7 +187,7 @@ def stable_intervals(
 ) -> list[tuple[float, float]]:
     """List the intervals of stable k_ep up to `upper` [N/m]; the other arguments are those of `external_limit`.
 
-    There can be several: more stiffness may stabilise again what less has made unstable.
+    There can be several: a larger stiffness may be stable again after a smaller one is not.
     """
     limits = external_limits(mass, damping, period, object_mass, object_damping, **options)
     top = number("upper", upper, "N/m", zero=False)
@@ -194,7 +196,7 @@ def stable_intervals(
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffnesses [N/m]: k_ep, k_ip of the split, and k_p of the conventional method, their smaller limit."""
+    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller limit."""
 
     external: float
     internal: float
@@ -213,14 +215,14 @@ def largest_gains(
     pushing: bool = True,
     **options: Any,
 ) -> Gains:
-    """Find gains that may be `margin` times as large, and all smaller, before n fingers along one axis become unstable.
+    """Compute gains that, with all smaller ones, may grow by `margin` before n fingers along one axis become unstable.
 
-    k_ip is the wall's limit over the margin, k_ep that of the object of mass m_v/n. With `pushing`, k_ep is lowered
-    until any s of the n fingers can push too: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
+    k_ip is the wall's limit over the margin, and k_ep that of an object of mass m_v/n. With `pushing`, k_ep is lowered
+    until any s of the n fingers may push alone: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
 
     Args:
-        margin: above 1 leaves room.
-        options: `spring`, `integrator`, `delay` and `object_delay`, and the others, as in `stability.external_limit`.
+        margin: Safety factor; above 1.
+        options: Options of `stability.external_limit`, such as `spring`, `integrator`, `delay` and `object_delay`.
     """
     room = number("margin", margin, "1", zero=False)
     n = count("fingers", fingers, 1)
@@ -244,9 +246,9 @@ def largest_gains(
 def least_wall_friction(
     mass: float, period: float, stiffness: float, *, margin: float = 1.0, **options: Unpack[WallOptions]
 ) -> float:
-    """Find the least viscous friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
+    """Compute the smallest friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
 
-    The first crossing on a logarithmic grid of b T/m from 1e-6 to 1e3, refined; inf if none is enough.
+    It is the first crossing on a logarithmic grid of b T/m from 1e-6 to 1e3, refined; inf if no friction suffices.
     """
     number("stiffness", stiffness, "N/m", zero=False)
     return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)
@@ -262,9 +264,10 @@ def least_friction(
     margin: float = 1.0,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Find the least b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
+    """Compute the smallest b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
 
-    Found as in `least_wall_friction`; inf if no friction is enough: the object's own viscosity may be too small.
+    The search is that of `least_wall_friction`. It returns inf if no friction suffices, because the object's own
+    viscosity is too small.
     """
     number("stiffness", stiffness, "N/m", zero=False)
 
@@ -288,7 +291,7 @@ def integrators_compared(
 
 
 def _least(limit: Callable[[FloatArray], FloatArray], target: float, unit: float) -> float:
-    """Find the least friction at which a limit reaches the target."""
+    """Find the smallest friction at which a limit reaches the target."""
     b = np.concatenate([[0.0], unit * np.logspace(*DECADES, GRID)])
     points, repetitions = REFINED
     for _ in range(repetitions):

@@ -1,1 +1,1 @@
-"""How good a grasp is, and its internal forces by name."""
+"""Quality of a grasp, and named coordinates of its internal forces."""

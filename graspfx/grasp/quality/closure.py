@@ -1,4 +1,4 @@
-"""Force closure: whether fingers that push within their friction can make every wrench, with a proof either way."""
+"""Force closure: whether fingers that push with friction can make every wrench, with a proof of the answer."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
 
-FLAT = 1e-6  # singular value of the cones' wrenches below which they leave a wrench out
-BOUNDARY = 1e-7  # equilibria whose evenly spread share is below this lie on the cones' boundary
+FLAT = 1e-6  # smallest singular value of the cones' wrenches; below it some wrench is missing
+BOUNDARY = 1e-7  # an equilibrium whose evenly spread share is smaller lies on the boundary of the cones
 ROUNDS = 200
 
 
 class PushingWrenches:
-    """The wrenches of n contacts that push with f_n = 1 within their friction, moments divided by a length.
+    """Wrenches of n contacts that push with f_n = 1 within their friction; moments are divided by a length.
 
     | contact | forces | source |
     |---|---|---|
@@ -33,11 +33,11 @@ class PushingWrenches:
     | soft, independent | abs(f_t) <= mu f_n, abs(tau) <= gamma f_n | Murray, Li and Sastry 1994, ch. 5 |
 
     Args:
-        grasp: contacts with normals; none of the model "full", for which there is no law of friction.
-        friction: mu, one or one per contact.
-        torsion: gamma [m], one or one per contact; for soft contacts in space.
-        limit: how a soft contact's two limits combine.
-        length, about: as `grasp.quality.measures.measures`.
+        grasp: Contacts with normals. Contacts of the model "full" have no friction law and are refused.
+        friction: Coefficient mu, one for all or one per contact.
+        torsion: Coefficient gamma [m] of soft contacts in space, one for all or one per contact.
+        limit: Rule that combines the two limits of a soft contact.
+        length, about: As for `grasp.quality.measures.measures`.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force (k, n, d + 1)."""
+        """Find the maximum of u.w of each contact at f_n = 1, (k, n), along u (k, w), and its force (k, n, d + 1)."""
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
         normal = (v[..., :d] * self.normals).sum(axis=-1)
@@ -106,7 +106,7 @@ class PushingWrenches:
         return np.asarray(np.einsum("wnc,knc->knw", self.maps, forces))
 
     def components(self, forces: FloatArray) -> FloatArray:
-        """Write forces (n, d + 1) as the grasp's components (m,)."""
+        """Express forces (n, d + 1) in the grasp's components (m,)."""
         contacts = self.grasp.contacts
         own = forces[contacts.finger]
         f = (contacts.force_axes * own[:, :-1]).sum(axis=1)
@@ -116,15 +116,15 @@ class PushingWrenches:
 
 @dataclass(frozen=True, eq=False)
 class ForceClosure:
-    """Whether contacts that push can make every wrench, with the proof.
+    """Whether pushing contacts can make every wrench, with the proof.
 
     Attributes:
-        closed: whether they can.
-        squeeze: if so, contact forces (m,) strictly inside their cones, with normal forces of 1 N in sum, that make no
-            wrench: the primal proof. Else None.
-        separating: if not, a wrench direction u (w,), forces before moments divided by the length, with u.w <= 0 for
-            every wrench that the contacts can make: the dual proof. Else None, also where 200 rounds prove neither.
-        share: the part of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
+        closed: True if they can.
+        squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones that make no wrench;
+            the normal forces sum to 1 N.
+        separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
+            length, with u.w <= 0 for every wrench of the contacts. Also None if 200 rounds prove neither answer.
+        share: Fraction of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
     """
 
     closed: bool
@@ -145,36 +145,36 @@ def force_closure(
     length: float | None = None,
     about: ArrayLike | None = None,
 ) -> ForceClosure:
-    """Test force closure of contacts that push: G(C) is the whole space of wrenches, C the product of friction cones.
+    """Test force closure: G(C) is the whole wrench space, where C is the product of the friction cones.
 
-    Equivalent: G is onto, and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
-    Prattichizzo and Trinkle 2016). By linear programs over wrenches g_j of forces in the cones, the first p of them
-    spread evenly over each:
+    Equivalently, G is onto and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
+    Prattichizzo and Trinkle 2016). The test solves linear programs over wrenches g_j of forces in the cones; the first
+    p are spread evenly over each cone:
 
         max t,  sum_j a_j g_j = 0,  sum_j a_j <= 1,  a_j >= t/p for j <= p, else a_j >= 0,
         max r,  g_j.u + r |g_j| <= 0,  |u_k| <= 1.
 
-    t > 0 proves closure by forces in the true cones. Otherwise u, the middle of the directions that separate the g_j,
-    is measured against the cones themselves, in closed form: if none of their wrenches has u.w > 0, it proves the
-    opposite; if some have, the worst join the g_j, and again (Elzinga and Moore 1975), a few times as a rule. So both
-    answers hold for second-order cones; nothing is linearised in them. A grasp within 1e-7 of the boundary counts as
-    not closed. Scale, point of reference and unit do not change the answer.
+    t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate the g_j,
+    is tested in closed form against the cones themselves. If no wrench of theirs has u.w > 0, u disproves closure. Else
+    the most violating wrenches join the g_j and the test repeats (Elzinga and Moore 1975), usually a few times. Both
+    answers therefore hold for second-order cones without linearisation. A grasp within 1e-7 of the boundary counts as
+    not closed. The answer does not depend on scale, reference point or units.
 
-    A contact with friction 0 pushes along its normal. For two contacts this is the rule that the line between them lies
-    inside both cones (Nguyen 1988), hard in the plane, soft in space.
+    A contact with friction 0 pushes along its normal. For two contacts (hard in the plane, soft in space) the test
+    reduces to Nguyen's rule (1988): the line between them lies inside both cones.
 
     Args:
-        grasp, friction, torsion, limit, length, about: as `PushingWrenches`.
+        grasp, friction, torsion, limit, length, about: As for `PushingWrenches`.
 
     Raises:
-        InputError: a full contact, no normals, coefficients that are negative or missing.
+        InputError: A contact is full, normals are missing, or coefficients are negative or missing.
     """
     cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
     return closure_of(cones)[0]
 
 
 def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
-    """Run the test; give its result and the wrenches (k, w) that it used."""
+    """Run the test; return its result and the wrenches (k, w) that it used."""
     from scipy.optimize import linprog
 
     w = len(cones.maps)
@@ -204,12 +204,12 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         if share > BOUNDARY:
             weights = x[:-1].copy()
             weights[:p] += share / p
-            # less what the solver's rounding leaves of a wrench
+            # subtract the wrench that the solver's rounding leaves
             weights[:p] -= np.linalg.lstsq(generators[:p].T, generators.T @ weights, rcond=None)[0]
             total = np.zeros((n, forces.shape[1]))
             np.add.at(total, contact, weights[:, None] * forces)
             return ForceClosure(True, cones.components(total), None, share), generators
-        # the middle of all separating directions: a corner of them is nearly always beyond the cones' curved sides
+        # centre of all separating directions; a corner of them usually violates the curved sides of the cones
         slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
         middle = linprog(
             -np.eye(w + 1)[w], A_ub=slack, b_ub=np.zeros(len(slack)), bounds=[(-1.0, 1.0)] * w + [(0.0, None)]
@@ -236,5 +236,5 @@ def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
 
 
 def _safe(x: FloatArray) -> FloatArray:
-    """Give the divisor, or 1 where it is zero and so is what it divides."""
+    """Return the divisor, with 1 in place of zero (the dividend is zero there too)."""
     return np.where(x > 0.0, x, 1.0)

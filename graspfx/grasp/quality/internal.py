@@ -1,4 +1,4 @@
-"""Internal forces by name: tensions between fingers, bendings and torsions as coordinates of the null space of G."""
+"""Named coordinates of internal forces: tensions, bendings and torsions that span the null space of G."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Candidates = list[tuple[str, FloatArray]]
 
-FLAT = 1e-6  # contacts nearer than this to a line or plane, in units of their spread, lie on it
-DEPENDENT = 1e-6  # what a unit force must add to those already chosen to be new
-TIED = 1e-9  # relative: candidates that add as much as one another, of which the first is taken
+FLAT = 1e-6  # relative to the contacts' spread: closer than this to a line or plane, they lie on it
+DEPENDENT = 1e-6  # smallest part of a unit force that counts as independent of those already chosen
+TIED = 1e-9  # relative: candidates that add equally much; the first of them is taken
 AXES = "xyz"
 
 
 class Dividing(Protocol):
-    """A split of forces, as coordinates need it; `Split` and `VirtualLinkage` answer."""
+    """Split of contact forces, as the coordinates need it; `Split` and `VirtualLinkage` implement it."""
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Divide contact forces (..., m) into external and internal parts."""
@@ -33,26 +33,26 @@ class Dividing(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class InternalCoordinates:
-    """(I - P) f = B y: the internal part of contact forces as m - rank named numbers y, G B = 0.
+    """(I - P) f = B y with G B = 0: the internal part of contact forces as m - rank named numbers y.
 
     | coordinate | 1 unit of it | unit |
     |---|---|---|
-    | tension i-j | a string between i and j, f_i = u, f_j = -u, u from i to j: positive squeezes | N |
-    | bending k: a-b-c along u | f_k = u, held by a, b, c as by the supports of a plate or beam through the four | N |
-    | torsion i | a torsion of contact i, held by the least forces of all contacts | N m |
-    | torsion i against j | the same where forces cannot hold it: contact j turns back | N m |
-    | force k x | a component that the object's locked freedoms or other contacts hold | N |
+    | tension i-j | a string between i and j: f_i = u, f_j = -u, u from i to j; positive squeezes | N |
+    | bending k: a-b-c along u | f_k = u, supported at a, b and c like a plate or beam through the four contacts | N |
+    | torsion i | a torsion of contact i, balanced by the smallest forces of all contacts | N m |
+    | torsion i against j | the same if forces cannot balance it: contact j turns back | N m |
+    | force k x | a component that locked freedoms of the object or other contacts balance | N |
 
-    Tensions come first: of all pairs a set is chosen in which every other pair's tension is a combination with
-    coefficients of at most 1. They span the internal forces of point contacts unless the contacts lie on a line, or
-    four or more lie in a plane in space: then (d - a)(n - a - 1) bendings complete them, a the dimension of what the
-    contacts span. Tensions as coordinates: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
+    Tensions come first. The set is chosen so that the tension of every other pair is a combination of it with
+    coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts lie on a line,
+    or four or more lie in a plane in space. Then (d - a)(n - a - 1) bendings complete them, where a is the dimension of
+    the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
 
     Attributes:
-        names: one for each coordinate.
-        units: "N" or "N m" each.
-        basis: B, (m, m - rank).
-        condition: of B with moments in units of the contacts' rms radius and columns of unit length.
+        names: Name of each coordinate.
+        units: Unit of each coordinate, "N" or "N m".
+        basis: Matrix B, (m, m - rank).
+        condition: Condition number of B, with moments in units of the contacts' rms radius and columns of unit length.
     """
 
     names: tuple[str, ...]
@@ -63,18 +63,18 @@ class InternalCoordinates:
     _reader: FloatArray
 
     def of(self, force: ArrayLike) -> FloatArray:
-        """Read y of the internal part of contact forces (..., m), in the split's sense of internal: (..., m - rank)."""
+        """Compute y, (..., m - rank), for contact forces (..., m); the split defines their internal part."""
         return self._split.divide(force)[1] @ self._reader.T
 
     def force(self, coordinates: ArrayLike) -> FloatArray:
-        """Compute B y, internal contact forces (..., m)."""
+        """Compute the internal contact forces B y, (..., m)."""
         y = finite("coordinates", coordinates)
         if y.shape[-1:] != (len(self.names),):
             raise InputError("coordinates", y, f"an array whose last axis has the {len(self.names)} coordinates")
         return y @ self.basis.T
 
     def named(self, force: ArrayLike) -> dict[str, float]:
-        """Name the coordinates of one force (m,)."""
+        """Return the coordinates of one force (m,) by name."""
         return dict(zip(self.names, self.of(finite("force", force).reshape(-1)).tolist(), strict=True))
 
 
@@ -88,14 +88,14 @@ def internal_coordinates(
     """Choose and name a basis of the internal forces.
 
     Args:
-        grasp: the contacts.
-        split: what divides forces.
-        rank: of G.
-        names: of the fingers; "1", "2", ... if None.
-        pairs: the tensions to use, as pairs of fingers counted from 0; chosen well if None.
+        grasp: Contacts.
+        split: Split of the contact forces.
+        rank: Rank of G.
+        names: Names of the fingers; "1", "2", ... if None.
+        pairs: Pairs of fingers, counted from 0, whose tensions are used; a well-conditioned choice if None.
 
     Raises:
-        InputError: names or pairs that do not fit, pairs whose tensions depend on one another or leave some out.
+        InputError: Names or pairs do not fit; or the tensions of the pairs are dependent or incomplete.
     """
     fingers = _fingers(names, grasp.fingers)
     A, size = grasp.unit_free()
@@ -123,7 +123,7 @@ def internal_coordinates(
 
 
 def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
-    """Write a contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
+    """Express a contact's force (d,) in components (m,); None if the contact cannot transmit it."""
     own = (contacts.finger == finger) & ~contacts.moment
     axes = contacts.force_axes[own]
     x = axes @ force
@@ -151,7 +151,7 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
 
 
 def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
-    """sum_i l_i u with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to all that the contacts span."""
+    """Return sum_i l_i u with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to the span of the contacts."""
     n, d = contacts.points.shape
     arms = contacts.points - contacts.points[0]
     arms = arms - arms.mean(axis=0)
@@ -159,7 +159,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
     a = int((values > FLAT * values[0]).sum()) if values[0] > 0.0 else 0
     if n < a + 2 or a == d:
         return []
-    normal = rows[a:].T @ rows[a:]  # projector; its normals as near to the world's axes as they come
+    normal = rows[a:].T @ rows[a:]  # projector; its normals are as close to the world's axes as possible
     normals = [_tidy(u) for u in np.linalg.qr(normal[:, _pivots(normal, d - a)])[0].T]
     flat = np.hstack([np.ones((n, 1)), arms @ rows[:a].T / max(values[0], 1e-300)])  # (n, a + 1)
     supports = _pivots(flat.T, a + 1)
@@ -179,14 +179,14 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
 
 
 def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
-    """List moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
+    """List moments of the contacts, each balanced by the smallest forces, or by another moment if forces cannot."""
     columns = np.flatnonzero(grasp.torsion_columns)
     if not columns.size:
         return []
     forces = ~grasp.torsion_columns
     U, values, V = np.linalg.svd(A[:, forces])
     r = int((values > FLAT * np.sqrt(grasp.fingers)).sum())
-    unheld = U[:, r:].T @ A[:, columns]  # what no force can hold
+    unheld = U[:, r:].T @ A[:, columns]  # the part that no force can balance
     reach = np.linalg.svd(unheld, compute_uv=False) if unheld.size else np.zeros(0)
     anchors = _pivots(unheld, int((reach > FLAT).sum()))
     candidates: Candidates = []
@@ -209,7 +209,7 @@ def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: lis
 
 
 def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
-    """List components of one contact, held by as many others as the rank: these always span the null space."""
+    """List components of one contact, balanced by `rank` others: they always span the null space."""
     pivots = _pivots(A, rank)
     candidates: Candidates = []
     for j in range(len(units)):
@@ -225,7 +225,7 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """Select the candidates that add most, then exchange them until each other one has coefficients <= 1."""
+    """Select the candidates that add most; exchange them until every other one has coefficients <= 1."""
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -242,7 +242,7 @@ def _extended(rows: Candidates, candidates: Candidates, target: int, units: Floa
 
 
 def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
-    """Find columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
+    """Find columns of locally largest volume: every other column is a combination with coefficients <= 1."""
     coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
     for _ in range(10 * X.shape[1]):
         row, column = np.unravel_index(int(np.abs(coefficients).argmax()), coefficients.shape)
@@ -254,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Pick up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
+    """Pick up to `count` columns of X, each the one that adds most to the previous ones; ties go to the first."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):
@@ -276,7 +276,7 @@ def _check_pairs(
 ) -> None:
     if independent < count:
         raise InputError(
-            "pairs", count, "tensions that do not depend on one another", f"only {independent} of them do not"
+            "pairs", count, "tensions that are independent of one another", f"only {independent} of them are"
         )
     most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))
     if independent < most:
@@ -284,7 +284,7 @@ def _check_pairs(
 
 
 def _component(contacts: Contacts, column: int, fingers: list[str]) -> tuple[str, ...]:
-    """Describe a component: its kind, its contact, and its axis."""
+    """Describe a component by its kind, its contact and its axis."""
     finger, moment = contacts.finger[column], bool(contacts.moment[column])
     same = np.flatnonzero((contacts.finger == finger) & (contacts.moment == moment))
     name = fingers[finger]
@@ -302,7 +302,7 @@ def _direction(u: FloatArray) -> str:
 
 
 def _tidy(u: FloatArray) -> FloatArray:
-    """Give the direction or its opposite, so that its largest component is positive."""
+    """Return the direction or its opposite, so that its largest component is positive."""
     return u if u[int(np.abs(u).argmax())] > 0.0 else -u
 
 

@@ -1,4 +1,4 @@
-"""The margin of a grasp: the largest ball of wrenches that bounded pushes can make in every direction."""
+"""Margin of a grasp: radius of the largest ball of wrenches that bounded pushes can make."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from graspfx.numeric import number
 FloatArray = NDArray[np.float64]
 Bound = Literal["sum", "each"]
 
-BATCH = 20  # facets looked at in a round
-DESCENTS = 3  # from the nearest facets
-SHRINK = 1e-6  # relative: points moved inwards by up to this, since qhull fails on many in one plane in five dimensions
+BATCH = 20  # facets examined in a round
+DESCENTS = 3  # descents, from the nearest facets
+SHRINK = 1e-6  # relative inward shift of points: qhull fails on many coplanar points in five dimensions
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +26,10 @@ class Margin:
     """Bounds on epsilon, the radius of the largest ball of wrenches that the grasp can make (Ferrari and Canny 1992).
 
     Attributes:
-        guaranteed: a radius that is reached: of the largest ball in a polytope of wrenches that the contacts can make.
-        reached: a radius that is not exceeded: the most that the contacts can do along `weakest`, exact for the cones.
-        weakest: unit direction (w,) of the wrench that is nearest to what they cannot do, forces before moments
-            divided by the length.
-        length: by which moments are divided [m].
+        guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can make.
+        reached: Upper bound: the largest wrench of the contacts along `weakest`, exact for the cones.
+        weakest: Unit direction (w,) in which the contacts can do least, forces before moments divided by the length.
+        length: Length that divides moments [m].
     """
 
     guaranteed: float
@@ -51,26 +50,26 @@ def wrench_margin(
     tolerance: float = 1e-3,
     points: int = 600,
 ) -> Margin:
-    """Compute min over |u| = 1 of max over w in W of u.w, W the wrenches of forces in the cones with bounded f_n.
+    """Compute min over |u| = 1 of max over w in W of u.w, where W holds the wrenches of forces in the cones.
 
-    With `bound` "sum" the normal forces add up to 1 N at most, and W is the convex hull of the contacts' wrenches; with
-    "each" every one is 1 N at most, and W is their Minkowski sum (Ferrari and Canny 1992, both). What W reaches along u
-    is known in closed form for the cones themselves. So epsilon is enclosed: from below by the nearest facet of a
-    polytope of points of W (Barber, Dobkin and Huhdanpaa 1996), from above by what W reaches along that facet's normal;
-    the point that W reaches there joins the polytope, until the two agree; last, a descent on the sphere lowers the
+    Normal forces are bounded. With `bound` "sum" they sum to at most 1 N, and W is the convex hull of the contacts'
+    wrenches. With "each" every one is at most 1 N, and W is the Minkowski sum (both: Ferrari and Canny 1992). The
+    support function of W is known in closed form for the cones. The nearest facet of a polytope of points of W bounds
+    epsilon from below (Barber, Dobkin and Huhdanpaa 1996), the support of W along the normal of that facet from above.
+    The point of W found there joins the polytope, until the bounds agree. A final descent on the sphere lowers the
     upper bound to a local minimum. No linear program finds epsilon, because the minimum over the sphere is not convex.
-    A smooth W that is weak along a family of directions takes many points: then the bounds stay further apart.
+    The bounds stay further apart for a smooth W that is weak along a family of directions, which needs many points.
 
-    A grasp without force closure has the margin 0. Unlike closure, epsilon depends on length and point of reference.
+    A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
 
     Args:
-        grasp, friction, torsion, limit, length, about: as `grasp.quality.closure.force_closure`.
-        bound: on the normal forces.
-        tolerance: relative, at which the two bounds agree well enough.
-        points: of the polytope, at most.
+        grasp, friction, torsion, limit, length, about: As for `grasp.quality.closure.force_closure`.
+        bound: Bound on the normal forces.
+        tolerance: Relative difference at which the two bounds agree.
+        points: Largest number of points of the polytope.
 
     Raises:
-        InputError, UnknownNameError: as `force_closure`, and for a tolerance outside (0, 1).
+        InputError, UnknownNameError: As for `force_closure`, or the tolerance is outside (0, 1).
     """
     if bound not in get_args(Bound):
         raise UnknownNameError("bound on the normal forces", str(bound), get_args(Bound))
@@ -126,7 +125,7 @@ def wrench_margin(
 
 
 def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tuple[FloatArray, FloatArray]:
-    """Find how far W reaches along each direction (k,), and the wrench there (k, w)."""
+    """Compute the support of W along each direction, (k,), and the wrench that attains it, (k, w)."""
     heights, forces = cones.reach(directions)
     each = cones.wrenches(forces)  # (k, n, w)
     if bound == "each":
@@ -137,7 +136,7 @@ def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tupl
 
 
 def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple[float, FloatArray]:
-    """Descend to a local minimum on the unit sphere, min sum s, s_i >= h_i(u), one s for all contacts or each."""
+    """Descend to a local minimum on the unit sphere: min sum s, s_i >= h_i(u), one s for all contacts or one each."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     n, w = len(cones.normals), len(start)

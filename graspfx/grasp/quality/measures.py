@@ -1,4 +1,4 @@
-"""How well a grasp turns contact forces into wrenches: singular values of the grasp matrix in units that compare."""
+"""Singular values of the grasp matrix in comparable units: how well contact forces make wrenches."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Measures:
-    """The ellipsoid of wrenches that contact forces of one newton, |f| <= 1, can make (Yoshikawa and Nagai 1991).
+    """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can make (Yoshikawa and Nagai 1991).
 
-    With G_s the grasp matrix whose moments are divided by a length L and whose torsion columns are multiplied by a
-    length l, sigma_1 >= ... >= sigma_w are its singular values, the ellipsoid's half axes [N per N]. There are as many
-    as the object has freedoms; those that the grasp cannot resist or move are zero.
+    Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length
+    l. Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N]. There are as many as
+    the object has freedoms. Freedoms that the grasp can neither resist nor move have the value zero.
 
     Attributes:
-        singular_values: (w,), falling.
-        directions: (w, w), the half axes as columns, forces before moments divided by L.
-        length: L [m].
-        torsion_length: l [m].
+        singular_values: Half axes, (w,), in descending order.
+        directions: Directions of the half axes as columns, (w, w), forces before moments divided by L.
+        length: Length L [m].
+        torsion_length: Length l [m].
     """
 
     singular_values: FloatArray
@@ -36,18 +36,18 @@ class Measures:
 
     @property
     def isotropy(self) -> float:
-        """sigma_w / sigma_1: 1 for a ball, 0 where a wrench cannot be made (Prattichizzo and Trinkle 2016)."""
+        """sigma_w / sigma_1: 1 for a ball, 0 if some wrench cannot be made (Prattichizzo and Trinkle 2016)."""
         values = self.singular_values
         return float(values[-1] / values[0]) if values.size and values[0] > 0.0 else 0.0
 
     @property
     def volume(self) -> float:
-        """sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, manipulability: the ellipsoid's volume over the unit ball's."""
+        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: volume of the ellipsoid over the unit ball's."""
         return float(np.prod(self.singular_values))
 
     @property
     def minimum(self) -> float:
-        """sigma_w, the largest wrench that one newton makes in the grasp's weakest direction."""
+        """sigma_w, the largest wrench that 1 N makes in the weakest direction of the grasp."""
         return float(self.singular_values[-1]) if self.singular_values.size else 0.0
 
 
@@ -58,17 +58,17 @@ def measures(
     about: ArrayLike | None = None,
     torsion_length: float | None = None,
 ) -> Measures:
-    """Measure a grasp by singular values in units of a length; see `Measures`.
+    """Compute the singular values of a grasp in comparable units; see `Measures`.
 
     Args:
-        grasp: the contacts.
-        length: L, by which moments are divided [m]; the contacts' rms distance from their centroid if None.
-        about: point to which moments refer [m], for example the object's centre of mass. If None, the contacts'
-            centroid, or the grasp's origin where a translation is locked.
-        torsion_length: l, the torsion [N m] that counts as much as one newton [m]; L if None.
+        grasp: Contacts.
+        length: Length L that divides moments [m]. If None, the contacts' rms distance from their centroid.
+        about: Reference point of moments [m], for example the object's centre of mass. If None, the contacts' centroid,
+            or the grasp's origin if a translation is locked.
+        torsion_length: Length l: a torsion of l [N m] counts as much as 1 N [m]. If None, L.
 
     Raises:
-        InputError: a length that is not positive, or none given and contacts that lie in one point.
+        InputError: A length is not positive, or no length is given and all contacts coincide.
     """
     L = moment_length(grasp, length)
     ell = L if torsion_length is None else _positive("torsion_length", torsion_length)
@@ -83,13 +83,13 @@ def measures(
     directions, singular, _ = np.linalg.svd(G, full_matrices=True)
     values = np.zeros(w)
     values[: len(singular)] = singular
-    # a line of contacts in exact arithmetic leaves rounding, not a small number
+    # in exact arithmetic this is zero for contacts on a line; in floats it is rounding
     values[values <= max(G.shape) * np.finfo(float).eps * values[0]] = 0.0
     return Measures(values, directions, L if d > 1 else 1.0, ell)
 
 
 def moment_length(grasp: GraspMatrix, length: float | None) -> float:
-    """Choose the length that divides moments: the argument, or the contacts' rms distance from their centroid [m]."""
+    """Return the length that divides moments [m]: the argument, or the contacts' rms distance from their centroid."""
     if length is not None:
         return _positive("length", length)
     if not grasp.moment_rows.any():
@@ -98,12 +98,12 @@ def moment_length(grasp: GraspMatrix, length: float | None) -> float:
     arms = arms - arms.mean(axis=0)
     radius = float(np.sqrt((arms**2).sum() / grasp.fingers))
     if radius == 0.0:
-        raise InputError("length", None, "a length [m] for moments", "the contacts lie in one point and have no radius")
+        raise InputError("length", None, "a length [m] for moments", "all contacts coincide, so they have no radius")
     return radius
 
 
 def reference_point(grasp: GraspMatrix, about: ArrayLike | None) -> FloatArray:
-    """Choose the point of moments, (d,) [m]: the argument, the centroid, or the origin for a locked translation."""
+    """Return the reference point of moments, (d,) [m]: the argument, the centroid, or the origin (see `measures`)."""
     if about is not None:
         point = finite("about", about)
         if point.shape != (grasp.dimensions,):

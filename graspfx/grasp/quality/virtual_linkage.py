@@ -1,4 +1,4 @@
-"""The virtual linkage: internal forces as tensions of actuators between contacts and torques of the joints there."""
+"""Virtual linkage: internal forces as tensions of actuators between contacts and torques of joints at contacts."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ FloatArray = NDArray[np.float64]
 
 
 class VirtualLinkage:
-    """f = P f + (I - P) f of a linkage with a spherical joint at each contact and actuators between them.
+    """Split f = P f + (I - P) f of a linkage with a spherical joint at each contact and actuators between contacts.
 
-    A wrench is made by forces alone, f_F = W_F^+ w, and the contacts' moments are torques of the joints, internal
-    (Williams and Khatib 1993): with G = [W_F W_T], forces and moments apart,
+    Forces alone make a wrench, f_F = W_F^+ w. The contacts' moments are torques of the joints and so internal (Williams
+    and Khatib 1993). With G = [W_F W_T], the columns of forces and of moments,
 
         P = [W_F^+ (I - W_T H); H] G,    H = (N' W_T)^+ N',    N' W_F = 0,
 
-    where H is zero unless some wrench cannot be made by forces (two contacts cannot turn the object about their line):
-    that one alone is left to the moments. Internal are E t, and tau - W_F^+ W_T tau, with tensions t = E^+ f_F of the
-    actuators, E a column [.. u_ij .. -u_ij ..] each, and torques tau of the joints.
+    H is zero unless forces cannot make some wrench (two contacts cannot turn the object about the line through them);
+    the moments make only that wrench. The internal forces are E t and tau - W_F^+ W_T tau. t = E^+ f_F are the tensions
+    of the actuators, each a column [.. u_ij .. -u_ij ..] of E, and tau the torques of the joints.
 
-    Without moments P = G^+ G: for frictionless and hard contacts this is the split of `grasp.split.Split` without a
-    metric, whatever actuators are chosen, because E spans the null space of G and W_F^+ is orthogonal to it. With
-    moments it is the limit of that split as the torsion length goes to zero, approached with the square of that length
-    over the contacts' radius. It needs no torsion length and does not depend on the unit of length; P is then no
-    symmetric matrix, so that it is meant for analysis, not for a coupling.
+    Without moments P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
+    metric, for any choice of actuators, because E spans the null space of G and W_F^+ is orthogonal to it. With moments
+    it is the limit of that split as the torsion length goes to zero; the difference falls with the square of that
+    length over the contacts' radius. The linkage needs no torsion length and does not depend on the unit of length. P
+    is then not symmetric: use it for analysis, not for a coupling.
 
-    A linkage of actuators alone exists unless contacts lie on a line, or four or more in a plane in space, where
-    `coordinates` completes it with bendings.
+    Actuators alone form a linkage unless the contacts lie on a line, or four or more lie in a plane in space. There
+    `coordinates` adds bendings.
 
     Args:
-        grasp: the contacts.
-        actuators: pairs of fingers counted from 0; chosen well if None.
-        tolerance: as that of `Split`.
+        grasp: Contacts.
+        actuators: Pairs of fingers, counted from 0; a well-conditioned choice if None.
+        tolerance: Relative tolerance of the rank, as for `Split`.
 
     Attributes:
-        rank: of G.
+        rank: Rank of G.
 
     Raises:
-        InputError: a tolerance outside [0, 1).
+        InputError: The tolerance is outside [0, 1).
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class VirtualLinkage:
         least = max(tolerance * np.sqrt(grasp.fingers), max(A.shape) * np.finfo(float).eps)
         U, values, V = np.linalg.svd(A[:, forces])
         r = int((values > least).sum())
-        E = np.zeros((self.components, len(A)))  # contact forces of a wrench
+        E = np.zeros((self.components, len(A)))  # contact forces that make a wrench
         E[forces] = (V[:r].T / values[:r]) @ U[:, :r].T
         unheld = U[:, r:].T @ A[:, ~forces]
         H = np.zeros((unheld.shape[1], len(A)))
@@ -78,16 +78,16 @@ class VirtualLinkage:
 
     @cached_property
     def external(self) -> FloatArray:
-        """P on forces, (m, m)."""
+        """Projector P on forces, (m, m)."""
         return self._distribute @ self._gather
 
     @cached_property
     def internal(self) -> FloatArray:
-        """I - P on forces, (m, m)."""
+        """Projector I - P on forces, (m, m)."""
         return np.eye(self.components) - self.external
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force."""
+        """Divide contact forces (m,) or (..., m) into external and internal parts, whose sum is the force."""
         f = finite("force", force)
         if f.shape[-1:] != (self.components,):
             raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
@@ -96,13 +96,13 @@ class VirtualLinkage:
 
     @cached_property
     def coordinates(self) -> InternalCoordinates:
-        """Tensions of the actuators, positive where they draw fingers together [N], and torques of the joints [N m].
+        """Tensions of the actuators [N], positive if they draw fingers together, and torques of the joints [N m].
 
         Raises:
-            InputError: actuators that do not fit, depend on one another or leave some tension out.
+            InputError: The actuators do not fit, or their tensions are dependent or incomplete.
         """
         return self.internal_coordinates()
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
-        """Give internal forces as named coordinates, with names for the fingers."""
+        """Return the named coordinates of the internal forces; `names` are those of the fingers."""
         return internal_coordinates(self.grasp, self, self.rank, names, self.actuators)

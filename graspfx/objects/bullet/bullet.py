@@ -1,4 +1,4 @@
-"""A rigid body in a PyBullet world: pushed before the world's step, read after it; PyBullet without its banner."""
+"""A rigid body in a PyBullet world, pushed before the world's step and read after it; PyBullet without its banner."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from graspfx.system.c_library import flush_output
 
 BANNER = b"pybullet build time"
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
-NONE = math.inf  # speed that no body has: before the first reading PyBullet is handed any
+NONE = math.inf  # impossible speed that makes PyBullet accept the first one
 
 
 class BulletMember(CarriedBody):
-    """A block's body in a PyBullet world, without PyBullet's damping.
+    """Body of a block in a PyBullet world, without PyBullet's damping.
 
-    A body that turns about one axis only is given the moment about that axis all around, which is the same motion;
-    with two free rotations the inertia has to be isotropic.
+    A body that rotates about one axis only gets the moment of inertia of that axis for all axes, which gives the same
+    motion. With two free rotations the inertia has to be isotropic.
 
-    The calls `pushes` give PyBullet the wrench that `guest.hand_over` left in the body's part, for its next step;
-    `readings` write the motion after that step there, for `guest.take_over`.
+    The calls `pushes` give PyBullet the wrench that `guest.hand_over` left in the body's part, for the next step. The
+    calls `readings` write the motion after that step there, for `guest.take_over`.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
-        part: (guest.SIZE,) of the buffer, for the wrench and the motion; overwritten whole.
-        client: PyBullet's number of the world.
-        collision: its number of the body's shape; -1 for a body that meets nothing.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        part: The body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        client: PyBullet's index of the world.
+        collision: PyBullet's index of the body's shape; -1 for a body that meets nothing.
 
     Raises:
-        InputError: two free rotations of a body whose moments differ.
+        InputError: Two rotations of a body with unequal moments are free.
     """
 
     def __init__(self, state: FloatArray, part: FloatArray, client: int, collision: int = -1) -> None:
@@ -68,7 +68,7 @@ class BulletMember(CarriedBody):
             baseCollisionShapeIndex=collision,
             basePosition=where,
             baseOrientation=self.start if shaped or len(self.turns) > 1 else (0.0, 0.0, 0.0, 1.0),
-            # of PyBullet's two kinds of bodies this one's contacts settle: the other creeps, or slips below mu m g
+            # contacts of this kind of PyBullet body converge; bodies of the other kind creep, or slip below mu m g
             useMaximalCoordinates=int(shaped),
             physicsClientId=client,
         )
@@ -78,7 +78,7 @@ class BulletMember(CarriedBody):
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=NO_LIMIT,
-            mass=mass if moving else 0.0,  # without it PyBullet takes the mass away when it is given moments
+            mass=mass if moving else 0.0,  # otherwise PyBullet drops the mass when it is given moments
             localInertiaDiagonal=moments,
             physicsClientId=client,
         )
@@ -89,7 +89,7 @@ class BulletMember(CarriedBody):
             physicsClientId=client,
         )
         own_part = self.part
-        own_part.by_spin = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
+        own_part.by_spin = shaped  # friction of PyBullet's contacts ignores a torque, but not a velocity
         if shaped:
             own_part.spin = Vector(NONE, NONE, NONE)
         self.pushes = _pushes(own_part, client, self.body)
@@ -97,15 +97,15 @@ class BulletMember(CarriedBody):
 
 
 def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
-    """List the calls that push a body in PyBullet by the wrench handed over; what would change nothing is left out.
+    """List the calls that push a body in PyBullet by the wrench sent; calls without effect are left out.
 
-    Arguments are positional where they can be, which saves 0.2 us a call.
+    Arguments are positional where possible, which saves 0.2 us per call.
     """
     bullet = pybullet()
     force = bullet.applyExternalForce
     push, twist, spin = (_entries(guest_state, name) for name in ("push", "twist", "spin"))
     pushed, turned, where = [0.0] * 3, [0.0] * 3, [0.0] * 3
-    if guest_state.turns == 0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
+    if guest_state.turns == 0:  # no rotation, and PyBullet's x+ = x + T v+ equals ours to the last bit
         own = (body, -1, pushed, (0.0, 0.0, 0.0), bullet.LINK_FRAME, client)
         return [Call(force, own, sends=[(pushed, push)], nonzero=push)]
     frame = bullet.WORLD_FRAME
@@ -132,22 +132,22 @@ def _readings(guest_state: GuestState, client: int, body: int) -> list[Call]:
 
 
 def _entries(guest_state: GuestState, name: str) -> memoryview:
-    """Give the memory of a field: three floats, four of a quaternion."""
+    """Return the memory of a field: three floats, or four of a quaternion."""
     size, start = 4 if name == "turn" else 3, guest_state.offset + start_of(GuestState, name)
     return memoryview(guest_state.buffer)[start : start + size]
 
 
 class BulletCarrier(Carrier):
-    """Bodies in one PyBullet world that is their own.
+    """Bodies in a PyBullet world that they own.
 
     Args:
-        buffer: (bodies guest.SIZE,), flat; each body of `carried` has its part of it.
-        client: PyBullet's number of the world.
+        buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
+        client: PyBullet's index of the world.
     """
 
     program = "PyBullet"
     carried: Sequence[BulletMember]
-    _disconnect: Any  # of the class that has made the world
+    _disconnect: Any  # set by the class that has created the world
 
     def __init__(self, buffer: FloatArray, carried: Sequence[BulletMember], client: int) -> None:
         moving = [one for one in carried if not one.fixed]
@@ -157,7 +157,7 @@ class BulletCarrier(Carrier):
         super().__init__(buffer, carried, [*pushes, Call(pybullet().stepSimulation, (client,)), *readings])
 
     def close(self) -> None:
-        """Give the PyBullet world back; the blocks keep the last states."""
+        """Close the PyBullet world; the blocks keep the last states."""
         self._disconnect()
 
     def _set_step(self, T: float) -> None:
@@ -176,11 +176,11 @@ class BulletBody(BlockBody, BulletCarrier):
     """A rigid body in a PyBullet world of its own, without shape or contacts.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
 
     Raises:
         MissingPackageError: PyBullet is not installed.
-        InputError: two free rotations of a body whose moments differ.
+        InputError: Two rotations of a body with unequal moments are free.
     """
 
     def __init__(self, state: FloatArray) -> None:
@@ -192,21 +192,21 @@ class BulletBody(BlockBody, BulletCarrier):
 
 
 def create(state: FloatArray) -> BulletBody:
-    """Make the body for `dynamics = "bullet"`."""
+    """Create the body for `dynamics = "bullet"`."""
     return BulletBody(state)
 
 
 def new_client() -> int:
-    """Open a new, empty world without gravity and give PyBullet's number of it.
+    """Open a new, empty world without gravity, and return PyBullet's index of it.
 
     Raises:
         MissingPackageError: PyBullet is not installed.
-        GraspFXError: PyBullet has no room for a further one.
+        GraspFXError: PyBullet allows no further world.
     """
     bullet = pybullet()
     client: int = bullet.connect(bullet.DIRECT)
     if client < 0:
-        raise GraspFXError("PyBullet gives no further world; close bodies that are no longer needed")
+        raise GraspFXError("PyBullet allows no further world; close bodies that are no longer needed")
     bullet.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
     return client
 
@@ -224,10 +224,10 @@ def pybullet() -> Any:
 
 @contextmanager
 def _without_banner(descriptor: int) -> Iterator[None]:
-    """Capture the output to a descriptor, then pass on all but the banner, which C code prints."""
+    """Capture the output to a descriptor, and pass on everything except the banner, which C code prints."""
     try:
         saved = os.dup(descriptor)
-    except OSError:  # closed: nothing to hold back
+    except OSError:  # closed: nothing to capture
         yield
         return
     sys.stdout.flush()

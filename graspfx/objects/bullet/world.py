@@ -23,33 +23,33 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
-# Contact parameters with which bodies rest and grasps hold, by measurement: docs/explanation/worlds.md.
+# Contact parameters with which bodies rest and grasps hold, as measured: docs/explanation/worlds.md.
 ENGINE = {
     "numSolverIterations": 200,  # with 50 a box creeps by 1e-5 m in ten seconds
-    "solverResidualThreshold": 0.0,  # it would stop before friction has settled
+    "solverResidualThreshold": 0.0,  # otherwise it stops before friction has converged
     "contactBreakingThreshold": 0.005,  # [m]
-    "contactSlop": 0.0,  # a body would sink by 10 um
-    "erp": 0.2,  # share of a penetration that is taken back in a step; it adds to the speed of a bounce
+    "contactSlop": 0.0,  # otherwise a body sinks by 10 um
+    "erp": 0.2,  # share of a penetration that is removed in a step; it adds to the speed of a bounce
     "contactERP": 0.2,
     "frictionERP": 0.2,
     "deterministicOverlappingPairs": 1,
 }
-SLAB = 200.0  # edge of the box that a floor is to boxes [m]
-MARGIN = 1e-5  # by which PyBullet rounds a hull [m]
-ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its size
+SLAB = 200.0  # edge of the box that represents a floor to boxes [m]
+MARGIN = 1e-5  # radius by which PyBullet rounds a hull [m]
+ELLIPSOID_POINTS = 2000  # points of its hull, which lies inside by up to 1/1000 of its size
 
 
 class BulletWorld(BulletCarrier):
     """Bodies in one PyBullet world, with obstacles.
 
     Args:
-        members: blocks, filled by `fill_body`, and shapes; every freedom of a body is free, or none is.
-        obstacles: fixed; concave meshes as they are.
-        meeting: friction and restitution of every pair, and whether members meet one another.
+        members: Blocks filled by `fill_body`, and shapes. All freedoms of a body are free, or none.
+        obstacles: Fixed shapes; concave meshes keep their hollows.
+        meeting: Friction and restitution of all pairs, and whether members meet one another.
 
     Raises:
         MissingPackageError: PyBullet is not installed.
-        InputError: a body in another than three dimensions, with some freedoms locked, or without end.
+        InputError: A body is not in three dimensions, has some freedoms locked, or is endless.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -72,7 +72,7 @@ class BulletWorld(BulletCarrier):
             bullet.changeDynamics(
                 body,
                 -1,
-                lateralFriction=math.sqrt(meeting.friction),  # PyBullet multiplies those of a pair
+                lateralFriction=math.sqrt(meeting.friction),  # PyBullet multiplies the values of a pair
                 restitution=math.sqrt(meeting.restitution),
                 spinningFriction=0.0,
                 rollingFriction=0.0,
@@ -90,7 +90,7 @@ class BulletWorld(BulletCarrier):
         total = np.zeros(6)
         body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
-        # all of them: asked for one body, PyBullet may exchange a pair and leave the sign of friction as it was
+        # read all contacts: for a single body PyBullet may exchange a pair and not the sign of its friction
         for point in self._bullet.getContactPoints(physicsClientId=self.client):
             if body not in point[1:3]:
                 continue
@@ -102,10 +102,10 @@ class BulletWorld(BulletCarrier):
         return total
 
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
-        """Create the fixed bodies of an obstacle: of a plane one for each side with members, another for boxes.
+        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and another for boxes.
 
-        A box meets a floor that is a box with all its corners at once; on PyBullet's plane it gets them one by one, a
-        step each, is turned by that, and slides up to 20 degrees askew. All else rests better on the plane.
+        All corners of a box meet a floor that is a box at once. On PyBullet's plane they meet it one by one, a step
+        each, which turns the box, and it slides up to 20 degrees askew. Other shapes rest better on the plane.
         """
         kind = getattr(obstacle.shape, "kind", None)
         if kind not in (proxy.HALF_SPACE, proxy.PLANE):
@@ -144,10 +144,10 @@ class BulletWorld(BulletCarrier):
         return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
-        """Create a shape and give PyBullet's number of it; -1 for None. Meshes go as points: PyBullet caches files.
+        """Create a shape and return PyBullet's index of it; -1 for None. Meshes go as points: PyBullet caches files.
 
         Raises:
-            InputError: a plane or half-space that is not an obstacle.
+            InputError: A plane or half-space is not an obstacle.
         """
         if shape is None:
             return -1
@@ -171,11 +171,11 @@ class BulletWorld(BulletCarrier):
             return self._create_shape("GEOM_CYLINDER", radius=a, height=2.0 * b)
         if shape.kind == proxy.ELLIPSOID:
             return self._create_shape("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
-        raise InputError("shape", shape, "one that has an end", "make it an obstacle")
+        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
 
 
 def ellipsoid_points(count: int) -> FloatArray:
-    """Spread points on the unit sphere evenly, on a Fibonacci spiral, (count, 3)."""
+    """Distribute points evenly on the unit sphere, on a Fibonacci spiral, (count, 3)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = math.pi * (3.0 - math.sqrt(5.0)) * k
@@ -195,7 +195,7 @@ def _require_whole(member: Member) -> None:
 
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
-    """Convert a rotation matrix to x, y, z, w, the largest component first."""
+    """Convert a rotation matrix to x, y, z, w, starting from the largest component."""
     x, y, z = np.diag(R)
     trace = np.array([x - y - z, y - x - z, z - x - y, x + y + z])
     k = int(trace.argmax())

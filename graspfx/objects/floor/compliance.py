@@ -1,4 +1,4 @@
-"""How a body on planes gives way at its contacts: W = T G' M^-1 G as orthogonal modes."""
+"""Compliance of a body at its contacts with planes: W = T G' M^-1 G as orthogonal modes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.rotation import multiply, spin_of
 from graspfx.spatial import Vector, cross, orthogonalise, total
 
-NO_MODE = 1e-20  # squared length of a mode that is none, relative to the longest
+NO_MODE = 1e-20  # squared length, relative to the longest mode, below which a mode is zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +37,12 @@ class Triangle:
 
 @kernel
 def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: Table) -> tuple[int, float]:
-    """Compute orthogonal vectors whose squares sum to W, of unit length behind their squared length.
+    """Compute orthogonal vectors whose squares sum to W, as unit vectors preceded by their squared length.
 
-    W = T G' M^-1 G: velocity of the contacts per force held over the sample.
+    W = T G' M^-1 G is the velocity of the contacts per force held over the sample.
 
     Returns:
-        Their number, and the longest one.
+        Number of modes, and the largest squared length.
     """
     d = body.dimensions
     m = body.mass
@@ -65,7 +65,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
 
 @kernel
 def normalise_modes(modes: Table) -> tuple[int, float]:
-    """Write squared lengths before the modes, scale them to length one and leave out zero ones."""
+    """Write squared lengths before the modes, normalise the modes, and drop zero ones."""
     longest = 0.0
     for j in range(6):
         modes[j, 0] = 0.0
@@ -86,7 +86,7 @@ def normalise_modes(modes: Table) -> tuple[int, float]:
 
 @kernel
 def turning_root(body: BodyState, T: float) -> Triangle:
-    """Compute L with L L' the angular velocity per moment that acts for T [s]; zero where locked."""
+    """Compute L, where L L' is the angular velocity per moment that acts for T [s]; zero for locked rotations."""
     d, kind, b, free = body.dimensions, body.integrator, body.rotational_viscosity, body.free_rotation
     if d < 3:
         J = body.inertia.z

@@ -25,36 +25,36 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
-OTHERS = "use bullet or mujoco"  # which take what a floor does not
+OTHERS = "use bullet or mujoco"  # advice for what a floor does not support
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 
 
 @kernel
 def advance(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body on its planes by one sample; give 1, and leave it, if the forces do not settle."""
+    """Move the body on its planes by one sample; return 1 and leave it unchanged if forces do not converge."""
     return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
 @kernel
 def expect(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion without a wrench of the fingers, with the planes' last forces."""
+    """Predict the implicit integrator's motion under the planes' last forces, without a wrench of the fingers."""
     at.predict(body, T)
     if floor.touching != 0:
         rest.predict_on_planes(body, floor, T)
 
 
 class FloorBody(NativeBody):
-    """A rigid body that meets half-spaces and planes; its contact law is in `objects.floor.rest`.
+    """A rigid body on half-spaces and planes; `objects.floor.rest` defines its contact law.
 
-    The damper is b = 2 sqrt(k m), at least critical for every motion of the body, so that nothing bounces.
+    The damping is b = 2 sqrt(k m), at least critical for every motion of the body, so that nothing bounces.
 
     Args:
-        member: block and shape.
-        obstacles: half-spaces and planes; a plane holds the body on the side where its centre is now.
-        meeting: friction and stiffness.
+        member: Block and shape of the body.
+        obstacles: Half-spaces and planes. A plane holds the body on the side where its centre is at the start.
+        meeting: Friction and stiffness of the contacts.
 
     Raises:
-        InputError: an obstacle that is neither, a shape without end, or a restitution.
+        InputError: An obstacle is neither, the shape is endless, or a restitution is given.
     """
 
     stepping = staticmethod(advance)
@@ -69,7 +69,7 @@ class FloorBody(NativeBody):
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
-        most = len(planes) * MOST + len(points)  # contacts
+        most = len(planes) * MOST + len(points)  # largest number of contacts
         room = problem_size(most)
         self.buffer = zeros(size_for(FloorState, **sizes, problem_entries=room))
         floor = self._floor = FloorState(memoryview(self.buffer))
@@ -88,7 +88,7 @@ class FloorBody(NativeBody):
 
     @property
     def contact_wrench(self) -> FloatArray:
-        """Force and moment of all planes on the body in the last sample, world axes, (6,) [N, N m]."""
+        """Force and moment of all planes on the body in the last sample, in world axes, (6,) [N, N m]."""
         return self._wrench
 
     @property
@@ -98,41 +98,41 @@ class FloorBody(NativeBody):
 
     @property
     def associated(self) -> int:
-        """Number of samples without a solution of Coulomb's law: the associated law stands, and slipping lifts."""
+        """Number of samples without a solution of Coulomb's law, which use the associated law (slip lifts off)."""
         return self._floor.associated
 
     def adopt(self, other: FloorBody) -> None:
-        """Take over the damper that goes with the mass of another body on the same planes."""
+        """Take the damping from another body on the same planes, whose mass it suits."""
         self._floor.damping = other._floor.damping
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block and the planes' forces, all held.
 
         Raises:
-            GraspFXError: the contact forces did not settle.
+            GraspFXError: The contact forces did not converge.
         """
         code = advance(self._body, self._floor, T)
         if code:
             raise GraspFXError(self.fault_text(code))
 
     def fault_text(self, code: int) -> str:
-        return "the contact forces between the object and its obstacles did not settle"
+        return "the contact forces between the object and its obstacles did not converge"
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries over T [s], the last sample's contact forces held.
+        """Fill the NEXT and COMPLIANCE entries over T [s], with the last sample's contact forces held.
 
         Raises:
-            InputError: for another integrator than "implicit", whose step they would not describe.
+            InputError: The integrator is not "implicit"; these entries would not describe its step.
         """
         super().free_motion(T)
         expect(self._body, self._floor, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
-    """Compute the unit normal towards the body and the plane's distance from the origin along it.
+    """Compute the unit normal towards the body, and the plane's distance from the origin along it.
 
     Raises:
-        InputError: the obstacle is neither a half-space nor a plane.
+        InputError: The obstacle is neither a half-space nor a plane.
     """
     kind = getattr(obstacle.shape, "kind", None)
     if kind not in FLAT_KINDS:
@@ -149,13 +149,13 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 
 
 def features(shape: Any, d: int) -> FloatArray:
-    """List the features of a shape that can touch a plane, (features, 5): kind, place and radius as in `Feature`.
+    """List the features of a shape that can touch a plane, (features, 5): kind, position and radius as in `Feature`.
 
-    A box has its corners, a sphere itself, a capsule its two ends, a cylinder its two rims with eight fixed points each
-    to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
+    A box has its corners, a sphere itself, a capsule its two ends, an ellipsoid itself, and a mesh the vertices of its
+    convex hull. A cylinder has its two rims, with eight fixed points each on which it stands.
 
     Raises:
-        InputError: a shape without end, or of a kind that is not known here.
+        InputError: The shape is endless, or its kind is not supported.
     """
     return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
@@ -167,7 +167,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
         return
     a, b, c = shape.parameters
     if shape.kind in FLAT_KINDS:
-        raise InputError("shape", shape, "one that has an end", "lock every freedom of a floor, or make it an obstacle")
+        raise InputError("shape", shape, "a bounded shape", "lock every freedom of a floor, or make it an obstacle")
     if shape.kind == proxy.SPHERE:
         yield BALL, 0.0, 0.0, 0.0, a
     elif shape.kind == proxy.BOX:
@@ -191,7 +191,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
 
 
 def reach(points: FloatArray) -> float:
-    """Compute the distance from the centre to the farthest point of any feature [m]."""
+    """Compute the distance from the centre to the farthest point of all features [m]."""
     kinds, places = points[:, 0], np.linalg.norm(points[:, 1:4], axis=1)
     far = np.where(kinds == BALL, places + points[:, 4], places)
     far = np.where(kinds == RIM, np.hypot(points[:, 3], points[:, 4]), far)
@@ -199,7 +199,7 @@ def reach(points: FloatArray) -> float:
 
 
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
-    """Compute the height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
+    """Compute the height of the body's lowest point above a half-space or plane [m]; negative inside it."""
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
     body, n = BodyState(state), Vector(*normal.tolist())
     points = features(shape, d)

@@ -1,4 +1,4 @@
-"""Convex hulls of meshes: the corners that can touch a plane."""
+"""Convex hulls of meshes: the vertices that can touch a plane."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
 
 FloatArray = NDArray[np.float64]
 
-SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
+SHEET = 1e-9  # ratio of thickness to width below which a mesh is flat, and Qhull finds no volume
 
 
 def hull_points(vertices: FloatArray) -> FloatArray:
-    """Select the vertices on the convex hull, (h, 3); of a flat sheet, on its hull in the plane.
+    """Select the vertices on the convex hull, (h, 3); for a flat sheet, on its hull in the plane.
 
-    Which they are comes from the disk cache where they were asked for before: to load scipy.spatial takes longer than
-    most runs.
+    Vertex indices are cached on disk, because loading scipy.spatial takes longer than most runs.
     """
     corners = np.ascontiguousarray(vertices, dtype=np.float64)
     points: FloatArray = vertices[_hull_vertices(corners.shape, corners.tobytes())]
@@ -28,7 +27,7 @@ def hull_points(vertices: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
-    """Load the numbers of the vertices on the hull from the disk, or find and store them."""
+    """Load the indices of the hull's vertices from disk, or compute and store them."""
     key = content_key(("hull", installed.version("scipy"), shape), entries)
     entry = load_arrays(key)
     if entry is not None:
@@ -40,7 +39,7 @@ def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:
-    """Find the numbers of the vertices on the hull, in their order."""
+    """Find the indices of the hull's vertices, in ascending order."""
     from scipy.spatial import ConvexHull
 
     _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)

@@ -1,4 +1,4 @@
-"""The points of a body that can touch a plane: its features, and the lowest point of each."""
+"""Features of a body that can touch a plane, and the lowest point of each."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorPlane, Plane
 from graspfx.spatial import ZERO, Vector, dot
 
 # Kinds of features.
-BALL = 0  # centre in the body and radius: a corner has none
-RIM = 1  # z of a circle about the body's z axis, and its radius: the lowest point alone
-NOTCH = 2  # a fixed point of a rim, which counts while the rim lies nearly flat
+BALL = 0  # centre in the body, and radius (zero for a corner)
+RIM = 1  # z of a circle about the body's z axis, and its radius; its lowest point only
+NOTCH = 2  # a fixed point of a rim, which counts while the rim is nearly flat on the plane
 ELLIPSOID = 3  # semi-axes
 
-FLAT, TILTED = 1e-4, 1e-2  # sines of a rim's tilt between which its lowest point comes to bear
+FLAT, TILTED = 1e-4, 1e-2  # sines of a rim's tilt between which the stiffness of its lowest point fades in
 STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
 
 
 @kernel
 def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
-    """Give the share of a feature's stiffness that bears, and its lowest point from the centre, world axes.
+    """Return the share of a feature's stiffness that acts, and its lowest point from the centre, in world axes.
 
-    Ball c - r n; rim of radius r about z: c - r m_xy/|m_xy|; ellipsoid -A^2 m/|A m|, with m = R'n the normal in the
+    Ball: c - r n. Rim of radius r about z: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. m = R'n is the normal in the
     body's axes.
 
     Args:
-        n: the plane's unit normal, towards the body.
+        n: Unit normal of the plane, towards the body.
     """
     R, kind, p = body.motion.rotation, feature.kind, feature.place
     if kind == BALL:
@@ -39,7 +39,7 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
         return 0.0, ZERO
     share = 1.0
     if kind == RIM:
-        # a point that runs round the rim of a cylinder that lies flat must not bear there at once: it would never rest
+        # the lowest point of a flat cylinder's rim moves freely: if it acted at once, the cylinder would never rest
         s = min(1.0, (tilt - FLAT) / (TILTED - FLAT))
         share = s * s * (3.0 - 2.0 * s)
         r = feature.radius / tilt
@@ -55,7 +55,7 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
     """Reduce more than MOST contacts with a plane to the deepest and the outermost in SIDES directions of the plane.
 
-    They stand one after another from `first` on. Those that stay move to the front, in their order; their number is
+    They are stored consecutively from `first` on. The remaining ones move to the front, in their order; their number is
     returned.
     """
     if count <= MOST:

@@ -1,4 +1,4 @@
-"""The record beside the block of a body on fixed planes: the planes, the body's features, their contacts."""
+"""Record beside the block of a body on fixed planes: planes, features of the body, contacts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from graspfx.cones.problem import FrictionProblem
 from graspfx.objects.body_state import Motion
 from graspfx.spatial import Matrix, Vector
 
-SIDES = 8  # fixed points of a rim, and directions for the selection of a plane's contacts
-MOST = SIDES + 1  # contacts with one plane
+SIDES = 8  # number of fixed points on a rim, and of directions for selecting a plane's contacts
+MOST = SIDES + 1  # largest number of contacts with one plane
 
 
 class FloorPlane(Record):
@@ -19,49 +19,49 @@ class FloorPlane(Record):
 
 
 class Feature(Record):
-    """A part of a body that can touch a plane (`lowest`)."""
+    """Part of a body that can touch a plane (`lowest`)."""
 
     kind: int  # BALL, RIM, NOTCH or ELLIPSOID
-    place: Vector  # in the body, or the semi-axes of an ellipsoid [m]
-    radius: float  # [m]
+    place: Vector  # position in the body [m]; for an ellipsoid its semi-axes
+    radius: float  # radius of a ball or rim [m]
 
 
 class PlaneContact(Record):
-    """A contact point of this sample."""
+    """Contact point of the current sample."""
 
-    pair: int  # of plane and feature: its row of the memory
+    pair: int  # index of the pair of plane and feature: its row of the memory
     plane: int
-    share: float  # of the stiffness
-    arm: Vector  # from the body's centre [m]
-    gap: float  # at the end of the sample without contact [m]
-    speed: Vector  # there, along the plane's normal and tangents [m/s]
-    pressed: bool  # it bears a force
-    slip: Vector  # along the normal and the tangents [m/s]
-    stretch: Vector  # along the tangents, since it stuck; the first entry is not used [m]
+    share: float  # share of the stiffness
+    arm: Vector  # position from the body's centre [m]
+    gap: float  # gap at the end of the sample without contact forces [m]
+    speed: Vector  # velocity there, along the plane's normal and tangents [m/s]
+    pressed: bool  # True if the point bears a force
+    slip: Vector  # slip velocity along the normal and the tangents [m/s]
+    stretch: Vector  # tangential displacement since it stuck; the first entry is not used [m]
 
 
 class FloorState(Record):
-    """A body's planes, features and contacts, and the law of contact."""
+    """Planes, features and contacts of a body, and the law of contact."""
 
     plane_count: int
     feature_count: int
-    stiffness: float  # k of a contact point [N/m]
-    damping: float  # b [N s/m]
-    friction: float  # mu
-    reach: float  # from the centre to the farthest point [m]
-    problem: Ref[FrictionProblem]  # of as many contacts as there can be
+    stiffness: float  # stiffness k of a contact point [N/m]
+    damping: float  # damping b [N s/m]
+    friction: float  # coefficient mu
+    reach: float  # distance from the centre to the farthest point [m]
+    problem: Ref[FrictionProblem]  # problem with room for all contacts
     problem_entries: int
-    touching: int  # contacts in the last sample
-    associated: int  # samples without a solution of Coulomb's law, where the associated law stands
-    force: Vector  # of the planes on the body in the last sample [N]
-    moment: Vector  # [N m]
-    unknowns: Floats = floats("6")  # that the next search starts from
-    finger_force: Vector  # of the fingers, while that of the planes is added [N]
-    finger_moment: Vector  # [N m]
-    before: Motion  # at the sample's beginning
+    touching: int  # number of contacts in the last sample
+    associated: int  # number of samples without a solution of Coulomb's law, which use the associated law
+    force: Vector  # force of the planes on the body in the last sample [N]
+    moment: Vector  # its moment [N m]
+    unknowns: Floats = floats("6")  # start values of the next search
+    finger_force: Vector  # force of the fingers, while that of the planes is added [N]
+    finger_moment: Vector  # its moment [N m]
+    before: Motion  # motion at the beginning of the sample
     planes: Many[FloorPlane] = many("plane_count")
     features: Many[Feature] = many("feature_count")
     memory: Table = table("plane_count * feature_count", "2")  # stretch of each pair's contact [m]
-    contacts: Many[PlaneContact] = many("9 * plane_count + feature_count")  # before those of a plane are thinned out
-    modes: Floats = floats("6 * (1 + 3 * (9 * plane_count + feature_count))")  # the columns of M^-1/2 G
+    contacts: Many[PlaneContact] = many("9 * plane_count + feature_count")  # room before a plane's contacts are thinned
+    modes: Floats = floats("6 * (1 + 3 * (9 * plane_count + feature_count))")  # columns of M^-1/2 G
     problem_room: Floats = floats("problem_entries")

@@ -1,16 +1,15 @@
-"""One sample of a body on fixed planes: its contact forces, and its motion under them.
+"""One sample of a body on fixed planes: contact forces, and the motion under them.
 
-A contact is a spring and a damper with Coulomb friction, taken at the end of the sample:
+A contact is a spring and a damper with Coulomb friction, evaluated at the end of the sample:
 
     lambda_n = -k (g + T u_n) - b u_n,  lambda_t = -k (s + T u_t) - b u_t,  |lambda_t| <= mu lambda_n
 
-with the gap g, the stretch s of the contact since it stuck, the velocity u = u_free + W lambda that the body will have
-there, and W = T G' M^-1 G. As lambda = K (e + slip) this is K^-1 = a I + W, a = 1/(k T + b): the friction cones' form
-with the six columns of M^-1/2 G, made orthogonal, for modes, and at most six unknowns however many points touch.
-
-The forces then are held over the sample like those of the fingers: the body's own integrator moves it under all of
-them together, so that its properties in the air (order, momentum, exact viscosity) hold here. A body that no
-plane can reach in the sample takes the same step as without planes, bit by bit.
+Here g is the gap, s the stretch of the contact since it stuck, u = u_free + W lambda the velocity of the body at the
+end of the sample, and W = T G' M^-1 G. With lambda = K (e + slip) this gives K^-1 = a I + W, a = 1/(k T + b): the form
+of the friction cones, whose modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for
+any number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
+integrator moves it under all forces together. Its properties in the air (order, momentum, exact viscosity) therefore
+hold here too. A body that no plane can reach in the sample takes the same step as without planes, to the bit.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.integrators import predict, step
 from graspfx.spatial import ZERO, Matrix, Vector, cross, dot, exponential, rotate
 
-NEAR = 0.05  # of the body's reach: points so near a plane are contacts as soon as any point touches it
-RESTARTS = 4  # of the search for an answer of Coulomb's law
+NEAR = 0.05  # relative to the body's reach: closer points are contacts as soon as any point touches the plane
+RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Give the time beyond the end of the sample at which the gap is evaluated, x + T v+ for every integrator."""
+    """Return the time beyond the end of the sample at which the gap is evaluated, x + T v+ for every integrator."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0
@@ -41,7 +40,7 @@ def lookahead(kind: int, T: float) -> float:
 
 @kernel
 def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body by T [s]; give the number of contacts, -1 if their forces did not settle."""
+    """Move the body by T [s]; return the number of contacts, or -1 if their forces did not converge."""
     copy_motion(body.motion, floor.before)
     step(body, T)
     count = meet(body, floor, T)
@@ -63,7 +62,7 @@ def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def part(floor: FloorState) -> None:
-    """Remove every contact, its force and its memory."""
+    """Remove all contacts, their forces and their memory."""
     forget(floor)
     floor.force = floor.moment = ZERO
     for k in range(6):
@@ -81,7 +80,7 @@ def forget(floor: FloorState) -> None:
 
 @inline
 def point_velocity(motion: Motion, arm: Vector) -> Vector:
-    """Compute v + w x r, component by component from the left."""
+    """Compute v + w x r; the terms of each component are added from left to right."""
     v, w = motion.velocity, motion.angular_velocity
     return Vector(
         v.x + w.y * arm.z - w.z * arm.y,
@@ -132,7 +131,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
-    """Compute the force at the points that `meet` has listed, and its moment; False if they did not settle."""
+    """Compute the forces at the points listed by `meet`, and their moment; False if they did not converge."""
     d = body.dimensions
     k, b = floor.stiffness, floor.damping
     gain = k * T + b
@@ -173,7 +172,7 @@ def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
 
 @kernel
 def take_forces(floor: FloorState, d: int) -> None:
-    """Add up the contacts' forces and their moments about the body's centre."""
+    """Sum the contact forces and their moments about the body's centre."""
     floor.force = floor.moment = ZERO
     for i, cone in enumerate(floor.problem.contacts):
         contact = floor.contacts[i]
@@ -189,7 +188,7 @@ def take_forces(floor: FloorState, d: int) -> None:
 
 @kernel
 def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
-    """Update the stretch of bearing contacts, s + T (u - slip) with the new velocity; set the rest to zero."""
+    """Update the stretch of loaded contacts, s + T (u - slip) with the new velocity; reset the others."""
     for i in range(n):
         contact = floor.contacts[i]
         contact.stretch = ZERO
@@ -210,9 +209,9 @@ def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
 
 @kernel
 def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion with no wrench but the last sample's contact forces.
+    """Predict the implicit integrator's motion under the last sample's contact forces alone.
 
-    A body at rest on a floor is predicted to rest, and not to fall from it until its contacts are known.
+    A body at rest on a floor is thus predicted to rest, instead of falling until its contacts are known.
     """
     gravity, next_motion = body.gravity, body.next_motion
     body.gravity += floor.force / body.mass

@@ -1,4 +1,4 @@
-"""Rigid bodies moved by MuJoCo, semi-implicit in position and with viscosity applied exactly."""
+"""Rigid bodies simulated by MuJoCo, semi-implicit in position, with exact viscosity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> MujocoWorld:
-    """Make the world of objects that meet obstacles or one another."""
+    """Create the world of objects that meet obstacles or one another."""
     from graspfx.objects.mujoco.mujoco_world import MujocoWorld
 
     return MujocoWorld(members, obstacles, meeting)

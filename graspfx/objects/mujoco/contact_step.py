@@ -1,4 +1,4 @@
-"""A step of MuJoCo's with Coulomb's friction and Newton's restitution: what its own contacts lack is put right."""
+"""A MuJoCo step with Coulomb friction and Newton's restitution, which correct MuJoCo's own contact law."""
 
 from __future__ import annotations
 
@@ -9,26 +9,29 @@ import numpy as np
 from graspfx.objects.body import FloatArray
 
 ROUNDS = 30
-ACCURACY = 1e-9  # of the lifts, over the largest of them
+ACCURACY = 1e-9  # relative to the largest lift: accuracy of the lifts
 
 
 class ContactStep:
-    """A step of a world whose contacts have friction, restitution or both.
+    """Step of a world whose contacts have friction, restitution or both.
 
-    MuJoCo's forces f solve y = A f + a0 - a_ref + R f with y in the dual of the cone of friction and across f. Two of
-    its reference accelerations are put right:
+    MuJoCo's forces f solve y = A f + a0 - a_ref + R f, with y in the dual friction cone and orthogonal to f. Two of its
+    reference accelerations are corrected:
 
-    - In the dual cone a contact that slides by y_t parts by mu |y_t|: a box at 0.5 m/s hops 2 mm high. That lift is
-      taken from the reference across the surface, and the problem solved again until it is the lift of its solution:
-      then the law is Coulomb's (De Saxce and Feng 1998). Where all contacts stick or part, MuJoCo's solution is it.
-    - A contact that two bodies come to with the speed v < 0 parts with -e v, or more to take a penetration back; not
-      with the sum of both.
+    - In the dual cone a contact that slides by y_t separates by mu |y_t|: a box at 0.5 m/s hops 2 mm high. This lift is
+      subtracted from the normal reference, and the problem is solved again until the lift is that of its solution. The
+      law is then Coulomb's (De Saxce and Feng 1998). If all contacts stick or separate, MuJoCo's solution already
+      satisfies it.
+    - A contact that closes with the speed v < 0 separates with -e v, or with the larger speed that removes a
+    penetration;
+      not with the sum of both.
 
     Args:
-        library: MuJoCo.
-        model, data: of the world. Its only constraints are contacts, of three rows, or one without friction; the
-            Jacobian is dense, and the reference across the surface (share r/T - v)/T with the penetration r.
-        friction: mu of every contact; restitution: e of every contact.
+        library: The MuJoCo package.
+        model, data: Model and data of the world. Its only constraints are contacts, of three rows, or one row without
+            friction. The Jacobian is dense, and the normal reference is (share r/T - v)/T with the penetration r.
+        friction: Coefficient mu of every contact.
+        restitution: Coefficient e of every contact.
     """
 
     def __init__(self, library: Any, model: Any, data: Any, friction: float, restitution: float) -> None:
@@ -53,13 +56,13 @@ class ContactStep:
         library.mj_Euler(model, data)
 
     def _bounce(self) -> None:
-        """Raise references across surfaces to those of restitution."""
+        """Raise the normal references to those of restitution."""
         data, T = self._data, self._model.opt.timestep
         across, speeds = data.efc_aref[:: self._rows], data.efc_vel[:: self._rows]
         np.maximum(across, -(1.0 + self._restitution) / T * speeds, out=across, where=speeds < 0.0)
 
     def _slide(self) -> None:
-        """Solve again until the lifts are those of the solution, from the last step's if there are as many."""
+        """Solve until the lifts are those of the solution; start from the last step's if their number fits."""
         solve, model, data, rows = self._library.mj_fwdConstraint, self._model, self._data, self._rows
         aref, R, qacc = data.efc_aref, data.efc_R, data.qacc
         J = data.efc_J.reshape(len(aref), -1)

@@ -1,4 +1,4 @@
-"""Shapes as MuJoCo has them: its own kinds, convex hulls, and concave obstacles as one piece for each triangle."""
+"""Shapes in MuJoCo: its own kinds, convex hulls, and a piece per triangle of a concave obstacle."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from graspfx.spatial import quaternion
 from graspfx.surfaces.closed_form import proxy
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-FLATTEST = 2e-4  # thickness over width that a flat mesh gets: MuJoCo takes none without volume, and has 24 bits
-THICK = 1.0  # of shapes in a plane or on a line, across it, over their largest size
+FLATTEST = 2e-4  # ratio of thickness to width of a flat mesh, since MuJoCo needs a volume and has 24 bits
+THICK = 1.0  # relative to the largest size: thickness of shapes in a plane or on a line
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,11 @@ class Geometry:
     """A convex shape in its body's frame.
 
     Attributes:
-        kind: MuJoCo's name.
-        size: as MuJoCo takes it; of no use to a mesh.
-        points: (n, 3) corners of a mesh; None for every other shape.
-        position: (3,) [m]; quaternion: w, x, y, z.
+        kind: MuJoCo's name of the kind.
+        size: Size in MuJoCo's convention; unused for a mesh.
+        points: Vertices of a mesh, (n, 3); None for other shapes.
+        position: Position, (3,) [m].
+        quaternion: Orientation w, x, y, z.
     """
 
     kind: str
@@ -39,21 +40,21 @@ class Geometry:
     quaternion: tuple[float, ...] = UPRIGHT
 
     def at(self, position: FloatArray, rotation: FloatArray) -> Geometry:
-        """Give the shape of a body at the world's origin, placed and turned."""
+        """Return the shape placed and rotated, for a body at the world's origin."""
         x, y, z, w = numbers(quaternion(rotation.ravel().tolist()))
         return replace(self, position=tuple(position.tolist()), quaternion=(w, x, y, z))
 
 
 def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]:
-    """List the shapes that stand for one; none for None.
+    """List MuJoCo's shapes for a shape of the scene; none for None.
 
     Args:
-        shape: of the scene.
-        d: dimensions of the scene; a shape of a plane or a line is made thick across it.
-        fixed: whether a mesh keeps its hollows; else it is its convex hull.
+        shape: Shape of the scene.
+        d: Dimensions of the scene; shapes in a plane or on a line are extruded.
+        fixed: True if a mesh keeps its hollows; otherwise its convex hull is used.
 
     Raises:
-        InputError: a plane or half-space that is not an obstacle.
+        InputError: A plane or half-space is not an obstacle.
     """
     if shape is None:
         return
@@ -76,11 +77,11 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     elif shape.kind == proxy.ELLIPSOID:
         yield Geometry("ELLIPSOID", (a, b, c))
     else:
-        raise InputError("shape", shape, "one that has an end", "make it an obstacle")
+        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
 
 
 def _with_volume(points: FloatArray) -> FloatArray:
-    """Give corners that lie in a plane twice, on both sides of it; any others as they are."""
+    """Duplicate coplanar vertices on both sides of their plane; return others unchanged."""
     _, widths, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if widths[2] > SHEET * widths[0]:
         return points

@@ -1,4 +1,4 @@
-"""Exchange between a body's block and MuJoCo's joints: the wrench of a sample, and the motion after it."""
+"""Exchange between a body's block and MuJoCo's joints: wrench of a sample, and motion after it."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from graspfx.objects.rotation import momentum, multiply, spin_of, turn_exactly, 
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, exponential, inner, rotate
 
 OUT_OF_RANGE = 2
-UNTOUCHED = 1e-16  # square of the relative change of a spin that is rounding
-RANGE = 1e10  # beyond which MuJoCo takes a number for a failure
+UNTOUCHED = 1e-16  # squared relative change of an angular velocity below which it is rounding
+RANGE = 1e10  # largest number that MuJoCo does not treat as a failure
 
 
 @kernel
 def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force and moment for a step of MuJoCo's, world axes: shares that viscosity leaves (`hand_over`).
+    """Compute force and moment for MuJoCo's step in world axes: the shares that viscosity leaves (`hand_over`).
 
-    With unequal moments of inertia it is another moment: the one that leads to the turn of `drift`.
+    If the moments of inertia differ, the moment is the one that leads to the rotation of `drift`.
     """
     hand_over(body, guest, T)
     if guest.turns > 1:
@@ -29,11 +29,12 @@ def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def drift(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the moment with which MuJoCo's step turns the body as far as it turns freely after a push.
+    """Compute the moment for which MuJoCo's step rotates the body as far as it rotates freely after a push.
 
-    The push changes the spin by w + T J^-1 M, with the moment M that viscosity leaves; then the body turns for T by
-    Euler's equations without a moment, to fourth order: semi-implicit as the translation is, without the error of the
-    gyroscopic term. MuJoCo turns by its new spin u+ = u + T J^-1 (N - u x J u), which is to be that turn's mean.
+    The push changes the angular velocity by T J^-1 M, where M is the moment that viscosity leaves. Then the body
+    rotates for T by Euler's equations without a moment, to fourth order. This is semi-implicit like the translation,
+    but free of the error of the gyroscopic term. MuJoCo rotates by its new spin u+ = u + T J^-1 (N - u x J u), which
+    has to equal the mean of that rotation.
     """
     motion = body.motion
     q, w, moment, b = motion.quaternion, motion.angular_velocity, body.moment, body.rotational_viscosity
@@ -54,17 +55,17 @@ def drift(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def take_from_joints(body: BodyState, guest: GuestState, T: float) -> int:
-    """Write the motion after a step of T [s] to the block; OUT_OF_RANGE for a number that MuJoCo cannot go on with.
+    """Write the motion after a step of T [s] to the block; return OUT_OF_RANGE if a number is too large for MuJoCo.
 
-    `guest.place` and `guest.velocity` are those of slides, `guest.turn` is MuJoCo's quaternion w, x, y, z and
-    `guest.spin` goes by the body's axes; of one free rotation `guest.angle` is the angle and `spin` about the world's.
+    `guest.place` and `guest.velocity` are those of slides, `guest.turn` is MuJoCo's quaternion w, x, y, z, and
+    `guest.spin` is in the body's axes. For one free rotation `guest.angle` is the angle, and `spin` is in world axes.
     """
     if not guest.waiting:
         return 0
     guest.waiting = False
     motion, v, w, x = body.motion, guest.velocity, guest.spin, guest.place
     speed = abs(v.x) + abs(v.y) + abs(v.z) + abs(w.x) + abs(w.y) + abs(w.z)
-    if not speed + abs(x.x) + abs(x.y) + abs(x.z) < RANGE:  # nor if it is not a number
+    if not speed + abs(x.x) + abs(x.y) + abs(x.z) < RANGE:  # true for NaN
         return OUT_OF_RANGE
     for a in range(3):
         if guest.free_translation[a] != 0.0:
@@ -86,11 +87,11 @@ def take_from_joints(body: BodyState, guest: GuestState, T: float) -> int:
         return 0
     t, old = guest.turn, motion.quaternion
     q = Quaternion(t.y, t.z, t.w, t.x)
-    if q.x * old.x + q.y * old.y + q.z * old.z + q.w * old.w < 0.0:  # its sign may change at will
+    if q.x * old.x + q.y * old.y + q.z * old.z + q.w * old.w < 0.0:  # both signs mean the same rotation
         q = Quaternion(-q.x, -q.y, -q.z, -q.w)
     spin, aim, lead = rotate(q, w), guest.aim, guest.lead
     other = spin - aim
-    if inner(other, other) <= UNTOUCHED * inner(aim, aim):  # by no contact
+    if inner(other, other) <= UNTOUCHED * inner(aim, aim):  # no contact has changed it
         spin += lead
     motion.angular_velocity = multiply(guest.free_rotation, spin)
     motion.quaternion = q

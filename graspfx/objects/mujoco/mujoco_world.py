@@ -24,10 +24,10 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
-# Contact parameters with which bodies rest and grasps hold, by measurement: docs/explanation/worlds.md.
-IMPEDANCE = 0.9999  # MuJoCo's largest: how far a contact is a constraint and not a spring
-SETTLING = 0.02  # time constant with which a penetration is taken back [s]
-STICKING = 1e4  # how much harder a contact is along the surface than across it
+# Contact parameters with which bodies rest and grasps hold, as measured: docs/explanation/worlds.md.
+IMPEDANCE = 0.9999  # MuJoCo's largest value: how much a contact acts as a constraint instead of a spring
+SETTLING = 0.02  # time constant with which a penetration decays [s]
+STICKING = 1e4  # ratio of a contact's tangential to its normal stiffness
 ITERATIONS = 100
 TOLERANCE = 1e-20
 NO_FRICTION = 1e-5  # MuJoCo's smallest coefficient
@@ -36,22 +36,22 @@ NO_FRICTION = 1e-5  # MuJoCo's smallest coefficient
 class MujocoWorld(MujocoCarrier):
     """Bodies in one MuJoCo world, with obstacles.
 
-    What MuJoCo calls stiffness and damping is chosen so that a contact parts in a step with the speed that takes a
-    share of its penetration back, or more, and along the surface stands still, within Coulomb's round cone.
+    MuJoCo's stiffness and damping parameters are chosen so that in one step a contact separates with at least the speed
+    that removes a share of its penetration, and stands still tangentially, within Coulomb's circular cone.
 
     Args:
-        members: blocks, filled by `fill_body`, and shapes.
-        obstacles: fixed; concave meshes as they are.
-        meeting: friction and restitution of every pair, and whether members meet one another.
+        members: Blocks filled by `fill_body`, and shapes.
+        obstacles: Fixed shapes; concave meshes keep their hollows.
+        meeting: Friction and restitution of all pairs, and whether members meet one another.
 
     Raises:
         MissingPackageError: MuJoCo is not installed.
-        InputError: a body without end, or one that has a shape and two of three rotations free.
+        InputError: A body is endless, or has a shape and exactly two free rotations.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
         self._members, self._meeting = members, meeting
-        self._count = 0  # of shapes
+        self._count = 0  # number of shapes
         self._friction = meeting.friction if meeting.friction > NO_FRICTION else 0.0
         self._spec = spec = new_spec()
         _set_solver(spec)
@@ -100,10 +100,10 @@ class MujocoWorld(MujocoCarrier):
         super()._set_step(T)
         share = -math.expm1(-T / SETTLING)
         d = IMPEDANCE
-        self.model.pair_solref[:] = -share * d / (T * T), -d / T  # MuJoCo divides the one by d, too
+        self.model.pair_solref[:] = -share * d / (T * T), -d / T  # MuJoCo divides the first by d
 
     def _add(self, body: Any, geometry: Geometry, owner: str) -> str:
-        """Add a shape to a body and give its name."""
+        """Add a shape to a body, and return its name."""
         spec = self._spec
         name = f"{owner}.{self._count}"
         self._count += 1
@@ -119,7 +119,7 @@ class MujocoWorld(MujocoCarrier):
         return name
 
     def _meet(self, shapes: Sequence[str], others: Sequence[str]) -> None:
-        """Let each of these shapes meet each of those."""
+        """Let each shape of one list meet each shape of the other."""
         mu = self._friction
         for one in shapes:
             for other in others:
@@ -130,7 +130,7 @@ class MujocoWorld(MujocoCarrier):
                 )  # fmt: skip
 
     def _place(self, number: int, obstacle: Obstacle) -> Iterator[tuple[int, list[str]]]:
-        """Add an obstacle's shapes to the world; tell for each member which of them it meets."""
+        """Add an obstacle's shapes to the world; yield for each member the shapes that it meets."""
         world, owner = self._spec.worldbody, f"obstacle {number}"
         d = int(self._members[0].state[at.DIMENSIONS])
         kind = getattr(obstacle.shape, "kind", None)

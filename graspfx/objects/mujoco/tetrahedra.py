@@ -1,4 +1,4 @@
-"""Meshes as convex pieces: closed parts that are convex, else a thin tetrahedron under each triangle."""
+"""Convex pieces of meshes: closed convex parts, or a thin tetrahedron under each triangle."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from graspfx.objects.body import FloatArray
 
 IntArray = NDArray[np.integer]
 
-HOLLOW = 1e-6  # how far a corner may stand before a triangle of a convex mesh, over the mesh's size
-ROUNDING = 2e-7  # of corners, over the mesh's size: files have 24 bits, and a narrow triangle is tilted by them
-TILT = 1e-3  # of a triangle at most that is put down to rounding
-THIN = 0.02  # depth of a shell's pieces at most, over the shell's size
+HOLLOW = 1e-6  # relative to the mesh's size: height of a vertex in front of a triangle that makes a mesh non-convex
+ROUNDING = 2e-7  # relative to the mesh's size: rounding of vertices (24 bits in files), which tilts narrow triangles
+TILT = 1e-3  # largest tilt of a triangle that is attributed to rounding
+THIN = 0.02  # relative to a shell's size: largest depth of its pieces
 MOST_PIECES = 5000
-MOST_PAIRS = 40_000_000  # of a triangle and a corner: a fraction of a second
-BLOCK = 1_000_000  # pairs of a triangle and a corner that are looked at together
+MOST_PAIRS = 40_000_000  # largest number of pairs of a triangle and a vertex: a fraction of a second
+BLOCK = 1_000_000  # number of pairs that are processed together
 
 
 def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
-    """List convex pieces (n, 3) of a surface: the corners of each closed part if all are convex, else tetrahedra.
+    """List convex pieces (n, 3) of a surface: the vertices of each closed convex part, or tetrahedra.
 
-    A shell has no inside, whether it closes or not, so that it is never filled.
+    A shell has no inside, whether it is closed or not, so that it is never filled.
 
     Raises:
-        InputError: more than 5000 triangles of a surface that is not convex.
+        InputError: The surface is not convex and has more than 5000 triangles.
     """
     if not shell:
         owners = _components(faces)
@@ -39,10 +39,10 @@ def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iter
 
 
 def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
-    """Tell whether a surface is not that of a convex body: it is open, or a corner stands before a triangle's plane.
+    """True if a surface does not bound a convex body: it is open, or a vertex lies in front of a triangle's plane.
 
-    All corners count, not those of neighbours alone: a fine mesh of a shallow dish is flat at every edge. Of many
-    triangles some are looked at so, evenly spread: what lies between them is found at its edges.
+    All vertices count, not only neighbours: a fine mesh of a shallow dish is flat at every edge. Of many triangles an
+    evenly spaced subset is tested against all vertices; edges reveal hollows in between.
     """
     first, second = _neighbours(faces)
     if len(first) != 3 * len(faces):
@@ -65,14 +65,14 @@ def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
 
 
 def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
-    """List a tetrahedron (4, 3) for each triangle: its corners, and a point below its incentre.
+    """List a tetrahedron (4, 3) for each triangle: its vertices, and a point below its incentre.
 
-    The point is as deep as the inscribed circle is wide, or less where the surface turns back below the triangle: a
-    tetrahedron stays within half the angle at each of its triangle's edges, so that none looks out of the body there.
-    Nor does its point get further than half the way to the surface below. A shell's are thin, 1/50 of its size at most.
+    The depth of the point is the width of the inscribed circle, or less if the surface turns back below the triangle. A
+    tetrahedron stays within half the angle at each edge of its triangle, so that it does not protrude there. Its point
+    is at most halfway to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
 
     Raises:
-        InputError: more than 5000 triangles.
+        InputError: There are more than 5000 triangles.
     """
     if len(faces) > MOST_PIECES:
         kind = "shell" if shell else "concave mesh"
@@ -85,7 +85,7 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
     cosine = np.clip(np.einsum("ij,ij->i", normals[first], normals[second]), -1.0, 1.0)
     centres = vertices[faces].mean(axis=1)
     bulges = np.einsum("ij,ij->i", centres[second] - centres[first], normals[first]) < 0.0
-    slopes = np.ones(len(faces))  # tangent of half the angle inside the body, one at most
+    slopes = np.ones(len(faces))  # tangent of half the angle inside the body, at most one
     half = np.where(bulges, np.sqrt((1.0 + cosine) / np.maximum(1.0 - cosine, 1e-300)), 1.0)
     np.minimum.at(slopes, first, half)
     corners = vertices[faces]
@@ -102,9 +102,9 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
 
 
 def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: FloatArray) -> FloatArray:
-    """Compute how far it is from each triangle's incentre along its normal, inwards, to another triangle (f,) [m].
+    """Compute the distance from each triangle's incentre along its inward normal to another triangle (f,) [m].
 
-    A triangle is met as Moeller and Trumbore (1997) say; infinite where none is, or none within `reach` (f,).
+    Intersections follow Moeller and Trumbore (1997); infinite if there is none within `reach` (f,).
     """
     least = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     middles = corners.mean(axis=1)
@@ -116,7 +116,7 @@ def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: F
         a, one, two = near[:, 0], near[:, 1] - near[:, 0], near[:, 2] - near[:, 0]
         across = np.cross(normal, two)
         scale = np.einsum("ij,ij->i", one, across)
-        scale = np.where(scale == 0.0, np.nan, scale)  # edge on
+        scale = np.where(scale == 0.0, np.nan, scale)  # parallel to the ray
         from_a = start - a
         u = np.einsum("ij,ij->i", from_a, across) / scale
         turned = np.cross(from_a, one)
@@ -129,19 +129,19 @@ def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: F
 
 
 def _sizes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute triangles' sides, opposite each corner (f, 3) [m], and twice their areas (f,) [m^2]."""
+    """Compute the sides of triangles, opposite each vertex (f, 3) [m], and twice their areas (f,) [m^2]."""
     sides = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
     return sides, np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def _components(faces: IntArray) -> IntArray:
-    """Number the parts of a surface that edges connect (f,): each triangle takes the least number in reach."""
+    """Number the connected parts of a surface (f,): each triangle takes the lowest index that edges connect to it."""
     first, second = _neighbours(faces)
     owners = np.arange(len(faces))
     while True:
         least = owners.copy()
         np.minimum.at(least, first, owners[second])
-        least = least[least]  # the number of that number: steps double
+        least = least[least]  # pointer jumping: the distance doubles in each step
         if np.array_equal(least, owners):
             return np.unique(owners, return_inverse=True)[1]
         owners = least
@@ -155,7 +155,7 @@ def _planes(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArr
 
 
 def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """List pairs of triangles with an edge in common, both ways."""
+    """List pairs of triangles with a common edge, in both orders."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     owners = np.repeat(np.arange(len(faces)), 3)
     order = np.lexsort((edges[:, 1], edges[:, 0]))

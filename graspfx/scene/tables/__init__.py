@@ -1,1 +1,1 @@
-"""The tables of a scene file: their keys, units and defaults."""
+"""Tables of a scene file: keys, units and defaults."""

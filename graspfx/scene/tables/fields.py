@@ -1,4 +1,4 @@
-"""Strict fields of a scene: finite numbers, vectors, gains, and tables that refuse keys they do not know."""
+"""Strict field types of a scene: finite numbers, vectors, gains, and tables that refuse unknown keys."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from pydantic_core import PydanticCustomError
 from graspfx.errors import InputError, abbreviate, closest
 from graspfx.numeric import LARGEST, SMALLEST
 
-DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
+DRAFT: Final = {"draft": True}  # validation context that drops invalid fields
 INVALID: Final = object()
-ROUNDING = 1e-12  # relative; how far from symmetric or positive a matrix may be
+ROUNDING = 1e-12  # relative tolerance for symmetric and positive semidefinite matrices
 
 
 class NotValid(AttributeError):
-    """A field of a draft that has a fault of its own: what depends on it cannot be judged."""
+    """A field of a draft that is invalid, so that nothing that depends on it can be checked."""
 
 
 class Table(BaseModel):
-    """A frozen table. Validated with the context DRAFT it keeps the fields that are valid, and only those."""
+    """A frozen table. Validated with the context DRAFT, it keeps only the valid fields."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False, defer_build=True

@@ -1,4 +1,4 @@
-"""The tables of a scene that say how the operator's hand holds the fingertips and where it means to go."""
+"""Tables of an operator's hand: how it holds the fingertips, and its intended motion."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from graspfx.scene.tables.fields import (
 
 
 def _form(value: Any) -> str:
-    """Tell the form of a field that takes a word or number, a list or a table."""
+    """Return the form of a field that takes a word or number, a list, or a table."""
     if isinstance(value, Mapping | Table):
         return "<table>"
     return "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<word>"
@@ -47,8 +47,8 @@ class Sine(Table):
     kind: Literal["sine"]
     amplitude: Number = Field(description="A [m]")
     frequency: Positive = Field(description="f [Hz]")
-    axis: Axis = Field(default=0, description="0, 1, 2 or x, y, z, or a direction (d,) of any length")
-    begin: Number = Field(default=0.0, description="when it begins [s]")
+    axis: Axis = Field(default=0, description="axis: 0, 1, 2 or x, y, z, or a direction (d,) of any length")
+    begin: Number = Field(default=0.0, description="start time [s]")
     ramp: NotNegative = Field(default=0.0, description="time in which A grows to its value [s]")
 
 
@@ -56,9 +56,9 @@ class Reach(Table):
     """A minimum-jerk movement by `displacement` that begins at `begin` and lasts `duration`."""
 
     kind: Literal["reach"]
-    displacement: Vector = Field(description="from rest, (d,) [m]")
-    begin: Number = Field(default=0.0, description="when it begins [s]")
-    duration: Positive = Field(description="how long it lasts [s]")
+    displacement: Vector = Field(description="displacement from rest, (d,) [m]")
+    begin: Number = Field(default=0.0, description="start time [s]")
+    duration: Positive = Field(description="duration [s]")
 
 
 class Path(Table):
@@ -66,11 +66,15 @@ class Path(Table):
 
     kind: Literal["path"]
     file: str | None = Field(
-        default=None, description="relative to the scene's file", json_schema_extra={"excludes": "`times`, `positions`"}
+        default=None,
+        description="path relative to the scene's file",
+        json_schema_extra={"excludes": "`times`, `positions`"},
     )
-    times: Vector | None = Field(default=None, description="rising [s]", json_schema_extra={"excludes": "`file`"})
+    times: Vector | None = Field(
+        default=None, description="increasing times [s]", json_schema_extra={"excludes": "`file`"}
+    )
     positions: Vectors | None = Field(
-        default=None, description="one (d,) per time [m]", json_schema_extra={"excludes": "`file`"}
+        default=None, description="position (d,) at each time [m]", json_schema_extra={"excludes": "`file`"}
     )
 
 
@@ -89,17 +93,17 @@ Motions = Annotated[Annotated[Motion, Tag("<table>")] | Annotated[tuple[Motion, 
 
 
 class Turning(Table):
-    """Where a turn goes: about z in the plane, about an axis in space."""
+    """Axis and start of a rotation: about z in the plane, about an axis in space."""
 
     axis: Axis | None = Field(
         default=None,
-        description="x, y, z, 0, 1, 2 or a direction of any length; required in space",
+        description="axis: x, y, z, 0, 1, 2 or a direction of any length; required in space",
         json_schema_extra={"excludes": "`dimensions = 2`, where turns are about z"},
     )
     centre: Vector | None = Field(
-        default=None, description="a point of the axis, (d,) [m]; where the object's centre is at first if not given"
+        default=None, description="point on the axis, (d,) [m]; the object's initial centre if not given"
     )
-    begin: Number = Field(default=0.0, description="when it begins [s]")
+    begin: Number = Field(default=0.0, description="start time [s]")
 
 
 class TurnSine(Turning):
@@ -115,8 +119,8 @@ class TurnReach(Turning):
     """A minimum-jerk turn by `angle` that begins at `begin` and lasts `duration`."""
 
     kind: Literal["reach"]
-    angle: Number = Field(description="about the axis, right-handed [rad]")
-    duration: Positive = Field(description="how long it lasts [s]")
+    angle: Number = Field(description="angle about the axis, right-handed [rad]")
+    duration: Positive = Field(description="duration [s]")
 
 
 _check_turn, _turn_by_kind = by_kind(("sine", "reach"), field="turn")
@@ -127,9 +131,9 @@ Turns = Annotated[Annotated[Turn, Tag("<table>")] | Annotated[tuple[Turn, ...], 
 class Step(Table):
     """A minimum-jerk step of the squeeze to a level."""
 
-    to: Number = Field(description="the squeeze after it [m]; less than zero is open")
-    begin: Number = Field(description="when it begins [s]")
-    duration: Positive = Field(description="how long it lasts [s]")
+    to: Number = Field(description="squeeze after the step [m]; negative is open")
+    begin: Number = Field(description="start time [s]")
+    duration: Positive = Field(description="duration [s]")
 
 
 Squeeze = Annotated[
@@ -139,7 +143,7 @@ Squeeze = Annotated[
 
 
 def _depth(value: Any) -> str:
-    """Tell a list of lists from one of numbers."""
+    """Tell a list of lists from a list of numbers."""
     first = value[0] if isinstance(value, list | tuple) and value else None
     nested = isinstance(first, list | tuple) or getattr(value, "ndim", 1) > 1
     return "<lists>" if nested else "<list>"
@@ -160,95 +164,103 @@ PerAxis = Annotated[
 class Spring(Table):
     """Stiffness and damping of one half of a hand."""
 
-    stiffness: PerAxis = Field(description="K [N/m], or one per axis")
-    damping: PerAxis = Field(default=0.0, description="B [N s/m], or one per axis")
+    stiffness: PerAxis = Field(description="K [N/m], a number or one per axis")
+    damping: PerAxis = Field(default=0.0, description="B [N s/m], a number or one per axis")
 
 
 Offsets = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Vectors, Tag("<lists>")], Discriminator(_depth)]
 
 
 class Guide(Table):
-    """Goals that lead a hand aside while a run goes on, each behind a critically damped follower."""
+    """Offsets of the hand's targets that change during a run, each smoothed by a critically damped follower."""
 
     lag: Positive = Field(default=0.02, description="time constant of the followers [s]")
     offset: Offsets | None = Field(
-        default=None, description="goal by which the targets go aside, (d,) or one per finger [m]; zero if not given"
+        default=None, description="offset of the targets, (d,) or one per finger [m]; zero if not given"
     )
-    squeeze: Number = Field(default=0.0, description="goal that is added to the squeeze [m]")
+    squeeze: Number = Field(default=0.0, description="offset of the squeeze [m]")
 
 
 class Limb(Table):
-    """A mass between the intention and the fingertip: with the hand's own spring and damper, five parameters.
+    """Mass between intention and fingertip; with the spring and damper of the hand it has five parameters.
 
     M y'' = K_l (r - y) + B_l (r' - y') - F, and F = K (y - p) + B (y' - p') pulls the fingertip p.
     """
 
-    mass: Positive = Field(description="M, of finger, hand and arm that move with each fingertip [kg]")
-    stiffness: PerAxis = Field(description="K_l, from the intention r to the mass [N/m], or one per axis")
-    damping: PerAxis = Field(default=0.0, description="B_l [N s/m], or one per axis")
+    mass: Positive = Field(description="mass M of finger, hand and arm that moves with each fingertip [kg]")
+    stiffness: PerAxis = Field(
+        description="stiffness K_l between the intention r and the mass [N/m], a number or one per axis"
+    )
+    damping: PerAxis = Field(default=0.0, description="damping B_l [N s/m], a number or one per axis")
 
 
 class Stiffening(Table):
-    """Stiffness and damping that rise with the grip force: K + k F and B + b F, F behind the displayed force |u|."""
+    """Stiffness and damping that grow with the grip force: K + k F and B + b F, where F follows the force |u|."""
 
-    stiffness: NotNegative = Field(description="k, what each newton of grip adds [N/m per N]")
-    damping: NotNegative = Field(default=0.0, description="b [N s/m per N]")
+    stiffness: NotNegative = Field(description="stiffness k per newton of grip [N/m per N]")
+    damping: NotNegative = Field(default=0.0, description="damping b per newton of grip [N s/m per N]")
     lag: Positive = Field(description="time constant with which F follows |u| [s]")
 
 
 class Reaction(Table):
-    """A voluntary force, a delay after what is felt: k (r - p) + b (r' - p') - g u, all of them `delay` ago."""
+    """A voluntary force in response to an earlier sensation: k (r - p) + b (r' - p') - g u, evaluated `delay` ago."""
 
-    delay: Positive = Field(description="from what is felt to the muscle's force [s]; to the nearest sample")
-    stiffness: NotNegative = Field(default=0.0, description="k, against displacement [N/m]")
-    damping: NotNegative = Field(default=0.0, description="b, against velocity [N s/m]")
-    force: NotNegative = Field(default=0.0, description="g, share of the displayed force that it adds to the push back")
+    delay: Positive = Field(description="delay between sensation and muscle force [s], rounded to samples")
+    stiffness: NotNegative = Field(default=0.0, description="stiffness k against displacement [N/m]")
+    damping: NotNegative = Field(default=0.0, description="damping b against velocity [N s/m]")
+    force: NotNegative = Field(
+        default=0.0, description="share g of the displayed force that is pushed back in addition"
+    )
 
 
 class Tremor(Table):
-    """A tremor of the intention: sines of random frequencies in a band, and random phases."""
+    """Tremor of the intention: sines of random frequencies within a band, and of random phases."""
 
-    amplitude: NotNegative = Field(description="root mean square on each axis [m]")
-    frequency: Positive = Field(default=10.0, description="middle of the band [Hz]")
-    width: NotNegative = Field(default=4.0, description="width of the band [Hz]; zero is one sine")
-    seed: Count = Field(default=0, description="seed of the random numbers; each hand has numbers of its own")
+    amplitude: NotNegative = Field(description="root-mean-square amplitude on each axis [m]")
+    frequency: Positive = Field(default=10.0, description="centre of the band [Hz]")
+    width: NotNegative = Field(default=4.0, description="width of the band [Hz]; zero for a single sine")
+    seed: Count = Field(default=0, description="seed of the random numbers, which differ between hands")
     begin: Number = Field(default=0.0, description="[s]")
-    ramp: NotNegative = Field(default=0.5, description="over which it fades in [s]")
+    ramp: NotNegative = Field(default=0.5, description="fade-in time [s]")
 
 
 class Noise(Table):
-    """Noise of the muscle's force in proportion to it, the same share at every force."""
+    """Noise of the muscle force, proportional to the force."""
 
-    share: NotNegative = Field(description="standard deviation over force, the coefficient of variation")
-    cutoff: Positive = Field(description="the noise has all its power, evenly, below this frequency [Hz]")
+    share: NotNegative = Field(description="coefficient of variation: standard deviation over force")
+    cutoff: Positive = Field(description="cutoff frequency, below which the noise has its power, evenly [Hz]")
     lag: Positive = Field(description="time constant with which the noise follows the muscle's force [s]")
-    seed: Count = Field(default=0, description="seed of the random numbers; each finger has numbers of its own")
+    seed: Count = Field(default=0, description="seed of the random numbers, which differ between fingers")
 
 
 class Moving(Table):
-    """The motion in time that hands of every kind may have."""
+    """Motion in time, common to all kinds of hands."""
 
-    motion: Motions = Field(default=Rest(kind="rest"), description="one, or a list of motions that add up")
+    motion: Motions = Field(default=Rest(kind="rest"), description="motion, or list of motions that are added")
     turn: Turns | None = Field(
         default=None,
-        description="one, or a list of turns made one after another",
+        description="rotation, or list of rotations applied in sequence",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
     squeeze: Squeeze = Field(
         default=0.0,
-        description="how far r lies inside, towards the object [m]: a number, taken up over squeeze_ramp, or steps",
+        description="displacement of r into the object [m]: a number, reached over squeeze_ramp, or steps",
     )
     squeeze_ramp: NotNegative = Field(
         default=0.5,
-        description="time in which a squeeze that is a number is taken up [s]",
-        json_schema_extra={"excludes": "a `squeeze` in steps, which have times of their own"},
+        description="time in which a constant squeeze is reached [s]",
+        json_schema_extra={"excludes": "a `squeeze` in steps, which have their own times"},
     )
-    guide: Guide | None = Field(default=None, description="goals that change in mid-run; none if not given")
-    limb: Limb | None = Field(default=None, description="a mass between intention and fingertip; none if not given")
-    stiffening: Stiffening | None = Field(default=None, description="with the grip force; none if not given")
-    reaction: Reaction | None = Field(default=None, description="a voluntary force, late; none if not given")
+    guide: Guide | None = Field(
+        default=None, description="offsets of the targets that change during a run; none if not given"
+    )
+    limb: Limb | None = Field(default=None, description="mass between intention and fingertip; none if not given")
+    stiffening: Stiffening | None = Field(
+        default=None, description="increase of stiffness with the grip force; none if not given"
+    )
+    reaction: Reaction | None = Field(default=None, description="delayed voluntary force; none if not given")
     tremor: Tremor | None = Field(default=None, description="tremor of the intention; none if not given")
-    noise: Noise | None = Field(default=None, description="noise in proportion to muscle force; none if not given")
+    noise: Noise | None = Field(default=None, description="noise proportional to the muscle force; none if not given")
 
 
 class OwnHand(Moving):
@@ -256,18 +268,16 @@ class OwnHand(Moving):
 
     form: ClassVar[Literal["own"]] = "own"
 
-    stiffness: PerAxis = Field(description="K [N/m], or one per axis")
-    damping: PerAxis = Field(default=0.0, description="B [N s/m], or one per axis")
-    rest: Vector | None = Field(
-        default=None, description="r without motion, (d,) [m]; where the finger starts if not given"
-    )
+    stiffness: PerAxis = Field(description="K [N/m], a number or one per axis")
+    damping: PerAxis = Field(default=0.0, description="B [N s/m], a number or one per axis")
+    rest: Vector | None = Field(default=None, description="r without motion, (d,) [m]; the finger's start if not given")
     closing: Annotated[Annotated[Literal["normal"], Tag("<word>")] | Annotated[Vector, Tag("<list>")], _by_form] = (
-        Field(default="normal", description="direction of the squeeze: the contact's normal at first, or (d,)")
+        Field(default="normal", description="direction of the squeeze: the initial contact normal, or (d,)")
     )
 
 
 class SharedHand(Moving):
-    """The hand of several fingertips: an arm that carries their mean, a grip that closes on it."""
+    """The hand of several fingertips: an arm that carries their mean, and a grip that closes each on the mean."""
 
     form: ClassVar[Literal["shared"]] = "shared"
 
@@ -278,28 +288,28 @@ class SharedHand(Moving):
         Annotated[Literal["normal", "centre"], Tag("<word>")] | Annotated[Vectors, Tag("<list>")], _by_form
     ] = Field(
         default="normal",
-        description="directions of the squeeze: each contact's normal at first, the mean of the fingers' starts, or "
+        description="directions of the squeeze: initial contact normals, towards the mean of the fingers' starts, or "
         "one (d,) per finger",
     )
-    share: NumberOrVector = Field(default=1.0, description="share of the squeeze, or one per finger")
+    share: NumberOrVector = Field(default=1.0, description="share of the squeeze, a number or one per finger")
 
 
 class MadeHand(Table):
-    """A hand from a Python file or another distribution, and its settings: whatever its `hold` takes."""
+    """A hand from a Python file or another distribution, with the arguments of its `hold`."""
 
     model_config = ConfigDict(extra="allow")
     form: ClassVar[Literal["made"]] = "made"
 
-    kind: str = Field(description="the path of a .py file, or a name that `graspfx list` gives")
+    kind: str = Field(description="path of a .py file, or a name from `graspfx list`")
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The table's other keys."""
+        """Other keys of the table."""
         return dict(self.model_extra or {})
 
 
 class SharedMadeHand(MadeHand):
-    """A hand of a plug-in that holds several fingertips, which name it."""
+    """A plug-in hand that holds several fingertips; fingers refer to it by name."""
 
     name: Name = Field(description="name that fingers refer to")
 

@@ -1,4 +1,4 @@
-"""The tables of a scene file, field by field: object, obstacle, coupling, device, finger; SI units."""
+"""Tables of a scene file in SI units: object, obstacle, coupling, device, finger."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
 from graspfx.objects.surroundings import STIFFNESS
-from graspfx.scene.former import current
+from graspfx.scene.keys import current_setting
 from graspfx.scene.tables.fields import (
     Count,
     Gain,
@@ -36,51 +36,56 @@ class Object(Table):
 
     name: Name = Field(default="object", description="name that fingers and recordings refer to")
     mass: Positive | None = Field(
-        default=None, description="m [kg]; this or the density is required", json_schema_extra={"excludes": "`density`"}
+        default=None,
+        description="mass m [kg]; this or the density is required",
+        json_schema_extra={"excludes": "`density`"},
     )
     density: Positive | None = Field(
         default=None,
-        description="[kg/m^3], in space, of a shape that has a volume",
+        description="density [kg/m^3], in space, of a shape with a volume",
         json_schema_extra={"excludes": "`mass`, an open mesh, `dimensions` below 3"},
     )
-    viscosity: NotNegative = Field(description="b [N s/m]")
+    viscosity: NotNegative = Field(description="viscosity b [N s/m]")
     rotational_viscosity: NotNegative | None = Field(
-        default=None, description="[N m s/rad]; required where a rotation is free"
+        default=None, description="rotational viscosity [N m s/rad]; required if a rotation is free"
     )
     inertia: NumberOrVector | None = Field(
         default=None,
-        description="about the centre [kg m^2]; that of the solid shape if not given",
+        description="moment of inertia about the centre [kg m^2]; that of the solid shape if not given",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
-    shape: Shape | None = Field(default=None, description="where its surface is; required for unilateral contact")
-    free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
-    dynamics: str = Field(default="native", description="native, bullet, mujoco or another that `graspfx list` names")
+    shape: Shape | None = Field(default=None, description="shape of the surface; required for unilateral contact")
+    free: Annotated[tuple[Switch, ...], Field(description="mask of the w freedoms that can move")] | None = None
+    dynamics: str = Field(default="native", description="native, bullet, mujoco or another name from `graspfx list`")
     integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = Field(
-        default="exact", description="its step under a held force; implicit solves force and motion together"
+        default="exact",
+        description="integrator of the motion under a held force; implicit solves for force and motion together",
     )
     position: Vector | None = Field(
         default=None,
-        description="place of the centre, or a mesh file's origin, at first, (d,) [m]; the origin",
+        description="initial position of the centre, or of a mesh file's origin, (d,) [m]; the origin if not given",
     )
     orientation: NumberOrVector | None = Field(
         default=None,
         description="plane: an angle [rad]; space: a quaternion x, y, z, w",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
-    velocity: Vector | None = Field(default=None, description="(d,) [m/s]; at rest")
+    velocity: Vector | None = Field(default=None, description="initial velocity, (d,) [m/s]; zero if not given")
     angular_velocity: NumberOrVector | None = Field(
         default=None,
-        description="[rad/s], space: (3,); at rest",
+        description="initial angular velocity [rad/s]; in space (3,); zero if not given",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
 
 
 class Obstacle(Table):
-    """A thing that objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
+    """A fixed body that objects meet: a floor, a wall, a table. Fingers pass through it."""
 
-    name: Name = Field(default="obstacle", description="name that messages use")
-    shape: Shape = Field(description="where its surface is")
-    position: Vector | None = Field(default=None, description="place of its centre, (d,) [m]; the origin if not given")
+    name: Name = Field(default="obstacle", description="name in messages")
+    shape: Shape = Field(description="shape of the surface")
+    position: Vector | None = Field(
+        default=None, description="position of the centre, (d,) [m]; the origin if not given"
+    )
     orientation: NumberOrVector | None = Field(
         default=None,
         description="plane: an angle [rad]; space: a quaternion x, y, z, w",
@@ -89,26 +94,26 @@ class Obstacle(Table):
 
 
 class World(Table):
-    """How objects meet obstacles and one another; how fingers touch them is the coupling's."""
+    """Contact of objects with obstacles and with one another. The coupling defines contact with fingers."""
 
-    friction: NotNegative = Field(default=0.5, description="Coulomb's coefficient of every pair")
+    friction: NotNegative = Field(default=0.5, description="Coulomb coefficient of every pair")
     restitution: Annotated[NotNegative, Field(le=1)] = Field(
-        default=0.0, description="speed of parting over speed of meeting; native objects take 0 only"
+        default=0.0, description="ratio of separation speed to approach speed; 0 for native objects"
     )
     stiffness: Positive = Field(
         default=STIFFNESS, description="stiffness of a contact point of a native object on an obstacle [N/m]"
     )
     collide: Switch | None = Field(
         default=None,
-        description="whether objects meet one another; by default those in space, with dynamics = 'bullet' or 'mujoco'",
+        description="whether objects meet one another; by default true in space with dynamics = 'bullet' or 'mujoco'",
     )
 
 
 class Impedance(Table):
     """Stiffness and damping of eq. (4), as a number, one per finger, or matrices in the axes of `coupling.axes`."""
 
-    stiffness: Gain = Field(description="K [N/m]: one, one per finger, or matrices")
-    damping: Gain = Field(default=0.0, description="D [N s/m]: in any of the same forms")
+    stiffness: Gain = Field(description="K [N/m]: a number, one per finger, or matrices")
+    damping: Gain = Field(default=0.0, description="D [N s/m], in the same forms")
 
 
 _by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
@@ -136,133 +141,139 @@ def _friction(value: Any) -> Any:
 
 def _model(value: Any) -> Any:
     if isinstance(value, str) and value in ("frictionless", "full"):
-        text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
+        text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), not for a run"
         raise PydanticCustomError("model", text, {"given": abbreviate(value)})
     return value
 
 
 class Coupling(Table):
-    """How the fingers hold the object: eq. (4) and the rules of touching."""
+    """Coupling of fingers and object: eq. (4) and the rules of contact."""
 
     contact: Literal["unilateral", "attached"] = Field(
         default="unilateral",
-        description="whether fingers only push, and let go, or hold a point of the object for ever",
+        description="unilateral: fingers only push, and let go; attached: they hold a point of the object for ever",
     )
-    external: Impedance = Field(description="kep and ked of eq. (4): what moves the object")
-    internal: Impedance = Field(description="kip and kid of eq. (4): what squeezes it")
+    external: Impedance = Field(description="kep and ked of eq. (4), which move the object")
+    internal: Impedance = Field(description="kip and kid of eq. (4), which squeeze it")
     form: Literal["literal", "symmetric"] = Field(
         default="literal",
-        description="gains that differ by finger: eq. (4) as it is written, or P K P + (I - P) K (I - P)",
+        description="rule for gains that differ between fingers: eq. (4) literally, or P K P + (I - P) K (I - P)",
     )
     axes: Literal["object", "world", "contact"] = Field(
         default="object",
-        description="in which gains that are matrices stand: those in which the object's shape is described, in which "
-        "springs create no energy; the world's; or each contact's, the normal first, as diag(k_n, k_t) or "
-        "diag(k_n, k_t, k_t)",
+        description="axes of gains that are matrices: those of the object's shape, in which springs create no energy; "
+        "the world's; or each contact's, the normal first, as diag(k_n, k_t) or diag(k_n, k_t, k_t)",
     )
-    reaction: Literal["fingertip", "contact"] = Field(default="fingertip", description="where the object feels a force")
+    reaction: Literal["fingertip", "contact"] = Field(
+        default="fingertip", description="point where a force acts on the object"
+    )
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
-        default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
+        default=0.0, description="0 (slips freely), 'stick' (holds the point of first touch) or a Coulomb coefficient"
     )
     metric: Literal["equal", "mass"] = Field(
-        default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
+        default="equal", description="weights of fingers in the split and the gains: equal, or by device mass"
     )
     absent: Literal["fade", "follow"] = Field(
-        default="fade", description="whether a free finger leaves the split with its gap, or follows for ever"
+        default="fade", description="a free finger leaves the split as its gap grows, or follows the object for ever"
     )
     fade: PairOrAuto = Field(
         default="auto",
-        description="gaps between which a free finger leaves the split [m]; 'auto': [0.002, 0.01], and more where the "
-        "gains and the hands' squeeze ask for it",
+        description="gaps between which a free finger fades out of the split [m]; 'auto': [0.002, 0.01], or more if "
+        "the gains and the hands' squeeze require it",
     )
     passivity: Literal["off", "observe", "control"] = Field(
-        default="off", description="energies by mode: none, booked and recorded, or also damped where they are made"
+        default="off",
+        description="energies by mode: not computed, recorded, or also dissipated where they are generated",
     )
     damping_depth: NotNegative = Field(
         default=0.0,
-        description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
+        description="penetration depth over which a touching finger's damping grows to its value [m]; 0: at once",
     )
     force_bound: Positive = Field(
         default=1e4,
-        description="largest force of a finger that the law may give [N]: more is a fault that names the gain, and "
-        "every force is zero",
+        description="largest force of a finger from the coupling law [N]; a larger one is a fault that names the gain, "
+        "and all forces become zero",
     )
     enter: Literal["refuse", "ramp"] = Field(
         default="refuse",
-        description="a finger of hardware that is inside its object when a run begins: refused, or let in gradually",
+        description="finger of hardware that is inside its object when a run begins: refuse it, or ramp its force up",
     )
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
-        description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
-        "eq. (4) to the letter",
+        description="rms arms between which a rotation fades into the external space [m]; 'off': as soon as it has "
+        "an arm, as in eq. (4)",
     )
 
 
 class Frame(Table):
-    """How a device stands in the scene: p = origin + scale R p_device; its forces are scale R' f, so power is kept."""
+    """Pose of a device in the scene, p = origin + scale R p_device; forces times scale R', which preserves power."""
 
-    origin: Vector | None = Field(default=None, description="place of the device, (d,) [m]; the scene's origin")
+    origin: Vector | None = Field(
+        default=None, description="position of the device, (d,) [m]; the scene's origin if not given"
+    )
     axes: AxesOrMatrix | None = Field(
         default=None,
-        description="the device's axis that each of the scene's is, 'x -z y', or R with a row for each axis of the "
+        description="device axis along each axis of the scene, as in 'x -z y', or R with a row for each axis of the "
         "scene; the same axes if not given",
     )
-    scale: Positive = Field(default=1.0, description="metres of the scene for a metre of the device")
+    scale: Positive = Field(default=1.0, description="metres in the scene per metre of the device")
 
 
 def _range(value: tuple[float, float]) -> tuple[float, float]:
     low, high = value
     if low <= high:
         return value
-    text = "expected the lesser one first; given {given}"
+    text = "expected the smaller one first; given {given}"
     raise PydanticCustomError("range", text, {"given": abbreviate(list(value))})
 
 
 class Measures(Table):
-    """Figures of one's own device, as `graspfx calibrate` measures them: they stand before what its driver tells."""
+    """Measured properties of a device, as written by `graspfx calibrate`; they replace what its driver states."""
 
-    mass: Positive | None = Field(default=None, description="effective, at a fingertip [kg]")
-    friction: NotNegative | None = Field(default=None, description="viscous, at a fingertip [N s/m]")
+    mass: Positive | None = Field(default=None, description="effective mass at a fingertip [kg]")
+    friction: NotNegative | None = Field(default=None, description="viscous friction at a fingertip [N s/m]")
     resolution: Positive | None = Field(default=None, description="resolution of a fingertip position [m]")
     latency: NotNegative | None = Field(default=None, description="age of a sample when it is read [s]")
     lateness: NotNegative | None = Field(
         default=None,
-        description="from the reading of a sample to its force, any time; half a hold is no part of it [s]",
+        description="time from the reading of a sample to its force, without half a sample of hold [s]",
     )
     jitter: Annotated[Pair, AfterValidator(_no_negative), AfterValidator(_range)] | None = Field(
-        default=None, description="lateness of one sample in a hundred, and of all but one: the worse counts [s]"
+        default=None, description="1st and 99th percentile of the lateness; the worse one counts [s]"
     )
     round_trip: NotNegative | None = Field(
         default=None,
-        description="time of a reading and a writing, a part of the lateness; a recording's own stands for it [s]",
+        description="time of a reading and a writing, part of the lateness; a recording's own value replaces it [s]",
     )
 
 
 class Device(Table):
-    """A driver and its settings: whatever its `connect` takes, besides the keys that are the scene's own."""
+    """A driver with its settings: the scene's own keys, and the arguments of the driver's `connect`."""
 
     model_config = ConfigDict(extra="allow")
 
     name: str = Field(description="a driver's name, or the path of a .py file")
-    frame: Frame | None = Field(default=None, description="axes of hardware in the scene; the scene's own if not given")
+    frame: Frame | None = Field(default=None, description="pose of the device in the scene; identity if not given")
     deadman: Count | None = Field(
         default=None,
-        description="number of the device's switch, from 0, that has to be down: forces decay once it is up",
+        description="index of the device's switch, from 0, that has to be pressed; forces decay when it is released",
     )
-    measures: Measures | None = Field(default=None, description="figures of one's own device, before its driver's")
+    measures: Measures | None = Field(
+        default=None, description="measured properties of the device, which replace its driver's"
+    )
     rate: Positive | None = Field(
-        default=None, description="how often hardware is called at most [Hz]; in every tick if not given"
+        default=None, description="highest rate at which hardware is called [Hz]; every tick if not given"
     )
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The table's other keys, each under the name that the driver has for it now."""
-        return {current(self.name, key): value for key, value in (self.model_extra or {}).items()}
+        """Other keys of the table, under the current names of the driver's settings."""
+        return {current_setting(self.name, key): value for key, value in (self.model_extra or {}).items()}
 
     @property
     def former(self) -> dict[str, str]:
-        """Settings under former names: the name now, by the one in the table."""
-        return {key: now for key in self.model_extra or {} if (now := current(self.name, key)) != key}
+        """Settings under former names, with their current names."""
+        return {key: now for key in self.model_extra or {} if (now := current_setting(self.name, key)) != key}
 
 
 class SharedDevice(Device):
@@ -279,14 +290,18 @@ class Pad(Table):
     """A compliant fingertip in series with the coupling: f_n = k depth^1.5 along the contact's normal (Hertz)."""
 
     kind: Literal["hertz"]
-    stiffness: Positive = Field(description="k [N/m^1.5]; 4/3 E* sqrt(R) of a ball on a plane")
+    stiffness: Positive = Field(description="k [N/m^1.5]; 4/3 E* sqrt(R) for a ball on a plane")
 
 
 class Placement(Table):
-    """A start on the way in to the object, along a direction from its centre, in the place of coordinates."""
+    """A start position given by a direction from the object's centre and a gap, instead of coordinates."""
 
-    toward: Vector = Field(description="from the object's centre of mass at first, world axes, of any length (d,)")
-    gap: NotNegative = Field(default=0.0, description="gap from the fingertip, its ball included, to the surface [m]")
+    toward: Vector = Field(
+        description="direction from the object's initial centre of mass, world axes, of any length (d,)"
+    )
+    gap: NotNegative = Field(
+        default=0.0, description="gap between the fingertip, including its ball, and the surface [m]"
+    )
 
 
 _by_place = Discriminator(lambda value: "<table>" if isinstance(value, Mapping | Table) else "<list>")
@@ -294,34 +309,49 @@ PointOrPlacement = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Placem
 
 
 class Finger(Table):
-    """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
+    """A fingertip: its device, its hand, and the object that it touches."""
 
     name: Name | None = Field(default=None, description="name in recordings and figures; its number if not given")
-    device: DeviceOrName = Field(description="a table, or the label of a [[device]]")
-    channel: Count = Field(default=0, description="which finger of the device")
-    hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
+    device: DeviceOrName = Field(description="device table, or label of a [[device]]")
+    channel: Count = Field(default=0, description="index of the finger on the device")
+    hand: HandOrName | None = Field(default=None, description="hand table, or name of a [[hand]]")
     start: PointOrPlacement = Field(
-        description="(d,) [m]; or a direction from the object's centre, along which it comes in to a gap"
+        description="start position, (d,) [m]; or a direction from the object's centre, and a gap"
     )
-    radius: NotNegative = Field(default=0.0, description="radius of the ball that the fingertip is; 0: a point [m]")
-    object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
+    radius: NotNegative = Field(default=0.0, description="radius of a ball fingertip [m]; 0 for a point")
+    object: Name | None = Field(default=None, description="name of an [object]; the first if not given")
     model: Annotated[Literal["hard", "soft"], BeforeValidator(_model)] = Field(
-        default="hard", description="a soft finger exerts torsion about the contact's normal too; in space"
+        default="hard",
+        description="contact model; a soft finger also exerts torsion about the contact's normal, in space",
     )
     patch: Positive | None = Field(
         default=None,
-        description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]",
+        description="patch length rho of a soft finger [m]; with friction mu its torsion is at most mu rho f_n",
         json_schema_extra={"excludes": '`model = "hard"`'},
     )
     friction: NotNegative | None = Field(
         default=None,
-        description="coefficient of its own; coupling.friction",
+        description="finger's own coefficient of friction; coupling.friction if not given",
         json_schema_extra={"excludes": '`coupling.contact = "attached"`, `coupling.friction = "stick"`'},
     )
     pad: Pad | None = Field(
         default=None,
-        description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
+        description="compliant fingertip: f_n = k depth^1.5 [N] along the normal, where the depth [m] adds to e_n of "
         "eq. (4); for unilateral contacts",
         json_schema_extra={"excludes": '`coupling.contact = "attached"`, the integrator implicit with damping'},
     )
-    safety: FingerSafety | None = Field(default=None, description="limits of its own, in a scene with [safety]")
+    safety: FingerSafety | None = Field(default=None, description="finger's own limits, in a scene with [safety]")
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+class Record(Table):
+    """Columns and ticks of a recording; a list is short for a table with these columns."""
+
+    columns: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="names of the file's variables, or of groups of them; all if not given"
+    )
+    every: Annotated[int, Field(strict=True, ge=1)] = Field(default=1, description="ticks from one row to the next")
+    compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="compression when the run ends")

@@ -1,4 +1,4 @@
-"""The table `safety` of a scene: largest forces, how they may grow, where and how quickly fingers may move."""
+"""Table `safety` of a scene: limits of force, force rate, speed and workspace."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Count, NotNegative, Positive, Table, listed
 
 Corners = tuple[tuple[float, ...], tuple[float, ...]]
-EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], each of the first below the second's"
+EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], with lower < upper on every axis"
 
 
 def _corners(value: Any) -> Corners:
@@ -47,44 +47,44 @@ Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Anno
 
 
 class FingerSafety(Table):
-    """Limits of one finger, in place of the scene's."""
+    """Limits of one finger, which replace the scene's."""
 
     force: Positive | None = Field(default=None, description="largest force of the finger [N]; the scene's")
     rate: Positive | None = Field(default=None, description="largest growth of its force [N/s]; the scene's")
-    speed: Positive | None = Field(default=None, description="largest speed, beyond which all ends [m/s]; the scene's")
+    speed: Positive | None = Field(default=None, description="largest speed; beyond it the run ends [m/s]; the scene's")
     workspace: Workspace | None = Field(
-        default=None, description="box that no force pushes it out of, [[lower], [upper]] [m]; the scene's"
+        default=None, description="box out of which no force pushes the finger, [[lower], [upper]] [m]; the scene's"
     )
 
 
 class Safety(Table):
-    """The safety chain between the law and the devices; the object receives what comes out of it."""
+    """Safety chain between the coupling law and the devices; the object receives its output."""
 
     force: Positive | None = Field(
         default=None,
-        description="largest force of a finger [N]; 0.6 of its device's continuous force if not given, 3 N where the "
-        "device tells none",
+        description="largest force of a finger [N]; 0.6 of its device's continuous force if not given, 3 N if the "
+        "device does not state it",
     )
     rate: Positive | None = Field(
-        default=None, description="largest growth of a finger's force [N/s], towards zero unlimited; any if not given"
+        default=None, description="largest growth of a finger's force [N/s]; decrease is not limited; none if not given"
     )
     speed: Positive | None = Field(
         default=None,
-        description="largest speed of a finger [m/s], by its velocity or by its positions, beyond which forces decay "
-        "in 20 ms and a fault follows; any if not given",
+        description="largest speed of a finger [m/s], by its velocity or by its positions; beyond it forces decay in "
+        "20 ms and a fault follows; none if not given",
     )
     hold: Count = Field(
-        default=3, description="samples in a row without a new reading, after which forces decay in 20 ms"
+        default=3, description="number of consecutive samples without a new reading after which forces decay in 20 ms"
     )
     watchdog: Positive | None = Field(
         default=None,
-        description="lateness of a loop in real time after which forces decay [s]; five periods if not given",
+        description="delay of a real-time loop after which forces decay [s]; five periods if not given",
     )
     soft_start: NotNegative = Field(
-        default=0.5, description="over which stiffness and damping grow from nothing to their values [s]"
+        default=0.5, description="time in which stiffness and damping grow from zero to their values [s]"
     )
     workspace: Workspace = Field(
         default="device",
-        description="box that no force pushes a finger out of, [[lower], [upper]] [m]; 'device': its device's own; "
+        description="box out of which no force pushes a finger, [[lower], [upper]] [m]; 'device': its device's own; "
         "'none'",
     )

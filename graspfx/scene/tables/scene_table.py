@@ -1,26 +1,101 @@
-"""The table of a whole scene, field by field; SI units."""
+"""Table of a whole scene, field by field, in SI units."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
-from graspfx.scene.tables.fields import Name, NotValid, Positive, Table, Vector
+from graspfx.scene.tables.fields import INVALID, Name, NotValid, Number, Positive, Table, Vector, listed
 from graspfx.scene.tables.hands import AnySharedHand
-from graspfx.scene.tables.operators_table import OperatorSpan
-from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
-from graspfx.scene.tables.preset_table import Preset
+from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, Record, SharedDevice, World
 from graspfx.scene.tables.reading import Readable
-from graspfx.scene.tables.record_table import Record
 from graspfx.scene.tables.safety_table import Safety
+
+PRESET_EXAMPLE = '{ "finger.*.hand.damping" = 0.3 }'
+
+
+def _stated(value: str) -> str:
+    if not value.strip():
+        raise PydanticCustomError("reason", "expected a sentence that says what the preset is for")
+    return value
+
+
+def values_by_key(value: Any) -> Any:
+    if not isinstance(value, Mapping) or not value:
+        text = "expected values by dotted key, as in {example}; given {given}"
+        raise PydanticCustomError("set", text, {"example": PRESET_EXAMPLE, "given": abbreviate(value)})
+    if any(str(key).partition(".")[0] == "preset" for key in value):
+        raise PydanticCustomError("set", "expected values of the scene; a preset does not change presets")
+    return {str(key): _plain(each) for key, each in value.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Copy numbers, text, lists and tables; refuse anything that TOML or JSON cannot hold."""
+    value = listed(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if not isinstance(value, bool | int | float | str) or (isinstance(value, float) and not math.isfinite(value)):
+        text = "expected finite numbers, text, true or false, lists and tables of them; given {given}"
+        raise PydanticCustomError("set", text, {"given": abbreviate(value)})
+    return value
+
+
+class Preset(Table):
+    """Values that replace the scene's, before those of `--set`, if the user names the preset."""
+
+    reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
+    set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(
+        description=f"by dotted key: {PRESET_EXAMPLE}"
+    )
+
+
+RANGE_EXAMPLE = '"finger.*.hand.stiffness" = { low = 50.0, high = 1000.0 }'
+
+
+class OperatorSpan(Table):
+    """Range of one key over the operators; a list [low, high] is short for the table."""
+
+    low: Number = Field(description="smallest value")
+    high: Number = Field(description="largest value")
+    law: Literal["log", "uniform", "normal", "lognormal"] = Field(
+        default="log", description="distribution of a population; a bell has 95 % between low and high, then truncated"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            if len(value) not in (2, 3):
+                text = "expected [low, high] or [low, high, law], as in {example}; given {given}"
+                raise PydanticCustomError("range", text, {"example": RANGE_EXAMPLE, "given": abbreviate(value)})
+            value = dict(zip(("low", "high", "law"), value, strict=False))
+        if isinstance(value, Mapping) and "law" not in value:
+            low = value.get("low")
+            value = {**value, "law": "log" if isinstance(low, int | float) and low > 0.0 else "uniform"}
+        return value
+
+    @model_validator(mode="after")
+    def _rising(self) -> OperatorSpan:
+        if INVALID in (vars(self).get(name, INVALID) for name in ("low", "high", "law")):
+            return self  # a draft
+        if not self.low < self.high:
+            text = "expected low below high; given {low} and {high}"
+            raise PydanticCustomError("range", text, {"low": self.low, "high": self.high})
+        if self.law in ("log", "lognormal") and self.low <= 0.0:
+            text = "expected values above zero for the law {law}; given {low}"
+            raise PydanticCustomError("range", text, {"law": self.law, "low": self.low})
+        return self
 
 
 def _no_switch(value: Any) -> Any:
-    return str(value).lower() if isinstance(value, bool) else value  # true equals 1 to Python
+    return str(value).lower() if isinstance(value, bool) else value  # in Python, True equals 1
 
 
 def _writable(value: str) -> str:
@@ -32,7 +107,7 @@ def _writable(value: str) -> str:
 
 
 def _engine(value: Any) -> Any:
-    return "compiled" if value == "generic" else value  # of recordings and scenes by earlier versions
+    return "compiled" if value == "generic" else value  # recordings and scenes of earlier versions
 
 
 def _table_or_list(value: Any) -> Any:
@@ -44,45 +119,45 @@ def _columns(value: Any) -> Any:
 
 
 class SceneTable(Readable, Table):
-    """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
+    """A whole scene. Its fields are validated one by one, and then against one another."""
 
     title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title of figures and summaries")
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(
-        description="d: 1 a line, 2 the plane, 3 space"
+        description="dimension d: 1 for a line, 2 for the plane, 3 for space"
     )
-    period: Positive = Field(description="T, from one tick to the next [s]")
+    period: Positive = Field(description="period T of a tick [s]")
     engine: Annotated[Literal["auto", "compiled", "interpreted"], BeforeValidator(_engine)] = Field(
         default="auto",
-        description="of the ticks: machine code where that can be, machine code or an error, or the source itself",
+        description="engine of the ticks: compiled if possible, compiled or an error, or interpreted source",
     )
     duration: Positive = Field(description="duration of a run [s]")
-    gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
+    gravity: Vector | None = Field(default=None, description="gravity, (d,) [m/s^2]; none if not given")
     object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)] = Field(
         description="object that the fingers touch: a table, or several as [[object]]"
     )
-    coupling: Coupling = Field(description="how fingers hold objects")
-    finger: tuple[Finger, ...] = Field(description="a [[finger]] for each fingertip")
+    coupling: Coupling = Field(description="coupling of fingers and objects")
+    finger: tuple[Finger, ...] = Field(description="table [[finger]] for each fingertip")
     device: tuple[SharedDevice, ...] = Field(default=(), description="device with several fingers")
     hand: tuple[AnySharedHand, ...] = Field(default=(), description="hand that holds several fingers")
-    obstacle: tuple[Obstacle, ...] = Field(default=(), description="obstacle that objects meet and nothing moves")
-    world: World = Field(default=World(), description="how objects meet obstacles and one another")
+    obstacle: tuple[Obstacle, ...] = Field(default=(), description="fixed obstacle that objects meet")
+    world: World = Field(default=World(), description="contact of objects with obstacles and one another")
     safety: Safety | None = Field(
-        default=None, description="the chain between law and devices; none in a simulation without the table"
+        default=None, description="safety chain between law and devices; none in a simulation without the table"
     )
     record: Annotated[Record, BeforeValidator(_columns)] = Field(
-        default=Record(), description="which columns and ticks a recording has"
+        default=Record(), description="columns and ticks of a recording"
     )
     preset: dict[Name, Preset] = Field(default_factory=dict, description="values that replace the scene's, by name")
     operators: dict[str, OperatorSpan] = Field(
-        default_factory=dict, description="ranges of keys over a set of operators, for certificates"
+        default_factory=dict, description="ranges of keys over a population of operators, for certificates"
     )
 
     @property
     def finger_objects(self) -> tuple[int, ...]:
-        """Which object each finger touches, by index.
+        """Index of the object that each finger touches.
 
         Raises:
-            NotValid: of a draft, a finger whose object is not there.
+            NotValid: In a draft, the object of a finger does not exist.
         """
         names = {thing.name for thing in self.object}
         if not names or any(finger.object and finger.object not in names for finger in self.finger):

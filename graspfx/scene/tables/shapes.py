@@ -1,4 +1,4 @@
-"""The tables of a scene file that say what shape an object or obstacle has."""
+"""Tables of the shapes of objects and obstacles."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ class Sphere(Table):
 
 
 class HalfSpace(Table):
-    """All that lies below a plane through the object's centre: a floor, a wall."""
+    """The region below a plane through the object's centre: a floor, a wall."""
 
     kind: Literal["half-space"]
-    normal: Vector = Field(description="outward, (d,), of any length")
+    normal: Vector = Field(description="outward normal, (d,), of any length")
 
 
 class Plane(Table):
-    """A sheet through the object's centre, without thickness or end: a finger stays on the side where it starts."""
+    """An unbounded sheet without thickness through the object's centre; a finger stays on the side where it starts."""
 
     kind: Literal["plane"]
-    normal: Vector = Field(description="(d,), of any length")
+    normal: Vector = Field(description="normal, (d,), of any length")
 
 
 class Capsule(Table):
@@ -51,14 +51,14 @@ class Cylinder(Table):
 
     kind: Literal["cylinder"]
     radius: Positive = Field(description="radius of its surface [m]")
-    length: Positive = Field(description="from end to end [m]")
+    length: Positive = Field(description="length from end to end [m]")
 
 
 class Ellipsoid(Table):
     """An ellipsoid about the object's centre; an ellipse in the plane."""
 
     kind: Literal["ellipsoid"]
-    semi_axes: Annotated[tuple[Positive, ...], Field(description="along x, y, z, (d,) [m]")]
+    semi_axes: Annotated[tuple[Positive, ...], Field(description="semi-axes along x, y, z, (d,) [m]")]
 
 
 class MeshShape(Table):
@@ -67,21 +67,23 @@ class MeshShape(Table):
     kind: Literal["mesh"] = "mesh"
     mesh: str | None = Field(
         default=None,
-        description="a file in STL, OBJ, PLY, OFF or GLB, relative to the scene's",
+        description="path of an STL, OBJ, PLY, OFF or GLB file, relative to the scene's file",
         json_schema_extra={"excludes": "`vertices`, `faces`"},
     )
     vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="instead of a file, (v, 3) [m]", json_schema_extra={"excludes": "`mesh`"}
+        default=None, description="vertices instead of a file, (v, 3) [m]", json_schema_extra={"excludes": "`mesh`"}
     )
     faces: Annotated[tuple[tuple[Count, Count, Count], ...], BeforeValidator(listed)] | None = Field(
         default=None,
-        description="(f, 3) numbers of vertices, counter-clockwise seen from outside",
+        description="vertex indices, (f, 3), counter-clockwise seen from outside",
         json_schema_extra={"excludes": "`mesh`"},
     )
-    scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
-    shell: Switch = Field(default=False, description="the surface need not close; it is touched from its front only")
-    most_bytes: Count = Field(default=MOST_BYTES, description="a longer file is refused [bytes]")
-    most_triangles: Count = Field(default=MOST_TRIANGLES, description="a file of more triangles is refused")
+    scale: Positive = Field(default=1.0, description="scale; 0.001 for a file in millimetres")
+    shell: Switch = Field(
+        default=False, description="true if the surface may be open; it is touched from its front only"
+    )
+    most_bytes: Count = Field(default=MOST_BYTES, description="largest file size [bytes]")
+    most_triangles: Count = Field(default=MOST_TRIANGLES, description="largest number of triangles")
 
 
 _check_shape, _shape_by_kind = by_kind(

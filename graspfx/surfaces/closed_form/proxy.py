@@ -1,4 +1,4 @@
-"""Where a finger touches a shape in closed form: a contact point that stays on its face however deep the finger is."""
+"""Contact of a finger with a closed-form shape: a contact point that stays on its face at any penetration depth."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from graspfx.surfaces.closed_form.proxy_round import on_capsule, on_cylinder, on
 from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
-MESH = 7  # not in closed form: `walk.mesh_contact`
+MESH = 7  # not a closed form: `walk.mesh_contact`
 KINDS = range(MESH + 1)
 
 
 @kernel
 def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a finger at p in the object's frame, of which d coordinates count.
+    """Find the contact of a finger at p in the object's frame; only the first d coordinates are used.
 
-    c is on the surface, n the unit normal into the object, gap > 0 outside and < 0 inside along n: p - c = -gap n.
-    Outside, c is the nearest point of the shape. A kind that is none of these has a contact that is not a number.
+    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside, with
+    p - c = -gap n. Outside, c is the nearest point of the shape. An unknown kind gives a contact of NaN.
 
     Args:
-        kind: and the shape's `size`, lengths in m, with the faces between which a finger's contact does not jump:
+        kind: Kind of the shape, with the meaning of `size` [m] and the faces between which a contact does not jump:
             BOX, half edges; 0 ... 5 = +x, -x, +y, -y, +z, -z.
-            SPHERE, radius; in the plane a disc; on the line the interval that a box is.
-            HALF_SPACE, outward unit normal; all that is below the plane through the centre.
-            PLANE, unit normal; a sheet through the centre with the sides 0, where the normal points, and 1.
-            CAPSULE, radius and half the straight part's length, along z; in the plane along x, its long sides 0 = +y
-            and 1 = -y.
+            SPHERE, radius; a disc in the plane; on the line the same interval as a box.
+            HALF_SPACE, outward unit normal; everything below the plane through the centre.
+            PLANE, unit normal; a sheet through the centre, side 0 where the normal points, and side 1.
+            CAPSULE, radius and half the length of the straight part, along z; in the plane along x, with the long sides
+            0 = +y and 1 = -y.
             CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.
             ELLIPSOID, semi-axes; 0 and 1 are the two sides of the shortest.
-        face: the finger's face from the sample before; -1 if it has none yet, then the face with the largest signed
-            excess.
-        last: the contact point from the sample before; a finger that several points are nearest to, as all are to a
-            sphere's centre, keeps its direction.
+        face: Finger's face at the last sample; -1 for none, which selects the face with the largest signed distance.
+        last: Contact point at the last sample. If several points are nearest, as all are at a sphere's centre, the
+            finger keeps its direction.
     """
     p, last = in_dimensions(p, d), in_dimensions(last, d)
     if kind == BOX or (kind == SPHERE and d == 1):
@@ -55,17 +54,17 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
         return on_stadium(size.x, size.y, p, face, last)
     if kind == CAPSULE:
         return on_capsule(size.x, size.y, p, last)
-    nothing = math.inf - abs(p.x * math.inf)  # no shape: not a number, forces neither, which is a fault
+    nothing = math.inf - abs(p.x * math.inf)  # NaN for no shape; NaN forces are a fault
     return Nearest(-1, Vector(nothing, nothing, nothing), Vector(nothing, nothing, nothing), nothing)
 
 
 @kernel
 def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a spherical fingertip about p: the gap is the ball's, the contact point is on the shape.
+    """Find the contact of a ball fingertip centred at p: the gap is the ball's, the contact point is on the shape.
 
-    The ball's centre has its own proxy, on the shape grown by the ball's radius: q = c - radius n, p - q = -gap n. So
-    displacements count from there, e = p + radius n - c, and vanish where the ball just touches. Growing a shape keeps
-    its faces with their edges, its normals and its centres of curvature, so the same face holds the finger.
+    The ball's centre has a proxy of its own on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
+    Displacements are measured from there, e = p + radius n - c, and vanish where the ball just touches. The offset
+    shape has the same faces, edges, normals and centres of curvature, so that the same face holds the finger.
     """
     centre = closest(kind, d, size, p, face, last)
     return Nearest(centre.face, centre.point, centre.normal, centre.gap - radius)
@@ -73,5 +72,5 @@ def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, f
 
 @inline
 def in_dimensions(v: Vector, d: int) -> Vector:
-    """Give a vector with zeros for the coordinates that do not count."""
+    """Return a vector whose unused coordinates are zero."""
     return Vector(v.x, v.y if d > 1 else 0.0, v.z if d > 2 else 0.0)

@@ -1,4 +1,4 @@
-"""Where a finger touches an ellipsoid: the nearest point, or on the side of a flat one that it has pressed through."""
+"""Contact of a finger with an ellipsoid: the nearest point, or the side of a flat ellipsoid that it presses into."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from graspfx.surfaces.closed_form.proxy_exact import exact_product, exact_sum
 from graspfx.surfaces.closed_form.proxy_round import on_sphere
 from graspfx.surfaces.nearest import Nearest
 
-SMALL = 1e-150  # a coordinate below this share of the size counts as zero
-FAR = 1e100  # beyond this multiple of the size products of pairs may overflow; there y is parallel to h_i u_i
-RESOLVED = 1e-9  # |y| - 1 where the iteration in floats ends: rounding is far below
-CLOSE = 1e-9  # relative step of the iteration in pairs whose square is below rounding
-DOUBTFUL = 1e-6  # nearer to zero than this a difference is taken in pairs
+SMALL = 1e-150  # relative to the size: a smaller coordinate counts as zero
+FAR = 1e100  # relative to the size: farther away products of pairs may overflow; there y is parallel to h_i u_i
+RESOLVED = 1e-9  # |y| - 1 at which the iteration in floats stops, well above rounding
+CLOSE = 1e-9  # relative step of the iteration in pairs, whose square is below rounding
+DOUBTFUL = 1e-6  # closer to zero than this, a difference is computed in pairs
 ROUNDS = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A semi-axis with the finger's coordinate along it, now and of the contact before, and which axis it is."""
+    """Semi-axis with the finger's coordinate along it, that of the last contact, and the axis number."""
 
     length: float
     now: float
@@ -31,7 +31,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """A minimum of the distance: s = t + h3^2, and y_i = c_i/h_i; none where there is no success."""
+    """Minimum of the distance, s = t + h3^2 and y_i = c_i/h_i; valid if `success`."""
 
     success: bool
     s: float
@@ -49,12 +49,12 @@ class Pairs:
 
 @kernel
 def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find c_i = e_i^2 p_i/(t + e_i^2) with the t that puts c on the surface; t = 0 there, n against c_i/e_i^2.
+    """Find c_i = e_i^2 p_i/(t + e_i^2) with t such that c is on the surface; t = 0 there, n opposes c_i/e_i^2.
 
-    The squared distance has one local minimum on the surface besides the nearest point at most, beyond the plane of
-    the two longer semi-axes (Martinez 1994). So a finger has a side, 0 or 1, of the shortest semi-axis: it keeps it
-    while the minimum there exists, which is to where the contact rolls off over the rim, and a lens is as hard to
-    press through as a plate. Where several points are nearest it is the one next to the contact point before.
+    Besides the nearest point, the squared distance has at most one local minimum on the surface, beyond the plane of
+    the two longer semi-axes (Martinez 1994). A finger therefore has a side, 0 or 1, of the shortest semi-axis. It keeps
+    the side while the minimum there exists, that is until the contact rolls off over the rim, so that a lens resists
+    like a plate. If several points are nearest, the contact is the one next to the last contact point.
     """
     if d < 3:  # an ellipse is a section of this ellipsoid
         size = Vector(size.x, size.y, max(size.x, size.y))
@@ -64,7 +64,7 @@ def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Ne
     one, two, three = sorted_axes(
         Axis(size.x, p.x, last.x, 0), Axis(size.y, p.y, last.y, 1), Axis(size.z, p.z, last.z, 2)
     )
-    unit = power_above(one.length)  # divided by without rounding
+    unit = power_above(one.length)  # division by it is exact
     h = Vector(one.length / unit, two.length / unit, three.length / unit)
     u = Vector(abs(one.now) / unit, abs(two.now) / unit, abs(three.now) / unit)
     side = face
@@ -79,7 +79,7 @@ def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Ne
         foot = near_side(h, u)
     s, y = foot.s, foot.y
     p2, p3 = two.now, three.now
-    if s == 0.0:  # on the plane or the line where nearest points meet
+    if s == 0.0:  # on the plane or line on which several points are nearest
         if h.y > h.z:
             p3 = 1.0 - 2.0 * side
         else:
@@ -100,12 +100,12 @@ def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Ne
 
 @inline
 def entry(v: Vector, one: Axis, two: Axis, axis: int) -> float:
-    """Give the entry of a vector over sorted axes that belongs to axis number `axis`."""
+    """Return the entry of a vector over sorted axes that belongs to axis number `axis`."""
     return v.x if one.number == axis else (v.y if two.number == axis else v.z)
 
 
 def power_above(length: float) -> float:
-    """Give the power of two above a length."""
+    """Return the power of two above a length."""
     return math.ldexp(1.0, math.frexp(length)[1])
 
 
@@ -125,10 +125,10 @@ def sorted_axes(a: Axis, b: Axis, c: Axis) -> tuple[Axis, Axis, Axis]:
 def near_side(h: Vector, u: Vector) -> Foot:
     """Find s >= 0 of the nearest point and its y, for h1 >= h2 >= h3 and a finger at u >= 0.
 
-    |y(s)| = 1 with y_i = h_i u_i/(s + h_i^2 - h3^2), by Newton's method for 1/|y|, which is concave: from below the
-    root it rises to it and never passes. It starts at a lower bound that is near the root wherever the finger is.
-    It ends in pairs of floats, since a nearby evolute magnifies rounding. s = 0 with y3 >= 0 means the plane of the
-    longer semi-axes, or with h2 = h3 the line of the longest.
+    |y(s)| = 1 with y_i = h_i u_i/(s + h_i^2 - h3^2) is solved by Newton's method for 1/|y|, which is concave: iterates
+    from below the root rise to it and never pass it. The start is a lower bound that is close to the root for any
+    finger. The iteration ends in pairs of floats, since a nearby evolute magnifies rounding. s = 0 with y3 >= 0 means
+    the plane of the longer semi-axes, or with h2 = h3 the line of the longest.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)
@@ -136,7 +136,7 @@ def near_side(h: Vector, u: Vector) -> Foot:
     k = k3 if d2 > 0.0 else math.sqrt(k2 * k2 + k3 * k3)
     y1 = k1 / d1
     y2 = k2 / d2 if d2 > 0.0 else 0.0
-    rest = y1 * y1 + y2 * y2  # |y|^2 at s = 0 but for what grows without bound there, and its slope
+    rest = y1 * y1 + y2 * y2  # |y|^2 at s = 0 without its unbounded term, and its slope
     slope = 2.0 * (y1 * y1 / d1 + (y2 * y2 / d2 if d2 > 0.0 else 0.0))
     above = rest - 1.0
     if k < SMALL or abs(above) < DOUBTFUL:
@@ -182,9 +182,10 @@ def near_side(h: Vector, u: Vector) -> Foot:
 
 @kernel
 def far_side(h: Vector, u: Vector) -> Foot:
-    """Find the minimum across the plane of the longer semi-axes, if there is one: s < 0, y as in `near_side`, y3 < 0.
+    """Find the minimum across the plane of the longer semi-axes, if it exists: s < 0, y as in `near_side`, y3 < 0.
 
-    It is the root next to s = 0 in (h3^2 - h2^2, 0), where |y|^2 - 1 is convex: Newton's method falls to it, or out.
+    It is the root next to s = 0 in (h3^2 - h2^2, 0), where |y|^2 - 1 is convex: Newton's method descends to it, or
+    leaves the interval.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)
@@ -227,10 +228,10 @@ def far_side(h: Vector, u: Vector) -> Foot:
 
 
 def lower_bound(k: float, left: float, slope: float) -> float:
-    """Give an s with (k/s)^2 >= left + slope s, from which the root of equality is a small factor away."""
+    """Return an s with (k/s)^2 >= left + slope s; the root of equality is within a small factor of it."""
     bound = k / math.sqrt(2.0 * left) if left > 0.0 else math.inf
     if slope > 0.0:
-        exponent = (2 * math.frexp(k)[1] - 3 - math.frexp(slope)[1]) // 3  # the cube root of k^2/(2 slope) rounded down
+        exponent = (2 * math.frexp(k)[1] - 3 - math.frexp(slope)[1]) // 3  # cube root of k^2/(2 slope), rounded down
         bound = min(bound, math.ldexp(1.0, exponent))
     return bound
 

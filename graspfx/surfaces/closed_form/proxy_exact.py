@@ -1,14 +1,14 @@
-"""Sums and products of two floats without rounding, and the little arithmetic of pairs that contact points need."""
+"""Exact sums and products of two floats, and arithmetic of float pairs for contact points."""
 
 from __future__ import annotations
 
 import math
 
-HALVES = 134217729.0  # 2^27 + 1 splits 53 binary digits in two halves
+HALVES = 134217729.0  # 2^27 + 1 splits a 53-bit significand into two halves
 
 
 def exact_sum(a: float, b: float) -> tuple[float, float]:
-    """Compute a + b = (s, r) exactly: the rounded sum and what rounding took (Knuth 1969)."""
+    """Compute a + b = (s, r) exactly: the rounded sum and its rounding error (Knuth 1969)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)

@@ -1,4 +1,4 @@
-"""Where a finger touches a box, a half-space or a plane: on its face however deep it is."""
+"""Contact of a finger with a box, a half-space or a plane: it stays on its face at any penetration depth."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from graspfx.compile.kernel import kernel
 from graspfx.spatial import Vector, dot
 from graspfx.surfaces.nearest import Nearest
 
-TINY = 1e-280  # a squared length below this has lost its digits
+TINY = 1e-280  # smaller squared lengths have lost their digits
 
 
 @kernel
 def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
-    """Find the contact on a box: behind its face and within the face's edges a finger is held by it.
+    """Find the contact with a box: a face holds a finger that is behind it and within its edges.
 
-    Any other is outside, at its projection. Sliding over an edge to a nearer face would end at that projection too:
-    beyond an edge it is outside the neighbour. Outside, the finger takes the face that it is farthest beyond, so that
-    it enters where it came from.
+    Any other finger is outside, and its contact is its projection. Sliding over an edge to a nearer face ends at that
+    projection too, since beyond an edge the finger is outside the neighbour. Outside, the finger takes the face that it
+    is farthest beyond, so that it enters through that face.
     """
     ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:
@@ -38,7 +38,7 @@ def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
         if depth >= 0.0:
             return facing(face, sign, half, p, -depth)
 
-    axis = face // 2 if face >= 0 else 0  # a tie does not change the face
+    axis = face // 2 if face >= 0 else 0  # on a tie the face stays
     excess = ex if axis == 0 else (ey if axis == 1 else ez)
     if ex > excess:
         axis, excess = 0, ex
@@ -65,7 +65,7 @@ def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
 
 @kernel
 def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Nearest:
-    """Give the contact straight across a face: the finger's foot on it and the face's normal."""
+    """Return the contact straight across a face: the finger's foot on it, and the face's normal."""
     if face < 2:
         return Nearest(face, Vector(sign * half.x, p.y, p.z), Vector(-sign, 0.0, 0.0), gap)
     if face < 4:
@@ -75,14 +75,14 @@ def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Neare
 
 @kernel
 def on_half_space(outward: Vector, p: Vector) -> Nearest:
-    """Give the finger's foot on the surface through the centre; everything behind it is inside."""
+    """Return the finger's foot on the surface through the centre; everything behind it is inside."""
     height = dot(outward, p)
     return Nearest(0, p - height * outward, -outward, height)
 
 
 @kernel
 def on_plane(normal: Vector, p: Vector, face: int) -> Nearest:
-    """Find the contact on a sheet without thickness or end: a finger stays on the side, 0 or 1, where it began."""
+    """Find the contact with a sheet without thickness: a finger stays on the side, 0 or 1, where it started."""
     side = face
     if face < 0:
         side = 1 if dot(normal, p) < 0.0 else 0

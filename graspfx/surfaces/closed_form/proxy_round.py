@@ -1,4 +1,4 @@
-"""Where a finger touches a sphere, a capsule or a cylinder: radially, or on the flat side that holds it."""
+"""Contact of a finger with a sphere, a capsule or a cylinder: radial, or on the flat side that holds the finger."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from graspfx.surfaces.nearest import Nearest
 
 @kernel
 def on_sphere(radius: float, p: Vector, last: Vector) -> Nearest:
-    """Find the contact along the ray from the centre through the finger; from the centre, in the direction before."""
+    """Find the contact on the ray from the centre through the finger; at the centre, keep the last direction."""
     u, r = direction(p, last)
     return Nearest(0, radius * u, -u, r - radius)
 
 
 @kernel
 def direction(v: Vector, last: Vector) -> tuple[Vector, float]:
-    """Give the unit vector along v and its length; along `last` where there is none, along x where it has none."""
+    """Return the unit vector along v, and its length; for v = 0 along `last`, or along x if that is zero too."""
     square = dot(v, v)
     if square >= TINY:
         r = math.sqrt(square)
@@ -33,9 +33,9 @@ def direction(v: Vector, last: Vector) -> tuple[Vector, float]:
 
 @kernel
 def on_capsule(radius: float, half: float, p: Vector, last: Vector) -> Nearest:
-    """Find the contact with all that is within a radius of the segment |z| <= half: along the ray from there.
+    """Find the contact with a capsule about the segment |z| <= half: on the ray from the segment through the finger.
 
-    From the segment itself the finger keeps the direction that it had; within the segment that is across it.
+    On the segment itself the finger keeps its direction, which is across the segment except at its ends.
     """
     t = min(max(p.z, -half), half)
     along = 0.0 if -half < p.z < half else last.z - min(max(last.z, -half), half)
@@ -47,7 +47,8 @@ def on_capsule(radius: float, half: float, p: Vector, last: Vector) -> Nearest:
 def on_stadium(radius: float, half: float, p: Vector, face: int, last: Vector) -> Nearest:
     """Find the contact with a capsule in the plane, along x: sides 0 = +y and 1 = -y, and a half disc at each end.
 
-    A side holds the finger between its ends however deep it is, as a rectangle's does; beyond them an end has it.
+    A side holds the finger between its ends at any depth, as a rectangle's side does; beyond them the half disc holds
+    it.
     """
     side = 1 if p.y < 0.0 or (p.y == 0.0 and face == 1) else 0
     if abs(p.x) <= half:
@@ -62,10 +63,10 @@ def on_stadium(radius: float, half: float, p: Vector, face: int, last: Vector) -
 
 @kernel
 def on_cylinder(radius: float, half: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact with a solid cylinder about z: its mantle is face 0, its caps are 1 = +z and 2 = -z.
+    """Find the contact with a solid cylinder along z: its mantle is face 0, its caps are 1 = +z and 2 = -z.
 
-    As on a box: a finger behind its face and within the face's edges is held by it, so that a flat disc is never
-    passed through; any other takes the face that it is farthest beyond, and outside its projection.
+    As on a box, a face holds a finger that is behind it and within its edges, so that a finger never passes through a
+    flat disc. Any other finger takes the face that it is farthest beyond; outside, its contact is its projection.
     """
     u, rho = direction(Vector(p.x, p.y, 0.0), Vector(last.x, last.y, 0.0))
     across, along = rho - radius, abs(p.z) - half
@@ -73,7 +74,7 @@ def on_cylinder(radius: float, half: float, p: Vector, face: int, last: Vector) 
         sign = 3.0 - 2.0 * face
         if sign * p.z <= half:
             return Nearest(face, Vector(p.x, p.y, sign * half), Vector(0.0, 0.0, -sign), sign * p.z - half)
-    mantle = across > along or (across == along and face <= 0)  # a tie does not change the face
+    mantle = across > along or (across == along and face <= 0)  # on a tie the face stays
     if face == 0 and across <= 0.0 and along <= 0.0:
         mantle = True
     sign = -1.0 if p.z < 0.0 or (p.z == 0.0 and face == 2) else 1.0

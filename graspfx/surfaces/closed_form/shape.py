@@ -1,4 +1,4 @@
-"""Shapes in closed form: what the contact kernel needs of each, and the moments of inertia of the solid."""
+"""Shapes in closed form: parameters of the contact kernel, and moments of inertia of the solid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.surfaces.nearest import Nearest
 
 FloatArray = NDArray[np.float64]
 
-FLATTEST = 1e-6  # shortest over longest semi-axis of an ellipsoid; what is flatter is a box or a cylinder
+FLATTEST = 1e-6  # smallest ratio of semi-axes of an ellipsoid; use a box or a cylinder for a flatter one
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,11 @@ class Contacts:
     """Contact points of n fingers in the object's frame.
 
     Attributes:
-        face: (n,) the faces to hand in again with the next sample; 0 on a sphere.
-        point: (n, d) on the surface [m].
-        normal: (n, d) unit normals into the object.
-        gap: (n,) outside > 0, inside < 0 [m]; finger - point = -gap normal, and radius more of a ball's.
+        face: Faces to pass to the next sample, (n,); 0 on a sphere.
+        point: Contact points on the surface, (n, d) [m].
+        normal: Unit normals into the object, (n, d).
+        gap: Gap, > 0 outside and < 0 inside, (n,) [m]; finger - point = -gap normal for a point, and -(gap + radius)
+            normal for a ball.
     """
 
     face: NDArray[np.intp]
@@ -41,34 +42,34 @@ class Contacts:
 
 
 def contacts(each: Sequence[Nearest], d: int) -> Contacts:
-    """Collect the contacts of fingers, of which d coordinates count."""
+    """Collect the contacts of fingers in d dimensions."""
     rows = np.array([list(numbers(contact)) for contact in each]).reshape(-1, 8)
     return Contacts(rows[:, 0].astype(np.intp), rows[:, 1 : 1 + d], rows[:, 4 : 4 + d], rows[:, 7])
 
 
 class Shape(ABC):
-    """A shape about its centre, in its own frame: `kind` and `parameters` as `proxy.closest` takes them."""
+    """Shape about its centre, in its own frame: `kind` and `parameters` are those of `proxy.closest`."""
 
     kind: ClassVar[int]
-    endless: ClassVar[bool] = False  # then it has no mass properties
-    data: ClassVar[None] = None  # what the kernel reads beside the parameters; only a mesh has it
+    endless: ClassVar[bool] = False  # an endless shape has no mass properties
+    data: ClassVar[None] = None  # further data of the kernel; only a mesh has it
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[float, float, float]:
-        """Lengths [m] or a unit normal; zero for what is not there."""
+        """Lengths [m] or a unit normal; unused entries are zero."""
 
     @abstractmethod
     def dimensions_ok(self, d: int) -> bool:
-        """Tell whether the shape exists on the line, in the plane, in space."""
+        """True if the shape exists in d dimensions."""
 
     @abstractmethod
     def faces(self, d: int) -> int:
-        """Count the faces that hold a finger."""
+        """Return the number of faces that hold a finger."""
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
-        """Give principal moments over the mass [m^2]."""
+        """Return the principal moments over the mass [m^2]."""
 
     @abstractmethod
     def _volume(self) -> float:
@@ -78,16 +79,16 @@ class Shape(ABC):
         """Compute the volume of the solid in space [m^3].
 
         Raises:
-            InputError: a shape that is not in space, or without end.
+            InputError: The shape is endless or does not exist in space.
         """
         self._check(3)
         return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
-        """Give principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
+        """Compute principal moments of the solid about its centre, (3,) [kg m^2]; in 2-D only the third, in 1-D none.
 
         Raises:
-            InputError: other dimensions than the shape's, or a shape without end.
+            InputError: The shape is endless or does not exist in these dimensions.
         """
         self._check(d)
         turns = (d == 3, d == 3, d > 1)
@@ -101,12 +102,12 @@ class Shape(ABC):
         *,
         radius: float = 0.0,
     ) -> Contacts:
-        """Find contact points of fingers at `points` (n, d) in the object's frame.
+        """Find the contact points of fingers at `points` (n, d) in the object's frame.
 
         Args:
-            faces: (n,) theirs from before.
-            previous: (n, d) contact points from before.
-            radius: of the balls that the fingertips are [m], zero for points.
+            faces: Faces of the fingers at the last sample, (n,).
+            previous: Contact points at the last sample, (n, d).
+            radius: Radius of ball fingertips [m]; zero for points.
         """
         p = finite("points", points, "finite positions of shape (n, d)", largest=math.inf)
         if p.ndim != 2:
@@ -136,10 +137,10 @@ class Shape(ABC):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box of full edge lengths `size` (d,) [m]: an interval, a rectangle, a cuboid.
+    """A box with full edge lengths `size` (d,) [m]: an interval, a rectangle, a cuboid.
 
     Raises:
-        InputError: not one to three finite lengths above zero.
+        InputError: `size` is not one to three finite lengths above zero.
     """
 
     size: tuple[float, ...]
@@ -172,7 +173,7 @@ class Sphere(Shape):
     """A sphere of `radius` [m]: an interval on the line, a disc in the plane.
 
     Raises:
-        InputError: a radius that is not finite and above zero.
+        InputError: The radius is not finite and above zero.
     """
 
     radius: float
@@ -201,10 +202,10 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """All that lies below a plane through the centre: `normal` (d,) points out of it, of any length.
+    """The region below a plane through the centre; `normal` (d,), of any length, points out of it.
 
     Raises:
-        InputError: a normal that is not one to three finite numbers, or zero.
+        InputError: The normal is not one to three finite numbers, or is zero.
     """
 
     normal: tuple[float, ...]
@@ -226,20 +227,20 @@ class HalfSpace(Shape):
         return 1
 
     def _volume(self) -> float:
-        raise InputError("shape", self, "one that has an end", "give the object's mass itself")
+        raise InputError("shape", self, "a bounded shape", "give the object's mass itself")
 
     def _moments(self, d: int) -> tuple[float, float, float]:
-        raise InputError("shape", self, "one that has an end", "give the object's moments of inertia themselves")
+        raise InputError("shape", self, "a bounded shape", "give the object's moments of inertia themselves")
 
 
 @dataclass(frozen=True)
 class Plane(HalfSpace):
-    """A sheet through the centre, without thickness or end, across `normal` (d,): a point on the line.
+    """An unbounded sheet without thickness through the centre, normal to `normal` (d,); a point on the line.
 
-    It is touched from both sides, and a finger stays on the one where it was at first.
+    It is touched from both sides, and a finger stays on the side where it started.
 
     Raises:
-        InputError: a normal that is not one to three finite numbers, or zero.
+        InputError: The normal is not one to three finite numbers, or is zero.
     """
 
     kind = proxy.PLANE
@@ -250,7 +251,7 @@ class Plane(HalfSpace):
 
 @dataclass(frozen=True)
 class Round(Shape):
-    """A shape that is round about an axis, with a radius and a length along it [m]."""
+    """A shape of revolution, with a radius and a length along its axis [m]."""
 
     radius: float
     length: float
@@ -266,12 +267,12 @@ class Round(Shape):
 
 @dataclass(frozen=True)
 class Capsule(Round):
-    """All within `radius` [m] of a straight segment of `length` [m]: along z in space, along x in the plane.
+    """All points within `radius` [m] of a segment of `length` [m], along z in space, along x in the plane.
 
-    From end to end it measures length + 2 radius.
+    Its total length is length + 2 radius.
 
     Raises:
-        InputError: a length that is not finite and above zero.
+        InputError: A length is not finite and above zero.
     """
 
     kind = proxy.CAPSULE
@@ -287,21 +288,21 @@ class Capsule(Round):
 
     def _moments(self, d: int) -> tuple[float, float, float]:
         r, L = self.radius, self.length
-        if d == 2:  # two halves of a disc, each with its centroid 4 r/(3 pi) beyond the rectangle's end
+        if d == 2:  # two half discs, whose centroids lie 4 r/(3 pi) beyond the ends of the rectangle
             ends = math.pi * r / (math.pi * r + 2.0 * L)
             moment = (1.0 - ends) * (L * L + 4.0 * r * r) / 12.0
             return 0.0, 0.0, moment + ends * (0.5 * r * r + 0.25 * L * L + 4.0 * r * L / (3.0 * math.pi))
-        ends = 4.0 * r / (4.0 * r + 3.0 * L)  # halves of a ball, centroids 3 r/8 beyond
+        ends = 4.0 * r / (4.0 * r + 3.0 * L)  # half balls, whose centroids lie 3 r/8 beyond
         across = (1.0 - ends) * (0.25 * r * r + L * L / 12.0) + ends * (0.4 * r * r + 0.25 * L * L + 0.375 * r * L)
         return across, across, (1.0 - ends) * 0.5 * r * r + ends * 0.4 * r * r
 
 
 @dataclass(frozen=True)
 class Cylinder(Round):
-    """A solid cylinder of `radius` and `length` [m] about z; in space only, in the plane it is a box.
+    """A solid cylinder of `radius` and `length` [m] along z; in space only (in the plane use a box).
 
     Raises:
-        InputError: a length that is not finite and above zero.
+        InputError: A length is not finite and above zero.
     """
 
     kind = proxy.CYLINDER
@@ -326,7 +327,7 @@ class Ellipsoid(Shape):
     """An ellipsoid of `semi_axes` (d,) [m] along x, y and z; in the plane an ellipse.
 
     Raises:
-        InputError: not two or three finite lengths above zero, or one 1e6 times another.
+        InputError: `semi_axes` are not two or three finite lengths above zero, or their ratio exceeds 1e6.
     """
 
     semi_axes: tuple[float, ...]
@@ -335,11 +336,11 @@ class Ellipsoid(Shape):
     def __post_init__(self) -> None:
         axes = _lengths("semi_axes", self.semi_axes)
         if len(axes) == 1:
-            raise InputError("semi_axes", self.semi_axes, "two or three lengths", "on the line it is a box")
+            raise InputError("semi_axes", self.semi_axes, "two or three lengths", "use a box on the line")
         if min(axes) < FLATTEST * max(axes):
             raise InputError(
-                "semi_axes", self.semi_axes, f"lengths within {1.0 / FLATTEST:g} times one another",
-                "what is flatter is a box or a cylinder",
+                "semi_axes", self.semi_axes, f"lengths with ratios up to {1.0 / FLATTEST:g}",
+                "use a box or a cylinder for a flatter shape",
             )  # fmt: skip
         object.__setattr__(self, "semi_axes", axes)
 

@@ -1,12 +1,12 @@
-"""Where a ball touches a triangle mesh: its centre's proxy stays a radius away from every triangle near it.
+"""Contact of a ball with a triangle mesh: the proxy of its centre stays a radius away from every nearby triangle.
 
-The proxy q is where the centre would be if the ball could not sink in: the point nearest to the centre g that q can
-move to while it keeps off the surface (a god-object, Zilles and Salisbury, 1995, with a size: Ruspini, Kolarov and
-Khatib, 1997). Every step is a convex problem (`constraints`), whose planes keep the segment from q to where it ends off
-all triangles as well: nothing is passed through, however thin it is. Where two walls meet at most three constraints
-hold the proxy, and g - q is continuous, unlike the way to the nearest wall.
+The proxy q is the position that the centre would have if the ball could not penetrate: the point nearest to the centre
+g that q reaches without crossing the surface (a god-object, Zilles and Salisbury, 1995, with a size: Ruspini, Kolarov
+and Khatib, 1997). Every step is a convex problem (`constraints`), whose planes keep the whole segment of the step off
+all triangles, so that nothing is passed through, however thin. Where two walls meet, at most three constraints hold the
+proxy, and g - q is continuous, unlike the path to the nearest wall.
 
-A ball's state is that of a finger in `walk`, where `last` is the proxy.
+A ball's state is that of a finger in `walk`; its `last` is the proxy.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.triangle import ROUNDING, scale_at
 from graspfx.surfaces.triangles.walk import mesh_contact, walk
 
-STEP = 0.25  # of the radius, that the proxy moves at a time: below 2, or it could step over something
-STEPS = 32  # in one sample
+STEP = 0.25  # largest proxy step, relative to the radius; a step of 2 could pass over something
+STEPS = 32  # largest number of steps in one sample
 
 
 @kernel
 def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the contact of a ball whose centre has moved to g, in the object's frame; its state is brought up to date.
+    """Find the contact of a ball whose centre has moved to g in the object's frame, and update its state.
 
-    n is the unit normal into the object, c - radius n the proxy, and gap > 0 outside, < 0 inside along n, the distance
-    from g to the proxy. While the gap is beyond the ball's reach, c and n may be those of an earlier sample, and the
-    gap is one that it exceeds.
+    n is the unit normal into the object, c - radius n the proxy, and gap the distance from g to the proxy, > 0 outside
+    and < 0 inside along n. If the gap exceeds the ball's reach, c and n may be those of an earlier sample, and the gap
+    is a lower bound.
     """
     if ball.mode == NEW:
         return begin(mesh, ball, radius, g)
@@ -51,7 +51,7 @@ def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
 
 @kernel
 def begin(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the contact of a ball that has not been there before: held by the side that its centre is nearest to."""
+    """Find the contact of a new ball: the side that its centre is nearest to holds it."""
     centre = mesh_contact(mesh, ball, g)
     if centre.gap >= radius:
         ball.last = g
@@ -75,21 +75,21 @@ def free_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
     ball.face = spot.face
     ball.safe = away
     ball.mode = FREE
-    if away < radius:  # by rounding, or half through a shell from behind: no displacement either
+    if away < radius:  # by rounding, or halfway through a shell from behind: no displacement
         return Nearest(spot.face, g + radius * n, n, max(away - radius, 0.0))
     return Nearest(spot.face, spot.point, n, max(away - radius, 0.0))
 
 
 @kernel
 def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: float, g: Vector) -> Nearest:
-    """Move the proxy as near to g as the surface lets it, and give the contact that results."""
+    """Move the proxy as close to g as the surface allows, and return the resulting contact."""
     count = 0
     farthest = step
     for _ in range(STEPS):
         q = ball.last
         far = length(g - q)
         count, x = project(mesh, ball, radius, radius + min(far, farthest), scale, g)
-        if count < 0:  # no way out of where it began, or none there: it stays where it is clear
+        if count < 0:  # no way out of the start, or none there: it stays where it is clear
             break
         u = x - q
         travel = length(u)
@@ -117,17 +117,17 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
     elif count > 0:
         ball.inward = -first.normal
     n = ball.inward
-    if count == 0:  # nothing is in its way, which is longer than one sample: it goes on with the next, without force
+    if count == 0:  # the way is free but longer than one sample allows: continue in the next, without force
         return Nearest(ball.face, g + radius * n, n, 0.0)
     return Nearest(ball.face, q + radius * n, n, min(dot(n, q - g), 0.0))
 
 
 @kernel
 def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vector) -> None:
-    """Take a proxy that an edge or a corner alone holds around it towards g, to the end or by STEP, if that is free.
+    """Roll a proxy that only an edge or a vertex holds around it towards g: all the way, or by STEP, if that is free.
 
-    Tangent planes alone get there too, the more slowly the deeper g is. Both ends of so short a way are a radius away
-    from every triangle, and so nothing is between them.
+    Tangent planes alone converge too, but more slowly the deeper g is. Both ends of so short a path are a radius away
+    from every triangle, so that nothing lies between them.
     """
     plane = ball.planes[0]
     if plane.feature == 0:
@@ -149,7 +149,7 @@ def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vecto
     x = c + radius * math.cos(angle) * d + radius * math.sin(angle) / across * t
     if angle < STEP:
         share = radius / length(w)
-        x = c + share * w + ZERO  # minus zero is zero
+        x = c + share * w + ZERO  # turns minus zero into zero
     bound = radius - ROUNDING * scale
     if length(x - q) <= 2.0 * STEP * radius and nearest(mesh, x, bound * bound) < 0:
         ball.last = x
@@ -157,7 +157,7 @@ def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vecto
 
 @kernel
 def nearest_on_feature(mesh: MeshTree, face: int, feature: int, g: Vector) -> Vector:
-    """Find the point of an edge that is nearest to g, or give a corner."""
+    """Find the point of an edge that is nearest to g, or return a vertex."""
     c = corner(mesh, face, (feature - 1) % 3)
     if feature > 3:
         return c
@@ -169,7 +169,7 @@ def nearest_on_feature(mesh: MeshTree, face: int, feature: int, g: Vector) -> Ve
 
 @kernel
 def corner(mesh: MeshTree, face: int, k: int) -> Vector:
-    """Give corner k of a triangle."""
+    """Return vertex k of a triangle."""
     triangle = mesh.triangles[face]
     if k == 0:
         return triangle.a

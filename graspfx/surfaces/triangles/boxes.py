@@ -1,4 +1,4 @@
-"""Queries of the tree of boxes around a mesh: a face to begin with, the nearest face, the first on a way."""
+"""Queries of the box tree of a mesh: a start face, the nearest face, the first face on a segment."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from graspfx.spatial import Vector, length
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node
 from graspfx.surfaces.triangles.triangle import ROUNDING, height_over, is_around, nearest_on_triangle
 
-SLACK = 3e-13  # relative depth from which a segment still enters
+SLACK = 3e-13  # relative depth up to which a segment still enters
 
 
 @kernel
 def leaf_near(mesh: MeshTree, g: Vector) -> int:
-    """Find a face to begin with: down the tree by the nearer box."""
+    """Find a start face by descending the tree into the nearer box."""
     nodes = mesh.nodes
     i = 0
     while nodes[i].skip > i + 1:
@@ -45,7 +45,7 @@ def box_distance(node: Node, g: Vector) -> float:
 
 @kernel
 def nearest(mesh: MeshTree, g: Vector, bound: float) -> int:
-    """Find the face nearest to g if that is strictly nearer than the square root of `bound`, else -1."""
+    """Find the face nearest to g, or -1 if its squared distance is not below `bound`."""
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count
     best = bound
@@ -74,9 +74,9 @@ def nearest(mesh: MeshTree, g: Vector, bound: float) -> int:
 def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> int:
     """Find the first face that the segment from `start` to g enters from its front, or -1.
 
-    A segment that starts on a feature of a face (`face` -1: it does not) does not enter the triangles around that
-    feature. Edges are a little wider than they are, so that nothing passes between two triangles; who is stopped
-    there by mistake is released by the walk.
+    A segment that starts on a feature of a face (`face` -1: none) does not enter the triangles around that feature.
+    Edges are slightly widened, so that nothing passes between two triangles; the walk releases a finger that is stopped
+    there by mistake.
     """
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count
@@ -103,7 +103,7 @@ def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> i
                 if after < 0.0 and before >= -slack and before > after:
                     t = max(before, 0.0) / (before - after)
                     if t < first:
-                        wide = slack + ROUNDING * scale * way / (before - after)  # a grazing segment is not sharp
+                        wide = slack + ROUNDING * scale * way / (before - after)  # a grazing segment is imprecise
                         square = nearest_on_triangle(triangle, start + t * u).square
                         if square <= wide * wide and not is_around(mesh, k, face, feature):
                             first = t
@@ -114,7 +114,7 @@ def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> i
 
 @kernel
 def is_apart(node: Node, low: Vector, high: Vector) -> bool:
-    """Tell whether a node's box and the box between two corners have nothing in common."""
+    """True if a node's box and the box between two corners are disjoint."""
     return (
         node.low.x > high.x or node.high.x < low.x
         or node.low.y > high.y or node.high.y < low.y

@@ -1,11 +1,11 @@
-"""How near to its centre a ball's proxy comes: a projection on what is in front of planes, by a dual active set.
+"""Projection of a ball's proxy onto the region in front of planes, by a dual active-set method.
 
-c_j being the point of triangle j nearest to the proxy q, and n_j the direction from there to q, the triangle lies
-behind c_j, so that
+Let c_j be the point of triangle j nearest to the proxy q, and n_j the direction from c_j to q. The triangle lies behind
+c_j, so that
 
     min |x - g|   where   n_j . (x - c_j) >= radius   for all triangles within reach
 
-keeps x off all of them, and the segment from q to x as well.
+keeps x, and the segment from q to x, off all of them.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from graspfx.surfaces.triangles.mesh_finger import MeshFinger, Plane
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Triangle
 from graspfx.surfaces.triangles.triangle import ROUNDING, Foot, height_over, nearest_on_triangle
 
-CHANGES = 24  # of the set of constraints that hold
-PARALLEL = 1e-18  # squared volume of the normals below which they are not three, or two
+CHANGES = 24  # largest number of changes of the active set
+PARALLEL = 1e-18  # squared volume of the normals below which they are linearly dependent
 
 
 @kernel
 def project(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, scale: float, g: Vector
 ) -> tuple[int, Vector]:
-    """Find the point nearest to g in front of all planes within reach; and how many hold it, the first of its planes.
+    """Find the point nearest to g in front of all planes within reach, and the size of its active set (first planes).
 
-    The plane that is violated most joins those that hold, and of these four the ones that hold the point stay. The
-    distance from g grows with every change, so that it ends. -1 if nothing is in front of them all.
+    The most violated plane joins the active set, and those of the four that hold the point stay. The distance from g
+    grows with every change, so that the method terminates. The size is -1 if no point is in front of all planes.
     """
     x = g
     count = 0
@@ -51,7 +51,7 @@ def project(
 def most_violated(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, count: int, slack: float, x: Vector
 ) -> float:
-    """Write the plane that x is furthest behind after the `count` that hold; give by how much, or zero."""
+    """Write the plane that x violates most behind the `count` active ones; return the violation, or zero."""
     q = ball.last
     nodes, triangles = mesh.nodes, mesh.triangles
     end = mesh.node_count
@@ -71,7 +71,7 @@ def most_violated(
                 if h * h > bound or (h <= 0.0 and not mesh.closed):
                     continue
                 foot = nearest_on_triangle(triangle, q)
-                # a shell is passed from behind: it holds a ball again once that is off it
+                # a shell is passed from behind; it holds a ball again once the ball has left it
                 if foot.square > bound or (not mesh.closed and foot.square < radius * radius * (1.0 - 1e-9)):
                     continue
                 n = way_off(triangle, foot, h, q)
@@ -88,7 +88,7 @@ def most_violated(
 
 @kernel
 def way_off(triangle: Triangle, foot: Foot, height: float, q: Vector) -> Vector:
-    """Give the unit vector from a triangle's nearest point to q, which is `height` in front of its plane."""
+    """Return the unit vector from a triangle's nearest point to q, which is `height` in front of its plane."""
     if foot.feature != 0 and foot.square > 0.0:
         return (q - foot.point) / math.sqrt(foot.square)
     if height < 0.0:
@@ -98,7 +98,7 @@ def way_off(triangle: Triangle, foot: Foot, height: float, q: Vector) -> Vector:
 
 @kernel
 def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: float, slack: float) -> bool:
-    """Tell whether one of the planes that hold covers a triangle."""
+    """True if one of the active planes covers a triangle."""
     covered = False
     for j in range(count):
         covered = covered or is_covered(triangle, ball.planes[j], radius, slack)
@@ -107,9 +107,9 @@ def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: 
 
 @kernel
 def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) -> bool:
-    """Tell whether what is in front of a plane is a radius away from a whole triangle, for the plane's sake alone.
+    """True if every point in front of a plane is a radius away from the whole triangle.
 
-    So it is beyond a flat or convex edge; the tangent plane there would keep the proxy from crossing the edge.
+    This holds across a flat or convex edge, where the tangent plane would keep the proxy from crossing the edge.
     """
     behind = plane.distance - radius + slack
     n = plane.normal
@@ -118,7 +118,7 @@ def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) ->
 
 @kernel
 def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float, slack: float) -> int:
-    """Leave out of the planes that hold those whose triangle the next one covers; give how many are left."""
+    """Drop active planes whose triangle the next plane covers; return the number of those left."""
     i = 0
     left = count
     while i < left:
@@ -133,9 +133,9 @@ def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float,
 
 @kernel
 def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int, Vector]:
-    """Project g on what is in front of `count` + 1 planes, the last of them holding; those that hold come first.
+    """Project g onto the region in front of `count` + 1 planes, the last one active; active planes move to the front.
 
-    Tries the last one alone, with another one, with two others: until a point is in front of all. -1 if none is.
+    Tries the last plane alone, with one other, with two others, until a point is in front of all; -1 if none is.
     """
     for size in range(3):
         for i in range(count if size > 0 else 1):
@@ -159,7 +159,7 @@ def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int,
 
 @kernel
 def onto(planes: Many[Plane], last: int, a: int, b: int, g: Vector) -> tuple[bool, Vector]:
-    """Compute g + sum l_j n_j on the planes `last`, a and b (-1: not that one); whether it is there, all l_j >= 0."""
+    """Compute g + sum l_j n_j on the planes `last`, a and b (-1: not used), and whether all l_j >= 0."""
     plane = planes[last]
     n = plane.normal
     u = plane.distance - dot(n, g)
@@ -173,7 +173,7 @@ def onto(planes: Many[Plane], last: int, a: int, b: int, g: Vector) -> tuple[boo
     plane = planes[b]
     nb = plane.normal
     w = plane.distance - dot(nb, g)
-    # the rows of the inverse are the cross products over the volume
+    # the rows of the inverse are the cross products, divided by the volume
     ab, bn, nna = cross(na, nb), cross(nb, n), cross(n, na)
     volume = dot(n, ab)
     if volume * volume <= PARALLEL:
@@ -185,7 +185,7 @@ def onto(planes: Many[Plane], last: int, a: int, b: int, g: Vector) -> tuple[boo
 
 @kernel
 def onto_two(n: Vector, a: Vector, u: float, v: float, g: Vector) -> tuple[bool, Vector]:
-    """Compute g + s n + t a on two planes that are u and v in front of g; whether it is there, s and t >= 0."""
+    """Compute g + s n + t a on two planes that are u and v in front of g, and whether s, t >= 0."""
     na = dot(n, a)
     det = 1.0 - na * na
     if det <= PARALLEL:

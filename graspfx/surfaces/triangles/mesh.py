@@ -1,4 +1,4 @@
-"""Triangle meshes: read, checked, repaired where that is safe, weighed, and laid out for the contact kernels."""
+"""Triangle meshes: reading, checks, safe repairs, mass properties, and layout for the contact kernels."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_
 from graspfx.surfaces.triangles.walk import mesh_contact
 from graspfx.surfaces.triangles.winding import wound
 
-STATE = size_of(MeshFinger)  # entries of a finger on a mesh
-FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
-SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
-ROUNDS = 100  # of cutting at triangles without area; what then is left of them leaves the surface open
-LEAST_VOLUME = 1e-15  # relative to the cube of the largest side; flatter is rounding
-SHARP = 1e-9  # relative rounding of the moments of a body that is all in a plane or on a line
-ALIGNED = 1e-9  # products of inertia below this, relative to the moments, leave the axes of the file
+STATE = size_of(MeshFinger)  # entries of a finger's state on a mesh
+FLAT = 1e-13  # relative to the mesh: a triangle of smaller height has no normal
+SAME_POINT = 1e-6  # relative distance at which vertices of an open mesh are merged
+ROUNDS = 100  # passes that cut at triangles without area; any that remain leave the surface open
+LEAST_VOLUME = 1e-15  # relative to the cube of the largest side: a smaller volume is rounding
+SHARP = 1e-9  # relative rounding of the moments of a flat or straight body
+ALIGNED = 1e-9  # relative to the moments: smaller products of inertia keep the axes of the file
 
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass of a mesh and how it is spread, in the frame of the mesh.
+    """Mass properties of a mesh, in the frame of the mesh.
 
     Attributes:
-        mass: [kg].
-        centre: (3,) the centre of mass [m].
-        inertia: (3, 3) about the centre [kg m^2].
-        moments: (3,) principal moments [kg m^2].
-        axes: (3, 3) principal axes as columns, right-handed; those of the file where its products of inertia vanish.
+        mass: Mass [kg].
+        centre: Centre of mass, (3,) [m].
+        inertia: Inertia matrix about the centre, (3, 3) [kg m^2].
+        moments: Principal moments, (3,) [kg m^2].
+        axes: Principal axes as columns, right-handed, (3, 3); the file's axes if its products of inertia vanish.
     """
 
     mass: float
@@ -54,13 +54,13 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles, sound for contact: `make_mesh` and `load_mesh` see to that.
+    """A surface of triangles that is valid for contact, as made by `make_mesh` and `load_mesh`.
 
     Attributes:
-        vertices: (v, 3) [m].
-        faces: (f, 3) counter-clockwise seen from outside.
-        shell: the surface need not close; it is touched from its front only.
-        notes: what was repaired and what looks wrong, a sentence each.
+        vertices: Vertices, (v, 3) [m].
+        faces: Vertex indices of the triangles, (f, 3), counter-clockwise seen from outside.
+        shell: True if the surface may be open; it is then touched from its front only.
+        notes: Repairs and suspicious findings, a sentence each.
     """
 
     vertices: FloatArray
@@ -72,23 +72,23 @@ class Mesh:
 
     @property
     def parameters(self) -> tuple[float, float, float]:
-        """None: all that there is to know of a mesh is in `data`."""
+        """Unused: `data` describes a mesh completely."""
         return 0.0, 0.0, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
-        """Tell whether there is such a mesh: only in space."""
+        """True in space, where meshes exist."""
         return d == 3
 
     @cached_property
     def data(self) -> FloatArray:
-        """Data that `walk.mesh_contact` reads, one flat array."""
+        """Flat array that `walk.mesh_contact` reads."""
         return flatten(self.vertices, self.faces, closed=not self.shell)
 
     def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
-        """Find contact points of fingers at `points` (n, 3), in the mesh's frame; `state` (n, STATE) is that of before.
+        """Find contact points of fingers at `points` (n, 3) in the mesh's frame; `state` (n, STATE) is the last state.
 
-        `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
-        of that `radius` [m] the points are their centres.
+        `state` is updated in place. Without it every finger is new, and its contact point is the nearest one. With a
+        `radius` [m] the points are the centres of ball fingertips.
         """
         p = finite("points", points, "finite positions of shape (n, 3)", largest=np.inf)
         if p.ndim != 2 or p.shape[1] != 3:
@@ -106,11 +106,11 @@ class Mesh:
         return contacts(each, 3)
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
-        """Compute those of the solid, from its mass [kg] or density [kg/m^3]; of a shell, over its surface.
+        """Compute mass properties of the solid from its mass [kg] or density [kg/m^3]; of a shell, over its surface.
 
         Raises:
-            InputError: neither or both are given, or the density of a shell; a surface without an inside, or one that
-                crosses itself so that its moments are no body's.
+            InputError: Neither or both are given, or a density for a shell; the surface has no inside, or crosses
+                itself so that its moments are not those of a body.
             MissingPackageError: trimesh is not installed.
         """
         amount = mass if mass is not None else density
@@ -119,10 +119,10 @@ class Mesh:
             raise InputError("mass", (mass, density), "either a mass or a density")
         amount = number(name, amount, "finite and above zero", zero=False)
         if self.shell and density is not None:
-            raise InputError("density", density, "the mass of a shell", "a surface has no volume to take it times")
+            raise InputError("density", density, "the mass of a shell", "a surface has no volume")
         middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
         size = float(np.ptp(self.vertices, axis=0).max())
-        unit = (self.vertices - middle) / size  # trimesh compares with numbers that are not lengths
+        unit = (self.vertices - middle) / size  # trimesh compares with absolute numbers
         if self.shell:
             volume, centre, inertia = _surface_properties(unit[self.faces])
         else:
@@ -136,17 +136,17 @@ class Mesh:
         moments, axes = _principal(0.5 * (inertia + inertia.T))
         if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
             solid = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
-            do = "the surface crosses itself, so that parts of it count as less than nothing: repair the file"
-            raise InputError("mesh", solid, "moments of a body: above zero, none more than the others' sum", do)
+            do = "the surface crosses itself, so that parts of it count negatively: repair the file"
+            raise InputError("mesh", solid, "moments of a body: positive, none larger than the sum of the others", do)
         return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
 
     def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
-        """Move the mesh into a frame at `centre` (3,) with `axes` (3, 3) as columns: that of its body, say."""
+        """Transform the mesh into a frame at `centre` (3,) with `axes` (3, 3) as columns, for example its body's."""
         return replace(self, vertices=np.ascontiguousarray((self.vertices - centre) @ axes))
 
 
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
-    """Make states (count, STATE) of fingers that have not been near a mesh yet."""
+    """Return states (count, STATE) of new fingers."""
     state = np.zeros((count, STATE))
     state[:, start_of(MeshFinger, "reach")] = reach
     return state
@@ -162,11 +162,11 @@ def load_mesh(
 ) -> Mesh:
     """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
 
-    Only positions and triangles are read: no materials, and no other file that the file names.
+    Only positions and triangles are read, no materials, and no other file that the file refers to.
 
     Raises:
-        InputError: the file cannot be read, is larger than `most_bytes` or `most_triangles`, or what is in it is no
-            sound surface.
+        InputError: The file cannot be read, exceeds `most_bytes` or `most_triangles`, or does not contain a valid
+            surface.
     """
     vertices, faces = read_mesh_file(path, most_bytes, most_triangles)
     return make_mesh(vertices, faces, scale=scale, shell=shell, name=fspath(path).replace("\\", "/").rpartition("/")[2])
@@ -175,13 +175,14 @@ def load_mesh(
 def make_mesh(
     vertices: ArrayLike, faces: ArrayLike, *, scale: float = 1.0, shell: bool = False, name: str = "mesh"
 ) -> Mesh:
-    """Make a mesh from vertices (v, 3) and triangles (f, 3), times `scale`: checked, and repaired where that is safe.
+    """Make a mesh from vertices (v, 3) and triangles (f, 3), times `scale`, with checks and safe repairs.
 
-    Equal vertices become one; triangles without area are left out, those across from a corner in the middle of their
-    side are cut there; triangles that face the wrong way are turned over. Every repair is in `notes`.
+    Equal vertices are merged. Triangles without area are dropped, and their neighbours are cut at the vertex in the
+    middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists every repair.
 
     Raises:
-        InputError: not finite, no triangles, more than two triangles at an edge, or open and not a shell.
+        InputError: Values are not finite, there are no triangles, more than two triangles share an edge, or the surface
+            is open and not a shell.
     """
     scale = number("scale", scale, "finite and above zero", zero=False)
     v = real(name, vertices, "finite coordinates")
@@ -223,9 +224,9 @@ def make_mesh(
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Join vertices (within `distance`) and drop triangles without area; count those that had none, and those cut."""
+    """Merge vertices (within `distance`) and drop triangles without area; count the dropped and the cut ones."""
     used, index = np.unique(f, return_inverse=True)
-    points = v[used] + 0.0  # minus zero is zero
+    points = v[used] + 0.0  # turns minus zero into zero
     keys = np.round(points / distance) if distance else points
     _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     f = label.reshape(-1)[index].reshape(-1, 3)
@@ -236,7 +237,7 @@ def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[F
 
 
 def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, int, int]:
-    """Drop triangles with their corners in line, cutting the neighbour on the long side at the middle one."""
+    """Drop triangles whose vertices are collinear, and cut the neighbour on the long side at the middle vertex."""
     f = f.copy()
     dropped = cut = 0
     for _ in range(ROUNDS):
@@ -253,7 +254,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
             long = int(sides[k].argmax())
             other, side = divmod(int(neighbours[k, long]), 3)
             if busy[k] or (other >= 0 and (busy[other] or (flat[other] and other > k))):
-                continue  # in the next round
+                continue  # until the next pass
             without[k] = busy[k] = True
             dropped += 1
             if other >= 0:
@@ -270,7 +271,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
 
 
 def _open_edges(f: IntArray) -> int:
-    """Find sides of triangles that lie at no other, or at more than one."""
+    """Count triangle sides that are shared with no other side, or with more than one."""
     return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
 
 
@@ -279,14 +280,14 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
     if products <= ALIGNED * np.diag(inertia).max():
         return np.diag(inertia).copy(), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
-    for k in (0, 1):  # the sign that leaves each axis nearest to one of the file's
+    for k in (0, 1):  # choose the sign that keeps each axis close to one of the file's
         axes[:, k] *= np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     return moments, axes
 
 
 def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Compute area, centre and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
+    """Compute area, centre, and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     area = float(areas.sum())
     centre = areas @ corners.sum(axis=1) / (3.0 * area)

@@ -1,4 +1,4 @@
-"""Mesh files as corners and triangles: STL, OBJ, PLY, OFF or GLB, up to a size, and no file that they name."""
+"""Mesh files as vertices and triangles: STL, OBJ, PLY, OFF or GLB, of limited size, without files they refer to."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from graspfx.surfaces.triangles.tree import FloatArray, IntArray
 MOST_BYTES = 100_000_000
 MOST_TRIANGLES = 500_000
 ENDINGS = (".glb", ".obj", ".off", ".ply", ".stl")
-GEOMETRY = re.compile(rb"^[ \t]*(?:v|f)[ \t].*$", re.MULTILINE)  # what an OBJ has besides names files or costs time
-STL_HEAD, STL_TRIANGLE = 84, 50  # bytes of a binary STL: its head with the count at its end, and each triangle
-LAST_LINE = 1000  # bytes among which the end of an STL in text stands
-LONGEST = 200  # letters of another's error
+GEOMETRY = re.compile(rb"^[ \t]*(?:v|f)[ \t].*$", re.MULTILINE)  # other lines of an OBJ name files or cost time
+STL_HEAD, STL_TRIANGLE = 84, 50  # bytes of a binary STL: the header including the count, and each triangle
+LAST_LINE = 1000  # bytes at the end of a text STL that contain its last line
+LONGEST = 200  # largest number of letters of a foreign error message
 
 
 def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: int) -> tuple[FloatArray, IntArray]:
-    """Read vertices (v, 3) and triangles (f, 3) as they stand in a file; what is no triangle is left out.
+    """Read vertices (v, 3) and triangles (f, 3) from a file; other elements are ignored.
 
     Raises:
-        InputError: no such file, another ending, more bytes or triangles than are taken, or a content that is damaged.
+        InputError: The file is missing, too large or damaged, or its suffix is not supported.
         MissingPackageError: trimesh is not installed.
     """
     file = to_path("mesh", path)
@@ -48,9 +48,9 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     trimesh = load_trimesh()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of arithmetic on what may be no numbers, which are refused below
+            warnings.simplefilter("ignore")  # arithmetic on non-finite numbers, which are refused below
             vertices, faces, count = _surface(trimesh, kind[1:], data, most_triangles)
-    except Exception as error:  # a damaged file makes its reader raise anything at all
+    except Exception as error:  # trimesh may raise anything on a damaged file
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
         raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
@@ -68,7 +68,7 @@ def load_trimesh() -> Any:
     """Import trimesh.
 
     Raises:
-        MissingPackageError: it is not installed.
+        MissingPackageError: trimesh is not installed.
     """
     try:
         return import_module("trimesh")
@@ -77,7 +77,7 @@ def load_trimesh() -> Any:
 
 
 def _missing_of_stl(data: bytes) -> str:
-    """Say what is missing at the end of an STL file; nothing of a whole one."""
+    """Describe what is missing at the end of an STL file; empty for a complete file."""
     if _is_text_stl(data):
         return "" if b"endsolid" in data[-LAST_LINE:] else "it ends without endsolid"
     if len(data) < STL_HEAD:
@@ -92,7 +92,7 @@ def _is_text_stl(data: bytes) -> bool:
 
 
 def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
-    """Read the surface in a file's bytes, and count its triangles; empty where there are too many."""
+    """Read the surface from a file's bytes, and count its triangles; return an empty surface if there are too many."""
     if kind == "obj":
         data = b"\n".join(GEOMETRY.findall(data))
     is_text = kind in ("obj", "off") or (kind == "stl" and _is_text_stl(data))

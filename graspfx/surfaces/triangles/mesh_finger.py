@@ -1,4 +1,4 @@
-"""A finger on a triangle mesh, as it stands in a block."""
+"""State of a finger on a triangle mesh, in a block."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ NEW, FREE, TOUCHING = 0, 1, 2  # modes
 
 
 class Plane(Record):
-    """A plane that a ball's proxy stays in front of: n . x >= distance."""
+    """Plane in front of which a ball's proxy stays: n . x >= distance."""
 
     normal: Vector  # n_j
     distance: float  # n_j . c_j + radius
-    triangle: int  # that it comes from
-    feature: int  # of the triangle
+    triangle: int  # index of the plane's triangle
+    feature: int  # feature of the triangle
 
 
 class MeshFinger(Record):
-    """A finger on a mesh. Zeros, but for `reach`, are a finger that has not been there yet."""
+    """Finger on a mesh. A new finger is all zeros, except `reach`."""
 
     mode: int  # NEW, FREE or TOUCHING
-    face: int  # of the contact point
+    face: int  # face of the contact point
     feature: int  # of the face: 0 inside, 1 2 3 on ab bc ca, 4 5 6 at a b c
     point: Vector  # contact point, object's frame [m]
     inward: Vector  # unit normal into the object
-    last: Vector  # where the finger was; of a ball, its proxy [m]
-    safe: float  # it is free up to here from there, at least [m]
-    reach: float  # up to this gap the contact point is the nearest one; infinite: always [m]
-    planes: Many[Plane] = many("4")  # of a ball: those that hold its proxy, at most three, and one that may
+    last: Vector  # last position of the finger, or of a ball's proxy [m]
+    safe: float  # radius around `last` that is free of the surface [m]
+    reach: float  # largest gap at which the contact point is the nearest one [m]; infinite: always
+    planes: Many[Plane] = many("4")  # for a ball: up to three active planes, and a candidate

@@ -1,4 +1,4 @@
-"""A triangle mesh laid out for the contact kernels, as `mesh_tree.MeshTree` declares it."""
+"""Layout of a triangle mesh for the contact kernels, as declared by `mesh_tree.MeshTree`."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node, Triangle, Verte
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-LEAF = 4  # triangles of a leaf at most
+LEAF = 4  # largest number of triangles in a leaf
 
 
 def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArray:
-    """Lay out everything that the contact kernels read of a mesh: the block of a `MeshTree`.
+    """Lay out a mesh as the block of a `MeshTree`, which the contact kernels read.
 
     Args:
-        vertices: (v, 3) in the object's frame [m].
-        faces: (f, 3) numbers of the vertices, counter-clockwise seen from outside, none of zero area.
-        closed: the surface is watertight.
+        vertices: Vertices in the object's frame, (v, 3) [m].
+        faces: Vertex indices, (f, 3), counter-clockwise seen from outside, none of zero area.
+        closed: True if the surface is watertight.
     """
     order, boxes, skip, first = box_tree(vertices[faces])
     faces = faces[order]
@@ -56,9 +56,9 @@ def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArra
 
 
 def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
-    """Build the tree over triangles (f, 3, 3): their order in it, and each node's box (6,), `skip` and `first`.
+    """Build the tree over triangles (f, 3, 3): their order, and each node's box (6,), `skip` and `first`.
 
-    The last row is the end: no box, `first` is f.
+    The last row ends the tree: no box, `first` is f.
     """
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF))))
@@ -71,7 +71,7 @@ def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntAr
     number = np.zeros(1, dtype=np.intp)
     for level in range(depth + 1):
         starts = np.arange(2**level) * count // 2**level
-        beneath = 2 ** (depth - level + 1) - 1  # nodes of the subtree
+        beneath = 2 ** (depth - level + 1) - 1  # number of nodes of the subtree
         first[number], below[number] = starts, number + beneath
         levels.append((number, starts))
         if level < depth:
@@ -91,10 +91,10 @@ def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntAr
 
 
 def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
-    """Find what lies across every edge (a side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
+    """Find the half edge across each half edge (side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
 
-    Returns the half edge across, (f, 3), -1 where the surface ends or more than two triangles meet; whether both run
-    the same way, which they do where one of the triangles is turned over; and how many edges have more than two.
+    Returns the opposite half edge, (f, 3), -1 at a boundary or if more than two triangles meet; whether both run the
+    same way, which means that one of the triangles is reversed; and the number of edges with more than two triangles.
     """
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = sides.min(axis=1), sides.max(axis=1)
@@ -111,14 +111,14 @@ def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
 
 
 def rings(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
-    """List the faces around each vertex, one vertex after the other, and where each begins (v + 1,)."""
+    """List the faces around each vertex, vertex by vertex, and the start of each list (v + 1,)."""
     corner = faces.ravel()
     order = np.argsort(corner, kind="stable")
     return order // 3, np.append(0, np.cumsum(np.bincount(corner, minlength=vertices)))
 
 
 def face_normals(corners: FloatArray) -> FloatArray:
-    """Compute outward unit normals of triangles (f, 3, 3), to the last digit."""
+    """Compute outward unit normals of triangles (f, 3, 3), accurate to the last digit."""
     a, b, c = np.moveaxis(corners.astype(np.longdouble), 1, 0)
     normals = np.cross(b - a, c - a)
     units: FloatArray = (normals / np.sqrt((normals * normals).sum(axis=1, keepdims=True))).astype(np.float64)
@@ -126,9 +126,9 @@ def face_normals(corners: FloatArray) -> FloatArray:
 
 
 def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
-    """Compute angle-weighted pseudonormals, unit (v, 3).
+    """Compute angle-weighted unit pseudonormals (v, 3).
 
-    Their sign is right at every corner (Baerentzen and Aanaes, 2005).
+    They give the correct sign at every vertex (Baerentzen and Aanaes, 2005).
     """
     total = np.zeros((vertices, 3))
     for k in range(3):

@@ -1,4 +1,4 @@
-"""The point of a triangle that is nearest to a finger, and the normals of a triangle's features."""
+"""Nearest point of a triangle to a finger, and normals of a triangle's features."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.spatial import Vector, dot
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Triangle
 
-ROUNDING = 2e-15  # of a point, relative to a mesh's extent and the point's distance from the origin
+ROUNDING = 2e-15  # rounding of a point, relative to a mesh's extent plus the point's distance from the origin
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """The point of a triangle that is nearest to a finger."""
+    """Point of a triangle that is nearest to a finger."""
 
-    feature: int  # of the triangle, that the point is on
+    feature: int  # feature of the triangle on which the point lies
     square: float  # squared distance [m^2]
     point: Vector  # [m]
 
 
 @inline
 def scale_at(mesh: MeshTree, g: Vector) -> float:
-    """Give the length to which rounding at g is relative [m]."""
+    """Return the length to which rounding at g is relative [m]."""
     return mesh.extent + abs(g.x) + abs(g.y) + abs(g.z)
 
 
@@ -57,7 +57,7 @@ def nearest_on_triangle(triangle: Triangle, g: Vector) -> Foot:
 
 @kernel
 def on_edge(feature: int, t: float, a: Vector, u: Vector, p: Vector) -> Foot:
-    """Give the point a + t u of an edge, for a finger at a + p."""
+    """Return the point a + t u of an edge, for a finger at a + p."""
     along = t * u
     rest = p - along
     return Foot(feature, dot(rest, rest), a + along)
@@ -65,13 +65,13 @@ def on_edge(feature: int, t: float, a: Vector, u: Vector, p: Vector) -> Foot:
 
 @kernel
 def height_over(triangle: Triangle, g: Vector) -> float:
-    """Compute how far g is in front of a triangle's plane [m]."""
+    """Compute the signed distance of g in front of a triangle's plane [m]."""
     return dot(g - triangle.a, triangle.normal)
 
 
 @kernel
 def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
-    """Give a feature's outward normal, of any length: the face's, the sum of two, or the corner's, by angles."""
+    """Return a feature's outward normal, of any length: the face's, the sum of two, or the vertex pseudonormal."""
     triangle = mesh.triangles[face]
     if feature > 3:
         corner = mesh.vertices[int(triangle.vertices[feature - 4])]
@@ -86,7 +86,7 @@ def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
 
 @kernel
 def is_outside(mesh: MeshTree, face: int, feature: int, v: Vector) -> bool:
-    """Tell whether a finger at v from its contact point is in front of the surface, or past where the surface ends."""
+    """True if a finger at v from its contact point is in front of the surface, or beyond its boundary."""
     triangle = mesh.triangles[face]
     if feature > 3:
         corner = mesh.vertices[int(triangle.vertices[feature - 4])]
@@ -99,7 +99,7 @@ def is_outside(mesh: MeshTree, face: int, feature: int, v: Vector) -> bool:
 
 @kernel
 def is_around(mesh: MeshTree, other: int, face: int, feature: int) -> bool:
-    """Tell whether a triangle has that feature of that face; `face` -1 is none."""
+    """True if a triangle shares the given feature of a face; `face` -1 is none."""
     if face < 0:
         return False
     if feature == 0:

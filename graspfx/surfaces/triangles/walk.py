@@ -1,13 +1,14 @@
-"""Where a finger touches a triangle mesh: a contact point that walks over the surface and never goes through it.
+"""Contact of a finger with a triangle mesh: a contact point that walks over the surface and never passes through it.
 
-A finger is free or in contact, and stays what it is until the surface says otherwise:
+A finger is free or in contact, and keeps its state until one of these events:
 
-- free: while it moves by less than its distance from the surface it cannot touch; else the segment from where it was
-  to where it is is cast against the triangles that face it. Within its reach its nearest point is found every sample.
-- in contact: the contact point descends over edges and corners to the nearest point in its surroundings (Zilles and
-  Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999), so that a finger deep in a thin plate is held by the side that
-  it came from. Once the finger is outside as seen from there, by the pseudonormal (Baerentzen and Aanaes, 2005), it is
-  released; the way from the contact point to the finger is then cast in the same sample.
+- free: while it moves by less than its distance from the surface it cannot touch. Otherwise the segment from its last
+  position to its position is cast against the triangles that face it. Within its reach, its nearest point is found in
+  every sample.
+- in contact: the contact point descends over edges and vertices to the nearest point in its neighbourhood (Zilles and
+  Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999), so that the side on which it entered holds a finger deep in a
+  thin plate. Once the finger is outside as seen from there, by the pseudonormal (Baerentzen and Aanaes, 2005), it is
+  released; the segment from the contact point to the finger is then cast in the same sample.
 """
 
 from __future__ import annotations
@@ -23,27 +24,28 @@ from graspfx.surfaces.triangles.mesh_finger import FREE, NEW, TOUCHING, MeshFing
 from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.triangle import ROUNDING, is_outside, nearest_on_triangle, pseudonormal, scale_at
 
-SAME_POINT = 1e-16  # relative distance below which two nearest points are one
-NOTHING = 1e-13  # relative depth that is not inside yet
-REPEATS = 4  # steps of a walk that are no descent that a float can show
+SAME_POINT = 1e-16  # relative distance below which two nearest points coincide
+NOTHING = 1e-13  # relative depth that does not count as inside
+REPEATS = 4  # steps of a walk that are equal within rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A point of the surface that is nearest to a finger in its surroundings."""
+    """Point of the surface that is locally nearest to a finger."""
 
     face: int
-    feature: int  # of the face
+    feature: int  # feature of the face
     square: float  # squared distance from the finger [m^2]
     point: Vector  # [m]
 
 
 @kernel
 def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
-    """Find the contact of a finger that has moved to g, in the object's frame; its state is brought up to date.
+    """Find the contact of a finger that has moved to g in the object's frame, and update its state.
 
-    c is on the surface, n the unit normal into the object, gap > 0 outside, < 0 inside along n: g - c = -gap n. While
-    the gap is beyond the finger's reach, c and n may be those of an earlier sample, and the gap is one that it exceeds.
+    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside along n:
+    g - c = -gap n. If the gap exceeds the finger's reach, c and n may be those of an earlier sample, and the gap is a
+    lower bound.
     """
     scale = scale_at(mesh, g)
     last = finger.last
@@ -68,7 +70,7 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
     released = math.inf
     while touching and is_outside(mesh, spot.face, spot.feature, g - spot.point):
         touching = False
-        if spot.square < released:  # else it has been released here before
+        if spot.square < released:  # else it was already released here
             released = spot.square
             hit = cast(mesh, spot.point, g, spot.face, spot.feature)
             if hit >= 0:
@@ -76,7 +78,7 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
                 touching = True
 
     beyond = False
-    limit = math.inf  # a new finger has to know its side
+    limit = math.inf  # a new finger needs to find its side
     if not new:
         limit = 2.0 * finger.reach + 0.1 * mesh.size
     finger.safe = 0.0
@@ -98,7 +100,7 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
 
 @kernel
 def across(mesh: MeshTree, spot: Spot, touching: bool, scale: float, g: Vector) -> tuple[Vector, float]:
-    """Give the unit normal into the object and the gap of a finger at g, for its contact."""
+    """Return the unit normal into the object and the gap of a finger at g, for its contact."""
     v = g - spot.point
     if spot.feature == 0:
         triangle = mesh.triangles[spot.face]
@@ -113,7 +115,7 @@ def across(mesh: MeshTree, spot: Spot, touching: bool, scale: float, g: Vector) 
     sign = 1.0 if touching else -1.0
     if gap > ROUNDING * scale:
         return sign * v / gap, -sign * gap
-    n = pseudonormal(mesh, spot.face, spot.feature)  # at this distance rounding is all that the direction would be
+    n = pseudonormal(mesh, spot.face, spot.feature)  # so close, the direction would be pure rounding
     size = length(n)
     if size < 1e-9:  # a fold without thickness
         flat = mesh.triangles[spot.face]
@@ -124,10 +126,10 @@ def across(mesh: MeshTree, spot: Spot, touching: bool, scale: float, g: Vector) 
 
 @kernel
 def walk(mesh: MeshTree, face: int, g: Vector) -> Spot:
-    """Descend from a face to the nearest point in its surroundings.
+    """Descend from a face to the nearest point in its neighbourhood.
 
-    Every step is to a strictly nearer point, so that it ends; but two sides of a flat edge are equally far in floats
-    while their nearest points are 1e-8 of the distance apart, so a few steps that are equal to rounding are allowed.
+    Every step leads to a strictly nearer point, so that the walk terminates. Across a flat edge, however, two points
+    can be equally far in floats while they are 1e-8 of the distance apart, so that a few equal steps are allowed.
     """
     triangles = mesh.triangles
     foot = nearest_on_triangle(triangles[face], g)

@@ -1,4 +1,4 @@
-"""Which way the triangles of a surface face: the same way within each piece, outwards, and inwards around a cavity."""
+"""Orientation of a surface's triangles: consistent within each piece, outwards, and inwards around a cavity."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from graspfx.errors import InputError
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, half_edges
 
 MOST_PIECES = 2000
-MOST_WORK = 50_000_000  # solid angles: a few seconds
+MOST_WORK = 50_000_000  # solid angles, which take a few seconds
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int]:
-    """Wind faces (f, 3) consistently, and outwards if the surface is closed; count those that were turned over.
+    """Orient faces (f, 3) consistently, and outwards if the surface is closed; count the reversed ones.
 
-    A piece within another is a cavity and faces inwards. An open piece keeps the side that most of its triangles have.
+    A piece inside another is a cavity and faces inwards. An open piece keeps the orientation of most of its triangles.
 
     Raises:
-        InputError: more pieces, or pieces within one another, than can be looked at.
+        InputError: There are too many pieces, or too many nested pieces.
     """
     across, same, _ = half_edges(faces)
     pieces, turned = _agree(across // 3, same & (across >= 0))
@@ -34,7 +34,7 @@ def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntAr
 
 
 def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Number the pieces connected over edges (f,), and find triangles to turn over for each to agree with its first."""
+    """Number the pieces connected over edges (f,), and mark triangles to reverse so that each piece is consistent."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -43,7 +43,7 @@ def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray
     graph = coo_array((np.ones(len(face), dtype=np.int8), (face, across[face, side])), shape=(n, n)).tocsr()
     count, pieces = connected_components(graph, directed=False)
     if count > MOST_PIECES:
-        raise InputError("mesh", f"{count} pieces", f"at most {MOST_PIECES} pieces that are not connected")
+        raise InputError("mesh", f"{count} pieces", f"at most {MOST_PIECES} disconnected pieces")
     turned = np.zeros(n, dtype=bool)
     for piece in np.unique(pieces[same.any(axis=1)]):
         order, before = breadth_first_order(graph, int(np.flatnonzero(pieces == piece)[0]), directed=False)
@@ -55,14 +55,14 @@ def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray
 
 
 def _volumes(corners: FloatArray) -> FloatArray:
-    """Compute six times the volumes between the triangles and their mean, signed (f,)."""
+    """Compute six times the signed volumes between the triangles and their mean, (f,)."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1)
     return volumes
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.bool_]:
-    """Find the pieces with an odd number of others around them, by the solid angle of each from a point of theirs."""
+    """Find the pieces inside an odd number of others, by the solid angle of each piece from a point of the other."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, pieces, corners.min(axis=1))
     np.maximum.at(high, pieces, corners.max(axis=1))
@@ -79,14 +79,14 @@ def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.b
         faces = np.concatenate([order[ends[k - 1] if k else 0 : ends[k]] for k in np.flatnonzero(around)])
         work += len(faces)
         if work > MOST_WORK:
-            raise InputError("mesh", f"{count} pieces", "fewer pieces within one another", "leave out what is inside")
+            raise InputError("mesh", f"{count} pieces", "fewer nested pieces", "leave out what is inside")
         turns = np.bincount(pieces[faces], _turns(corners[faces] - point), minlength=count)
         cavity[piece] = (np.abs(turns) > 0.5).sum() % 2
     return cavity
 
 
 def _turns(corners: FloatArray) -> FloatArray:
-    """Compute solid angles of triangles (f, 3, 3) from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
+    """Compute the solid angles of triangles (f, 3, 3) from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     la, lb, lc = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
     below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb

@@ -112,7 +112,7 @@ def test_refuses_lengths_that_are_none():
     for length in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="length"):
             grasp.measures(length=length)
-    with pytest.raises(InputError, match="lie in one point"):
+    with pytest.raises(InputError, match="all contacts coincide"):
         gx.Grasp(np.zeros((2, 3))).measures()
     with pytest.raises(InputError, match="about"):
         grasp.measures(about=[0.0, 0.0, 0.0])

@@ -366,7 +366,7 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
         FloorBody(Member(state, CUBE), [floor], Meeting(restitution=0.5))
     with pytest.raises(InputError, match=r"obstacle block.*half-space or a plane"):
         FloorBody(Member(state, CUBE), [place_obstacle("block", CUBE, 3)], Meeting())
-    with pytest.raises(InputError, match="has an end"):
+    with pytest.raises(InputError, match="bounded shape"):
         features(HalfSpace((0, 0, 1)), 3)
 
 
