@@ -50,7 +50,7 @@ def load(name: str | PathLike[str]) -> Experiment:
     elif text in names():
         path = names()[text]
     else:
-        raise UnknownNameError("experiment", text, names(), "a file is named with its .toml")
+        raise UnknownNameError("experiment", text, names(), "give a file with its ending .toml")
     return read(file_text(path), plugins.shown_path(path), path)
 
 
