@@ -12,7 +12,7 @@ from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, require_place
 from graspfx.errors import InputError
 from graspfx.loop.recording.places import placing
-from graspfx.machine.finding import Finding
+from graspfx.machine.findings import Finding
 from graspfx.machine.system_checks import machine_kind, system_findings
 from graspfx.progress import waiting
 
@@ -46,15 +46,15 @@ def execute(options: Namespace) -> int:
     subject = _Subject(options)
     findings = list(system_findings())
     with waiting("measuring wake-up times for three seconds"):
-        from graspfx.machine import wake_jitter
+        from graspfx.machine import timing_checks
 
-        findings += wake_jitter.Jitter(subject.period, wake_jitter.DURATION).findings()
+        findings += timing_checks.Jitter(subject.period, timing_checks.WAKE_DURATION).findings()
     if subject.stations:
         if not options.json:
             note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: keep it still"])
         findings += subject.round_trips()
     if options.out is not None:
-        from graspfx.machine.lab_report import lab_report
+        from graspfx.machine.findings import lab_report
 
         with placing(options.out) as file:
             file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))
@@ -132,7 +132,7 @@ class _Subject:
         self.settings += [str(value) for key, value in settings.items() if key in ("serial", "device", "port", "url")]
 
     def round_trips(self) -> Iterator[Finding]:
-        from graspfx.machine.round_trip import round_trip_findings
+        from graspfx.machine.timing_checks import round_trip_findings
 
         return round_trip_findings(self.stations, self.names, self.period)
 

@@ -92,7 +92,7 @@ def _run(
             watchers.append(page)
             tellers.append(page.tell)
         if options.stream:
-            from graspfx.live.stream.stream_socket import stream_of
+            from graspfx.live.stream.state_stream import stream_of
 
             stream, address = stream_of(stack)
             _say(address)
@@ -108,7 +108,7 @@ def _run(
         is_paced=not options.simulate,
     )  # fmt: skip
     if keys is not None:
-        from graspfx.system.terminal_keys import terminal_keys
+        from graspfx.system.terminal import terminal_keys
 
         stack.enter_context(terminal_keys(keys.press, keys.end if not options.page else _nothing))
     total, faults = len(trials.plan.slots), 0
@@ -144,7 +144,7 @@ def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitSta
 
 def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
     """Print the correct answers for each condition, the thresholds, and the path of the table."""
-    from graspfx.experiment.thresholds import thresholds
+    from graspfx.experiment.staircase import thresholds
     from graspfx.experiment.trial_table import read_table
 
     if is_quiet():
@@ -175,7 +175,7 @@ def _print_plan(experiment: Experiment, options: Namespace) -> int:
 
 def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
     """Open the LSL streams for markers and for rows."""
-    from graspfx.experiment.lsl_markers import LslMarkers
+    from graspfx.experiment.markers import LslMarkers
     from graspfx.live.lsl_outlet import RowStream
 
     rows = stack.enter_context(RowStream(f"GraspFX {experiment.name}"))

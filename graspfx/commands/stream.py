@@ -63,7 +63,7 @@ def add_stream(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.assembly.resolve import resolve
     from graspfx.live.live_run import LiveRun
-    from graspfx.live.stream.stream_socket import stream_of
+    from graspfx.live.stream.state_stream import stream_of
     from graspfx.scene.load import load
     from graspfx.screen.socket_thread import require_websockets
 

@@ -14,13 +14,13 @@ from graspfx.commands.output import SUCCESS, WRONG, doubts, interruptible, name_
 from graspfx.errors import InputError
 from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
-from graspfx.system import terminal_input
+from graspfx.system import terminal
 
 if TYPE_CHECKING:
     from socket import socket
 
     from graspfx.scene.model import Scene
-    from graspfx.screen.touch_gate import Gate
+    from graspfx.screen.gate import Gate
 
 EXAMPLE = """  graspfx touch paper-waving
   graspfx touch paper-waving --lan"""
@@ -92,10 +92,10 @@ def _invite(line: socket, gate: Gate) -> None:
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:
     """Return a function that tells whether to end, and that prints another code after Enter."""
     end = None if seconds is None else time.monotonic() + seconds
-    is_open = gate.locked and terminal_input.is_watched()
+    is_open = gate.locked and terminal.is_watched()
 
     def look() -> bool:
-        if is_open and terminal_input.takes_line():
+        if is_open and terminal.takes_line():
             _invite(line, gate)
         return stop() or (end is not None and time.monotonic() > end)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.experiment_file import load, names
-from graspfx.experiment.thresholds import Threshold, thresholds
+from graspfx.experiment.session_plan import williams_square
+from graspfx.experiment.staircase import Threshold, thresholds
 from graspfx.experiment.trial import Presentation, Row, Trial
-from graspfx.experiment.trial_order import williams_square
 from graspfx.experiment.trial_table import read_table
 
 __all__ = [

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.certificate.report import check
 from graspfx.errors import InputError
-from graspfx.experiment.study import Study
-from graspfx.live.clamp import SHARE
+from graspfx.experiment.experiment_table import Study
+from graspfx.live.hardware_clamp import SHARE
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:

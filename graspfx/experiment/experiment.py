@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.experiment.answering import Answerer, Function
-from graspfx.experiment.experiment_table import WORD
+from graspfx.experiment.experiment_table import WORD, Study
 from graspfx.experiment.markers import Event, Markers
 from graspfx.experiment.presenters import Presenter, RealTime, Simulated
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.session_of_trials import SessionOfTrials
 from graspfx.experiment.session_plan import SessionPlan, session_plan
 from graspfx.experiment.simulated_observers import simulated_observer
-from graspfx.experiment.study import Study
 from graspfx.experiment.trial import Presentation, Row, Trial
 from graspfx.experiment.trial_table import begin, resume
 from graspfx.plugins import unchanged

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
@@ -12,6 +12,10 @@ from pydantic_core import PydanticCustomError
 from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Count, Name, NotNegative, Number, Positive, Switch, Table
 from graspfx.scene.tables.preset_table import values_by_key
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.scene.source import Source
 
 Order = Literal["fixed", "random", "blocks", "latin-square"]
 WORD = r"^[A-Za-z0-9]+$"  # of a label in the names of files
@@ -153,3 +157,16 @@ class ExperimentTable(Table):
     practice: Practice | None = None
     breaks: Breaks | None = None
     observer: Observer | None = None
+
+
+class Study:
+    """The parts that an experiment is made of.
+
+    Args:
+        table: its tables.
+        scene: with the values of all trials.
+        source: where it came from.
+    """
+
+    def __init__(self, table: ExperimentTable, scene: Scene, source: Source) -> None:
+        self.table, self.scene, self.source = table, scene, source

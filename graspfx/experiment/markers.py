@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from graspfx.experiment.session_files import RowFile, SessionFiles, cell, place_file
+from graspfx.live.lsl_outlet import MarkerStream
 
 EVENTS = {
     "onset": {"Description": "since the session began", "Units": "s"},
@@ -103,3 +104,12 @@ def write_beside(recording: Path, zero: float, events: Sequence[Event]) -> None:
         for each in events
     ]
     place_file(recording.with_name(FILE), "\n".join(lines) + "\n")
+
+
+class LslMarkers(MarkerStream):
+    """A stream of a session's events, as texts such as "3 stimulus 1": trial, event, interval, value."""
+
+    def mark(self, event: Event) -> None:
+        """Send an event with its time."""
+        words = [event.trial or "", event.name, event.interval or "", event.value]
+        self.send(" ".join(str(word) for word in words if word != ""), event.clock)

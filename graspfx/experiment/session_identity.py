@@ -12,8 +12,8 @@ from graspfx.assembly.engine_versions import engine_versions
 from graspfx.assembly.named_files import by_name, file_changes, files_of
 from graspfx.assembly.scene_changes import scene_changes
 from graspfx.errors import RecordingError
+from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import SessionFiles
-from graspfx.experiment.study import Study
 
 DIGEST, FILES, VERSION = "Digest", "Files", "Version"
 MOST = 5  # differences that are said

@@ -1,16 +1,157 @@
-"""The plan of a participant's session: which trial comes when, decided before the first of them."""
+"""Plan of a session: cells of the design, order of trials, staircases."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
+from itertools import product
+from typing import Any
 
-from graspfx.experiment.cell import Cell, cells
-from graspfx.experiment.experiment_table import ExperimentTable
-from graspfx.experiment.staircase_of_condition import Stair
-from graspfx.experiment.trial import Row, Trial
-from graspfx.experiment.trial_order import random_of, trial_order
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+from graspfx.experiment.experiment_table import Comparison, Condition, ExperimentTable, Factor
+from graspfx.experiment.staircase import Stair
+from graspfx.experiment.trial import FIRST, SECOND, Row, Trial
+
+IntArray = NDArray[np.int64]
+
+
+def random_of(seed: int, *words: str) -> np.random.Generator:
+    """Make the random numbers of a participant's session: the same for the same seed and words, on any machine."""
+    text = "\n".join([str(seed), *words]).encode()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(sha256(text).digest(), "big")))
+
+
+def williams_square(count: int) -> IntArray:
+    """Give Williams' design (rows, count): a Latin square, or a pair of them where the count is odd.
+
+    Each condition is once in every row, as often in every place, and right after each other one as often as after any
+    other (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the others
+    follow from it by addition modulo n, and the mirrored square comes after it for odd n.
+
+    Args:
+        count: of conditions, n.
+
+    Raises:
+        InputError: none.
+    """
+    if type(count) is not int or count < 1:
+        raise InputError("count", count, "one condition or more")
+    first = [0]
+    for k in range(1, count):
+        first.append((k + 1) // 2 if k % 2 else count - k // 2)
+    square = (np.array(first)[None] + np.arange(count)[:, None]) % count
+    return np.concatenate([square, square[:, ::-1]]) if count % 2 and count > 1 else square
+
+
+def trial_order(
+    order: str, count: int, repetitions: int, rng: np.random.Generator, participant: str
+) -> Sequence[tuple[int, int]]:
+    """Arrange trials as pairs of a condition and its repetition, each counted from zero.
+
+    Args:
+        order: "fixed": conditions as in the file, as often as they are repeated; "random": all trials shuffled;
+            "blocks": all repetitions of a condition after one another, conditions shuffled; "latin-square": likewise,
+            conditions in the participant's row of Williams' design.
+        count: of conditions.
+        repetitions: of each.
+        rng: of the participant's session.
+        participant: by whose number a row is chosen: 1 has the first, and after the last it begins again.
+
+    Raises:
+        InputError: a Latin square for a participant who is no number.
+    """
+    if order == "fixed":
+        return [(condition, k) for k in range(repetitions) for condition in range(count)]
+    if order == "random":
+        drawn = rng.permutation(np.repeat(np.arange(count), repetitions)).tolist()
+        return [(condition, drawn[:at].count(condition)) for at, condition in enumerate(drawn)]
+    if order == "blocks":
+        row = rng.permutation(count).tolist()
+    else:
+        if not participant.isdecimal() or int(participant) < 1:
+            do = "a row of the Latin square goes with it"
+            raise InputError("--participant", participant, "a number from 1 on", do)
+        square = williams_square(count)
+        row = square[(int(participant) - 1) % len(square)].tolist()
+    return [(condition, k) for condition in row for k in range(repetitions)]
+
+
+ALL = "all"  # name of the condition of an experiment of factors alone
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of a condition and a level of each factor.
+
+    Attributes:
+        condition: its name.
+        levels: of each factor, by its name.
+        values: of the scene, by dotted key.
+        answer: that is right; empty where none is, or where two intervals are compared.
+        compare: the comparison; None for one interval.
+        increment: of a comparison, relative; nan where a staircase chooses.
+    """
+
+    condition: str
+    levels: Mapping[str, Any]
+    values: Mapping[str, Any]
+    answer: str = ""
+    compare: Comparison | None = None
+    increment: float = math.nan
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether a staircase chooses its increments."""
+        return self.compare is not None and math.isnan(self.increment)
+
+    def trial(self, number: int, repetition: int, place: int, increment: float, *, is_practice: bool = False) -> Trial:
+        """Make a trial.
+
+        Args:
+            number: in the session.
+            repetition: of the condition.
+            place: of two intervals the one with the larger value, 0 or 1.
+            increment: of the larger value, where a staircase chooses it.
+            is_practice: whether it counts for nothing.
+        """
+        if self.compare is None:
+            return Trial(
+                number, self.condition, repetition, self.levels, [self.values], self.answer, is_practice=is_practice
+            )
+        size = increment if math.isnan(self.increment) else self.increment
+        key, reference = self.compare.key, self.compare.reference
+        each = [{**self.values, key: reference}, {**self.values, key: reference * (1.0 + size)}]
+        intervals, answer = (each, SECOND) if place else (each[::-1], FIRST)
+        return Trial(
+            number, self.condition, repetition, self.levels, intervals, answer, reference, size, is_practice
+        )  # fmt: skip
+
+
+def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """List the levels of a factor, each with the values of the scene that it stands for."""
+    for value in factor.levels:
+        yield value, {factor.key: value}
+    yield from factor.level.items()
+
+
+def cells(table: ExperimentTable) -> Sequence[Cell]:
+    """Cross the conditions with all factors, the last of which changes first, and with increments."""
+    crossed = []
+    for condition in table.condition or (Condition(name=ALL),):
+        for levels in product(*(levels_of(factor) for factor in table.factor)):
+            names = {factor.name: level for factor, (level, _) in zip(table.factor, levels, strict=True)}
+            values = {**table.set, **condition.set}
+            for _, more in levels:
+                values |= more
+            compare = condition.compare
+            for increment in (compare.increments if compare is not None else ()) or (math.nan,):
+                crossed.append(Cell(condition.name, names, values, condition.answer, compare, increment))
+    return crossed
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 from graspfx.errors import InputError
 from graspfx.experiment.displayed_stiffness import SHARES, displayed_stiffness
 from graspfx.experiment.experiment_table import ExperimentTable, Observer
-from graspfx.experiment.staircase_of_condition import chance
+from graspfx.experiment.session_plan import random_of
+from graspfx.experiment.staircase import chance
 from graspfx.experiment.trial import FIRST, SECOND, Presentation
-from graspfx.experiment.trial_order import random_of
 
 Respond = Callable[[Presentation], str]
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__
 from graspfx.errors import InputError, RecordingError
+from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
 from graspfx.experiment.session_identity import DIGEST, require_same, session_identity
-from graspfx.experiment.study import Study
 from graspfx.experiment.trial import FIRST, SECOND, Row
 
 if TYPE_CHECKING:

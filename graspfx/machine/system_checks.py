@@ -11,7 +11,7 @@ from pathlib import Path
 from threading import Thread
 
 from graspfx.loop.realtime.process import SERVO
-from graspfx.machine.finding import Finding
+from graspfx.machine.findings import Finding
 from graspfx.system.scheduling import most_locked, set_fifo
 
 LIMITS = "/etc/security/limits.d/graspfx.conf"

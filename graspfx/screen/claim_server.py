@@ -5,21 +5,63 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
+from graspfx.screen.gate import Admission, Bucket, Gate
 from graspfx.screen.own_page import single
 from graspfx.screen.socket_thread import PATIENCE, SILENT, SocketThread, response
-from graspfx.screen.touch_claims import Claims
-from graspfx.screen.touch_gate import Admission, Bucket, Gate
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
+
+
+class Claims:
+    """Fingers and the clients that have them; a client has a number of its own.
+
+    Args:
+        fingers: how many there are.
+    """
+
+    def __init__(self, fingers: int) -> None:
+        self._owners: list[int | None] = [None] * fingers
+
+    @property
+    def owners(self) -> Sequence[int | None]:
+        """The client of each finger; None where nobody has it."""
+        return tuple(self._owners)
+
+    def claim(self, finger: int, client: int) -> bool:
+        """Take a finger for a client; tell whether it is the client's now."""
+        if self._owners[finger] is None:
+            self._owners[finger] = client
+        return self._owners[finger] == client
+
+    def is_of(self, finger: int, client: int) -> bool:
+        """Tell whether a client has a finger."""
+        return self._owners[finger] == client
+
+    def release(self, finger: int, client: int) -> bool:
+        """Free a finger; tell whether the client had it."""
+        if self._owners[finger] != client:
+            return False
+        self._owners[finger] = None
+        return True
+
+    def fingers_of(self, client: int) -> Iterator[int]:
+        """List the fingers that a client has."""
+        return (finger for finger, owner in enumerate(self.owners) if owner == client)
+
+    def bits(self, client: int) -> tuple[int, int]:
+        """Give the fingers of a client, and those of anybody, a bit for each."""
+        own = sum(1 << i for i, owner in enumerate(self._owners) if owner == client)
+        return own, sum(1 << i for i, owner in enumerate(self._owners) if owner is not None)
+
 
 SILENCE = 0.5  # of a client that leads something, until it counts as lost [s]
 LOOK = 0.05  # between two looks for it [s]

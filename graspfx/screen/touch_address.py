@@ -6,8 +6,8 @@ import io
 import socket
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.screen.gate import TOKEN, Gate
 from graspfx.screen.own_page import NAMES, listen_at
-from graspfx.screen.touch_gate import TOKEN, Gate
 
 FIRST = 8765  # port to try
 ELSEWHERE = "192.0.2.1", 9  # an address of no machine (RFC 5737): the way to it tells this one's own

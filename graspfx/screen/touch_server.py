@@ -2,20 +2,44 @@
 
 from __future__ import annotations
 
+import secrets
 import socket
 import struct
 from collections.abc import Callable, Mapping
+from functools import cache
 from http import HTTPStatus
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from graspfx.screen.claim_server import ClaimServer, Client, Terms
+from graspfx.screen.gate import Admission, Gate
 from graspfx.screen.socket_thread import require_websockets, response
-from graspfx.screen.touch_gate import Admission, Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
-from graspfx.screen.touch_page import page_for
 
 if TYPE_CHECKING:
     from websockets.http11 import Response
+
+PAGE = "touch_page.html"
+NONCE = "@nonce@"
+
+
+@cache
+def _text() -> str:
+    return (Path(__file__).parent / PAGE).read_text("utf-8")
+
+
+def page_for(host: str) -> tuple[bytes, dict[str, str]]:
+    """Write the page for a host, such as 127.0.0.1:8765; give it and its headers."""
+    nonce = secrets.token_urlsafe(16)
+    policy = (
+        f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; "
+        "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+    return _text().replace(NONCE, nonce).encode(), {
+        "Content-Type": "text/html; charset=utf-8",
+        "Content-Security-Policy": policy,
+    }
+
 
 SOCKET = "/socket"
 RATE, BURST = 1500.0, 500.0  # orders of a client

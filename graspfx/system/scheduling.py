@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -10,6 +13,7 @@ from graspfx.system import c_library
 
 SLACK = 29  # PR_SET_TIMERSLACK
 CURRENT, FUTURE, TOUCHED = 1, 2, 4  # of mlockall: what is not touched is not locked, and takes no time as it ends
+MONOTONIC, ABSOLUTE = 1, 1  # arguments of clock_nanosleep
 OTHER = "other"  # the policy without real-time priority
 
 
@@ -98,3 +102,23 @@ def leave_no_core() -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+class Timespec(ctypes.Structure):
+    """A time of the C library's."""
+
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+def sleeper() -> Callable[[int], None]:
+    """Give a function that sleeps until a time of the monotonic clock [ns]."""
+    function = c_library.function("clock_nanosleep")
+    if function is None:
+        return lambda deadline: time.sleep(max(0.0, 1e-9 * (deadline - time.monotonic_ns())))
+    function.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(Timespec), ctypes.c_void_p)
+
+    def sleep(deadline: int) -> None:
+        seconds, rest = divmod(deadline, 10**9)
+        function(MONOTONIC, ABSOLUTE, ctypes.byref(Timespec(seconds, rest)), None)
+
+    return sleep

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from graspfx.errors import InputError, SceneError, UnknownNameError
-from graspfx.experiment.cell import cells
 from graspfx.experiment.experiment_file import load, names, read
+from graspfx.experiment.session_plan import cells
 from tests.support.experiments import COMPARED, PLAIN, experiment
 
 BROKEN = """name = "no-label"

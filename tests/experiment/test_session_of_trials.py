@@ -16,8 +16,7 @@ import pytest
 import graspfx as gx
 from graspfx.errors import InputError, RecordingError
 from graspfx.experiment.experiment import Experiment
-from graspfx.experiment.staircase_of_condition import Stair
-from graspfx.experiment.thresholds import thresholds
+from graspfx.experiment.staircase import Stair, thresholds
 from graspfx.experiment.trial import Presentation
 from graspfx.experiment.trial_table import read_table
 from tests.support.experiments import COMPARED, PLAIN, experiment, table_of

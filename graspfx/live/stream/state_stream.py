@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Collection
+from contextlib import ExitStack, suppress
 from socket import socket
 from typing import TYPE_CHECKING, Self
 
@@ -15,14 +16,16 @@ from graspfx.errors import GraspFXError, InputError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.scenery import Scenery, scenery
 from graspfx.live.stream.state_message import hello_message, state_message
-from graspfx.live.touch.goal_walk import GoalWalk
+from graspfx.live.touch.finger_goals import GoalWalk
 from graspfx.loop.recording.header import SPLIT, KeyChange
-from graspfx.screen.stream_orders import StreamOrder
-from graspfx.screen.stream_server import Bounds, StreamServer
+from graspfx.screen.gate import TOKEN, StreamGate
+from graspfx.screen.own_page import HOST, NAMES, listen_at
+from graspfx.screen.stream_server import SOCKET, Bounds, StreamOrder, StreamServer
+from graspfx.screen.touch_address import network_address
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
-    from graspfx.screen.stream_gate import StreamGate
+    from graspfx.screen.gate import StreamGate
 
 FloatArray = NDArray[np.float64]
 
@@ -185,3 +188,32 @@ class StateStream:
         fault = run.fault
         text = str(fault.message) if fault is not None else run.cause
         return state_message(frames[0], self._number, self._runs, state, text)
+
+
+FIRST = 8770  # port to try
+
+
+def stream_of(
+    stack: ExitStack, *, rate: float = RATE, goals: bool = False, port: int | None = None, lan: bool = False,
+    token: str | None = None, origins: Collection[str] = (),
+) -> tuple[StateStream, str]:  # fmt: skip
+    """Open a stream, which the stack closes; give it and its address, with the token.
+
+    Args:
+        stack: closes it.
+        rate: of states [Hz].
+        goals: whether clients may lead guides.
+        port: by default the first that is free from 8770 on; 0 for any.
+        lan: whether other machines in the network may have it.
+        token: that clients bring; a new one if not given.
+        origins: of browsers' pages that may open it.
+
+    Raises:
+        InputError: a port in use; a token that is short; a machine in no network; a rate that is none.
+        MissingPackageError: websockets is not installed.
+    """
+    line = stack.enter_context(listen_at(network_address() if lan else HOST, port, FIRST, "--port"))
+    host, number = line.getsockname()[:2]
+    gate = StreamGate({host} if lan else NAMES, number if lan else 0, token, origins)
+    stream = stack.enter_context(StateStream(line, gate, rate=rate, goals=goals))
+    return stream, f"ws://{host}:{number}{SOCKET}?{TOKEN}={gate.token}"

@@ -9,26 +9,120 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.holdings import holdings
 from graspfx.errors import GraspFXError, InputError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.live_run import LiveRun
 from graspfx.live.scenery import scenery
-from graspfx.live.touch.finger_reach import FingerReach
-from graspfx.live.touch.goal_walk import GoalWalk
-from graspfx.live.touch.touch_log import TouchLog
+from graspfx.live.touch.finger_goals import FingerReach, GoalWalk
 from graspfx.live.touch.touch_picture import box_of, description, fingertips, picture
-from graspfx.live.touch.touched_scene import touched_scene
-from graspfx.screen.touch_orders import MOST_FINGERS, Order
+from graspfx.scene.model import Scene
+from graspfx.screen.touch_orders import MOST_FINGERS, Kind, Order
 from graspfx.screen.touch_server import TouchServer
 
 if TYPE_CHECKING:
+    from graspfx.assembly.holdings import Holding
     from graspfx.scene.model import Scene
-    from graspfx.screen.touch_gate import Gate
+    from graspfx.screen.gate import Gate
+
+HEADER = "client,number,kind,finger,x,y,tick,fate"
+NAME = "touches.csv"
+
+
+class Entry(NamedTuple):
+    """An order of a client, and the newest tick when it came."""
+
+    client: int
+    order: Order
+    tick: int
+    fate: str
+
+
+class TouchLog:
+    """A log in memory, or none; `save` writes it beside a recording.
+
+    Args:
+        is_on: whether orders are noted.
+    """
+
+    def __init__(self, *, is_on: bool) -> None:
+        self.is_on = is_on
+        self.entries: list[Entry] = []
+
+    def note(self, client: int, order: Order, tick: int, fate: str) -> None:
+        """Note an order."""
+        if self.is_on:
+            self.entries.append(Entry(client, order, tick, fate))
+
+    def fates(self) -> list[str]:
+        """List what became of each order.
+
+        "applied", "superseded" if another place for the finger came before a tick could take it, or why it was dropped.
+        """
+        fates, newest = [each.fate for each in self.entries], dict[int, int]()
+        for k, each in enumerate(self.entries):
+            if each.fate != "taken" or each.order.kind == Kind.ALIVE:
+                continue
+            before = newest.get(each.order.finger)
+            if before is not None and self.entries[before].tick == each.tick:
+                fates[before] = "superseded"
+            newest[each.order.finger], fates[k] = k, "applied"
+        return ["applied" if fate == "taken" else fate for fate in fates]
+
+    def save(self, folder: Path) -> Path:
+        """Write the log as comma-separated text; give its file."""
+        lines = [HEADER]
+        for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
+            x, y = order.place
+            lines.append(f"{client},{order.number},{order.kind.name.lower()},{order.finger},{x!r},{y!r},{tick},{fate}")
+        file = folder / NAME
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return file
+
+
+OWN = ("motion", "turn", "squeeze", "squeeze_ramp", "rest")  # what a hand does by itself
+
+
+def touched_scene(scene: Scene) -> Scene:
+    """Take from a scene's hands their own motions, turns and squeezes: each finger stays where it starts.
+
+    Raises:
+        InputError: a scene in space, or one without a hand that could be led.
+    """
+    if scene.dimensions > 2:
+        raise InputError(
+            "scene", scene.title or scene.source.name, "a scene on a line or in the plane",
+            "a touch screen has no depth: `graspfx view` moves hands in space",
+        )  # fmt: skip
+    if not any(_is_led(each) for each in holdings(scene)):
+        raise InputError(
+            "scene", scene.title or scene.source.name, "a scene with a simulated finger that a hand of springs holds",
+            "give a finger a table `hand = { stiffness = 60.0, damping = 1.0 }`",
+        )  # fmt: skip
+    table = scene.to_dict()
+    for each in holdings(scene):
+        if _is_led(each):
+            own = _at(table, each.at)
+            for key in OWN:
+                own.pop(key, None)
+    return Scene(scene.source, **table)
+
+
+def _is_led(holding: Holding) -> bool:
+    return holding.table is not None and holding.table.form != "made"
+
+
+def _at(table: Any, place: tuple[str | int, ...]) -> dict[str, Any]:
+    for key in place:
+        table = table[key]
+    own: dict[str, Any] = table
+    return own
+
 
 FloatArray = NDArray[np.float64]
 

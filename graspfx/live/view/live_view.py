@@ -16,9 +16,8 @@ from graspfx.live.view import words_on_page as words
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.gain_sliders import GainSliders
 from graspfx.live.view.hand_gizmos import HandGizmos
-from graspfx.live.view.pace_of_run import Pace
 from graspfx.live.view.page_server import Server, page_server
-from graspfx.live.view.replay_on_page import ReplayOnPage
+from graspfx.live.view.replay_on_page import Pace, ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
 from graspfx.loop.recording.header import SPLIT, KeyChange

@@ -13,12 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log
 from graspfx.errors import GraspFXError, MissingPackageError, installation
-from graspfx.live.loopback import listen
 from graspfx.live.view.gate import LARGEST, Gate
-from graspfx.screen.own_page import HOST
+from graspfx.screen.own_page import HOST, listen_at
 
 if TYPE_CHECKING:
     import viser
+
+FIRST = 8080  # port to try
+
+
+def listen(port: int | None = None) -> socket.socket:
+    """Bind a port of 127.0.0.1.
+
+    Args:
+        port: to bind; by default the first that is free from 8080 on.
+
+    Raises:
+        InputError: it is in use, or not a program's to have.
+    """
+    return listen_at(HOST, port, FIRST, "--port")
+
 
 LOGGER = "graspfx page"  # of the sockets: heard by who listens to it, else silent
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Any
 
 from graspfx.loop.realtime.pacing import Clock
-from graspfx.system import pseudo_terminal
+from graspfx.system import terminal
 from graspfx.testing.wire.damage import Damage
 from graspfx.testing.wire.plug import Plug
 from graspfx.testing.wire.wire import Wire
@@ -84,7 +84,7 @@ class SerialWire(Wire):
             self._plug.remove()
 
     def _insert(self) -> None:
-        self._master, self._slave = pseudo_terminal.pair()  # its own end of the slave, so that the line stays
+        self._master, self._slave = terminal.pseudo_terminal()  # its own end of the slave, so that the line stays
         self._plug.lead(os.ttyname(self._slave))
 
     def _pull(self) -> None:
@@ -125,7 +125,7 @@ class SerialWire(Wire):
         with suppress(OSError, ValueError):  # pulled meanwhile
             if select.select([master], [], [], wait)[0]:
                 return os.read(master, MOST)
-            pseudo_terminal.release(self._slave)  # a dead user's claim goes with it, as a board's does
+            terminal.release_terminal(self._slave)  # a dead user's claim goes with it, as a board's does
         return b""
 
     def _put(self, data: bytes) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from graspfx import __version__
 from graspfx.loop.device import Features
-from graspfx.machine.finding import Finding
 
 SHORTEST = 3  # letters of a setting that is struck out wherever it stands
 PERSON = (
@@ -17,6 +17,25 @@ PERSON = (
     "Emergency stop pressed with a force on: how long until there was none",
     "Anything felt that should not be there: ringing, steps, drift",
 )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that a loop in real time needs.
+
+    Attributes:
+        subject: what was looked at.
+        text: what there is.
+        remedy: what to do; empty where it is well.
+    """
+
+    subject: str
+    text: str
+    remedy: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return not self.remedy
 
 
 def lab_report(

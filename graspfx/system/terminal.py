@@ -1,4 +1,4 @@
-"""Keys of a terminal, each as it is pressed; or the first letters of lines, where input comes from elsewhere."""
+"""Terminals: keys as they are pressed, lines that a user types, and pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
+
+from graspfx.errors import GraspFXError
 
 LOOK = 0.1  # between two looks whether it is over [s]
 STEP = 0.005  # between two looks for a key, where a system cannot wait for one [s]
@@ -112,3 +114,37 @@ def _windows(file: int, over: threading.Event, press: Callable[[str], object], e
             press(console.getwch().replace("\r", READY))
         else:
             time.sleep(STEP)
+
+
+def is_watched() -> bool:
+    """Tell whether somebody sits at a terminal whose lines can be waited for: on Windows nobody's can."""
+    return sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
+
+
+def takes_line() -> bool:
+    """Take a line that has been typed, without a wait; tell whether there was one."""
+    return bool(select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline())
+
+
+def pseudo_terminal() -> tuple[int, int]:
+    """Open one that passes bytes on as they are; give the descriptors of the program's end and of the line's.
+
+    Raises:
+        GraspFXError: this system has none.
+    """
+    try:
+        import pty
+        import tty
+    except ImportError as error:
+        raise GraspFXError("a board on a serial line is emulated on Linux and macOS only") from error
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    return master, slave
+
+
+def release_terminal(line: int) -> None:
+    """Take a dead program's claim back, that nobody else may open the line."""
+    import fcntl
+    import termios
+
+    fcntl.ioctl(line, termios.TIOCNXCL)
