@@ -1,4 +1,4 @@
-"""Experiments with people: trials in a planned order, answers, a recording and a row for each, and thresholds."""
+"""Experiments with people: trials in a planned order, answers, recordings, a table of trials, and thresholds."""
 
 from __future__ import annotations
 

@@ -21,23 +21,23 @@ IntArray = NDArray[np.int64]
 
 
 def random_of(seed: int, *words: str) -> np.random.Generator:
-    """Make the random numbers of a participant's session: the same for the same seed and words, on any machine."""
+    """Return a random generator that depends only on the seed and the words, on any machine."""
     text = "\n".join([str(seed), *words]).encode()
     return np.random.Generator(np.random.PCG64(int.from_bytes(sha256(text).digest(), "big")))
 
 
 def williams_square(count: int) -> IntArray:
-    """Give Williams' design (rows, count): a Latin square, or a pair of them where the count is odd.
+    """Return Williams' design (rows, count): a Latin square, or two of them for an odd count.
 
-    Each condition is once in every row, as often in every place, and right after each other one as often as after any
-    other (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the others
-    follow from it by addition modulo n, and the mirrored square comes after it for odd n.
+    Each condition occurs once in every row, equally often in every position, and equally often after every other
+    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the other
+    rows add 1 modulo n to the row before. For odd n, the mirrored square follows.
 
     Args:
-        count: of conditions, n.
+        count: Number of conditions, n.
 
     Raises:
-        InputError: none.
+        InputError: The count is not a positive integer.
     """
     if type(count) is not int or count < 1:
         raise InputError("count", count, "one condition or more")
@@ -51,19 +51,19 @@ def williams_square(count: int) -> IntArray:
 def trial_order(
     order: str, count: int, repetitions: int, rng: np.random.Generator, participant: str
 ) -> Sequence[tuple[int, int]]:
-    """Arrange trials as pairs of a condition and its repetition, each counted from zero.
+    """Return the order of trials, as pairs of a condition and its repetition, both counted from zero.
 
     Args:
-        order: "fixed": conditions as in the file, as often as they are repeated; "random": all trials shuffled;
-            "blocks": all repetitions of a condition after one another, conditions shuffled; "latin-square": likewise,
-            conditions in the participant's row of Williams' design.
-        count: of conditions.
-        repetitions: of each.
-        rng: of the participant's session.
-        participant: by whose number a row is chosen: 1 has the first, and after the last it begins again.
+        order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
+            conditions, each with all its repetitions in a row; "latin-square" is the same with the conditions in the
+            participant's row of Williams' design.
+        count: Number of conditions.
+        repetitions: Number of repetitions of each condition.
+        rng: Random generator of the session.
+        participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
 
     Raises:
-        InputError: a Latin square for a participant who is no number.
+        InputError: The order is "latin-square" and the participant is not a number.
     """
     if order == "fixed":
         return [(condition, k) for k in range(repetitions) for condition in range(count)]
@@ -81,7 +81,7 @@ def trial_order(
     return [(condition, k) for condition in row for k in range(repetitions)]
 
 
-ALL = "all"  # name of the condition of an experiment of factors alone
+ALL = "all"  # name of the condition if an experiment has factors only
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Cell:
     """One combination of a condition and a level of each factor.
 
     Attributes:
-        condition: its name.
-        levels: of each factor, by its name.
-        values: of the scene, by dotted key.
-        answer: that is right; empty where none is, or where two intervals are compared.
-        compare: the comparison; None for one interval.
-        increment: of a comparison, relative; nan where a staircase chooses.
+        condition: Name of the condition.
+        levels: Level of each factor, by its name.
+        values: Values of the scene, by dotted key.
+        answer: Correct answer; empty if there is none, or if two intervals are compared.
+        compare: Comparison of two intervals; None for one interval.
+        increment: Relative increment of the comparison; NaN if a staircase chooses it.
     """
 
     condition: str
@@ -106,18 +106,18 @@ class Cell:
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether a staircase chooses its increments."""
+        """Whether a staircase chooses the increment."""
         return self.compare is not None and math.isnan(self.increment)
 
     def trial(self, number: int, repetition: int, place: int, increment: float, *, is_practice: bool = False) -> Trial:
         """Make a trial.
 
         Args:
-            number: in the session.
-            repetition: of the condition.
-            place: of two intervals the one with the larger value, 0 or 1.
-            increment: of the larger value, where a staircase chooses it.
-            is_practice: whether it counts for nothing.
+            number: Number in the session.
+            repetition: Repetition of the condition.
+            place: Interval with the larger value, 0 or 1.
+            increment: Increment of the larger value, if a staircase chooses it.
+            is_practice: Whether the trial is practice.
         """
         if self.compare is None:
             return Trial(
@@ -133,14 +133,14 @@ class Cell:
 
 
 def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-    """List the levels of a factor, each with the values of the scene that it stands for."""
+    """List the levels of a factor, each with its values of the scene."""
     for value in factor.levels:
         yield value, {factor.key: value}
     yield from factor.level.items()
 
 
 def cells(table: ExperimentTable) -> Sequence[Cell]:
-    """Cross the conditions with all factors, the last of which changes first, and with increments."""
+    """Cross conditions, factors and increments; the last factor varies fastest."""
     crossed = []
     for condition in table.condition or (Condition(name=ALL),):
         for levels in product(*(levels_of(factor) for factor in table.factor)):
@@ -156,7 +156,7 @@ def cells(table: ExperimentTable) -> Sequence[Cell]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A place in the order: which cell, which repetition, and in which of two intervals there is more."""
+    """Entry of the plan: the cell, its repetition, and the interval with the larger value."""
 
     cell: Cell
     repetition: int
@@ -166,12 +166,12 @@ class Slot:
 
 @dataclass
 class SessionPlan:
-    """The order of a session, and its staircases as far as it has come.
+    """Order of a session, with the present state of its staircases.
 
     Attributes:
-        slots: in their order.
-        stairs: by condition.
-        easy: increment of practice; None for the largest.
+        slots: Entries in order.
+        stairs: Staircases by condition.
+        easy: Increment of practice trials; None for the largest.
     """
 
     slots: Sequence[Slot]
@@ -180,7 +180,7 @@ class SessionPlan:
     done: int = field(default=0, init=False)
 
     def trial(self) -> Trial | None:
-        """Make the next trial; None after the last."""
+        """Return the next trial; None after the last."""
         if self.done >= len(self.slots):
             return None
         slot = self.slots[self.done]
@@ -191,7 +191,7 @@ class SessionPlan:
         return slot.cell.trial(self.done + 1, slot.repetition, slot.place, increment, is_practice=slot.is_practice)
 
     def take(self, row: Row) -> None:
-        """Go on after a trial with its row; a response moves the staircase of its condition."""
+        """Advance past a trial; its response updates the staircase of its condition."""
         slot = self.slots[self.done]
         self.done += 1
         if slot.cell.is_adaptive and not slot.is_practice and row.is_correct is not None:
@@ -199,11 +199,11 @@ class SessionPlan:
 
 
 def session_plan(table: ExperimentTable, participant: str, session: str) -> SessionPlan:
-    """Plan a session: the same for the same file, participant and session.
+    """Plan a session. The plan depends only on the file, the participant and the session.
 
     Raises:
-        InputError: a Latin square for a participant who is no number.
-        MissingPackageError: a staircase without questplus.
+        InputError: The order is "latin-square" and the participant is not a number.
+        MissingPackageError: A staircase needs questplus, which is not installed.
     """
     design = cells(table)
     rng = random_of(table.seed, table.name, participant, session)

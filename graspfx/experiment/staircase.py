@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from graspfx.experiment.experiment_table import Span, Staircase
 
 FloatArray = NDArray[np.float64]
-GUESS = 0.5  # rate of right answers between two intervals without any difference
+GUESS = 0.5  # probability of a correct answer for two equal intervals
 
 
 class Stair:
-    """A staircase of one condition: the posterior of its threshold, with a flat prior over the logarithm.
+    """QUEST+ staircase of one condition: posterior of the threshold, with a uniform prior over its logarithm.
 
-    The chance of a right answer to an increment x is the Weibull function
+    The probability of a correct answer to an increment x is the Weibull function
     p(x) = 1 - l - (1/2 - l) exp(-(x/t)^s), with threshold t, slope s and lapse rate l; p(t) is 0.80 for l = 0.02.
     (A. B. Watson, QUEST+: a general multidimensional Bayesian adaptive psychometric method, J. Vision 17(3):10, 2017.)
 
     Args:
-        table: domains, slope and lapse rate.
+        table: Domains, slope and lapse rate.
 
     Raises:
         MissingPackageError: questplus is not installed.
@@ -47,42 +47,42 @@ class Stair:
         self.trials = 0
 
     def increment(self) -> float:
-        """Choose the next increment, relative."""
+        """Return the next relative increment."""
         return float(self._quest.next_stim["intensity"])
 
     def easiest(self, size: float | None) -> float:
-        """Give the increment of practice: the one that is asked for, else the largest."""
+        """Return the increment for practice: `size`, or the largest one if None."""
         return float(self.increments[-1]) if size is None else size
 
     def update(self, increment: float, *, is_correct: bool) -> None:
-        """Take an answer over; an increment that was written as text goes to the one that it was."""
+        """Update the posterior with an answer; an increment read from text is matched to the nearest in the domain."""
         nearest = self.increments[np.abs(self.increments - increment).argmin()]
         self._quest.update(stim={"intensity": nearest}, outcome={"response": "Yes" if is_correct else "No"})
         self.trials += 1
 
     def posterior(self) -> FloatArray:
-        """Give the probability of each threshold."""
+        """Return the probability of each threshold."""
         return np.asarray(self._quest.posterior.sum(("slope", "lower_asymptote", "lapse_rate")).values)
 
     def threshold(self) -> tuple[float, float]:
-        """Estimate the threshold, relative: the geometric mean over the posterior, and the deviation of its log."""
+        """Estimate the relative threshold: geometric mean of the posterior, and standard deviation of the logarithm."""
         log, weight = np.log(self.thresholds), self.posterior()
         mean = float(weight @ log)
         return float(np.exp(mean)), float(np.sqrt(weight @ (log - mean) ** 2))
 
 
 def span_values(span: Span) -> FloatArray:
-    """List the values of a span, equally far apart as ratios."""
+    """List the logarithmically spaced values of a span."""
     return np.geomspace(span.least, span.most, span.count)
 
 
 def chance(increment: float, threshold: float, slope: float, lapse: float) -> float:
-    """Give the chance of a right answer to an increment, by the Weibull function of `Stair`."""
+    """Compute the probability of a correct answer by the Weibull function of `Stair`."""
     return float(1.0 - lapse - (1.0 - GUESS - lapse) * np.exp(-((increment / threshold) ** slope)))
 
 
 def information(increment: float, threshold: float, slope: float, lapse: float) -> float:
-    """Give the Fisher information of one answer about the log of the threshold: p'^2 / (p (1 - p))."""
+    """Compute the Fisher information of one answer about the log threshold: p'^2 / (p (1 - p))."""
     p = chance(increment, threshold, slope, lapse)
     ratio = (increment / threshold) ** slope
     change = -(1.0 - GUESS - lapse) * np.exp(-ratio) * ratio * slope  # dp / d log t
@@ -98,13 +98,13 @@ def _quest_plus() -> Any:
 
 
 class Threshold(NamedTuple):
-    """A just-noticeable difference.
+    """Just-noticeable difference.
 
     Attributes:
-        condition: its name.
-        value: relative to the reference, at 80 % right answers.
-        spread: deviation of its logarithm, over the posterior.
-        trials: that were answered.
+        condition: Name of the condition.
+        value: Threshold relative to the reference, at 80 % correct answers.
+        spread: Standard deviation of its logarithm in the posterior.
+        trials: Number of answered trials.
     """
 
     condition: str
@@ -117,19 +117,19 @@ class Threshold(NamedTuple):
 
 
 def thresholds(experiment: Experiment, rows: Sequence[Mapping[str, str]]) -> list[Threshold]:
-    """Estimate the threshold of each condition that compares two intervals, by the experiment's staircase.
+    """Estimate the threshold of each condition that compares two intervals, with the staircase's model.
 
     Args:
-        experiment: with a `[staircase]`, whose domain, slope and lapse rate are the model.
-        rows: of the table of trials, as `read_table` gives them; practice counts for nothing.
+        experiment: Experiment with a `[staircase]`, whose domain, slope and lapse rate define the model.
+        rows: Rows of the table of trials, from `read_table`; practice trials are ignored.
 
     Raises:
-        InputError: an experiment without a staircase.
+        InputError: The experiment has no staircase.
         MissingPackageError: questplus is not installed.
     """
     table = experiment.table
     if table.staircase is None:
-        raise InputError("experiment", experiment.name, "one with a [staircase]")
+        raise InputError("experiment", experiment.name, "an experiment with a [staircase]")
     answers: dict[str, Stair] = {
         each.name: Stair(table.staircase) for each in table.condition if each.compare is not None
     }

@@ -1,4 +1,4 @@
-"""A report that a lab can send: what `graspfx doctor` sees, and what a person does; nothing that is private."""
+"""Findings of `graspfx doctor`, and a report of them that a lab can send without private data."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from dataclasses import dataclass
 from graspfx import __version__
 from graspfx.loop.device import Features
 
-SHORTEST = 3  # letters of a setting that is struck out wherever it stands
+SHORTEST = 3  # shortest setting that is removed from the report
 PERSON = (
-    "Force gauge at the finger, 0.2 N in each direction: what it shows",
-    "Ruler: places that were read, and where the finger was",
-    "Cable pulled with a force on: how long until there was none",
-    "Program killed with a force on (kill -9): how long until there was none",
-    "Emergency stop pressed with a force on: how long until there was none",
-    "Anything felt that should not be there: ringing, steps, drift",
+    "Force gauge at the finger, 0.2 N commanded in each direction: measured force",
+    "Ruler: reported positions and true positions of the finger",
+    "Cable pulled while a force was on: time until the force was zero",
+    "Program killed (kill -9) while a force was on: time until the force was zero",
+    "Emergency stop pressed while a force was on: time until the force was zero",
+    "Anything unexpected that was felt: ringing, steps, drift",
 )
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a loop in real time needs.
+    """Result of one check.
 
     Attributes:
-        subject: what was looked at.
-        text: what there is.
-        remedy: what to do; empty where it is well.
+        subject: Subject of the check.
+        text: What was found.
+        remedy: What to do; empty if nothing.
     """
 
     subject: str
@@ -44,16 +44,16 @@ def lab_report(
     """Write a report in Markdown.
 
     Args:
-        kind: of the machine.
-        findings: of the doctor.
-        devices: names of the drivers, each with what its device tells.
-        settings: of the devices: texts among them, such as ports and serial numbers, are struck out.
+        kind: Description of the machine.
+        findings: Findings of the doctor.
+        devices: Drivers' names, each with the features of its device.
+        settings: Settings of the devices; their texts, such as ports and serial numbers, are removed from the report.
     """
     lines = [f"# GraspFX {__version__}: report of a machine", "", f"- machine: {kind}"]
     lines += [f"- device: {name}; {_figures(features)}" for name, features in devices]
     lines += ["", "| what | found | remedy |", "|---|---|---|"]
     lines += [f"| {_cell(each.subject)} | {_cell(each.text)} | {_cell(each.remedy)} |" for each in findings]
-    lines += ["", "Seen by a person (fill in, or leave empty):", "", *(f"- {each}: " for each in PERSON), ""]
+    lines += ["", "Observed by a person (fill in, or leave empty):", "", *(f"- {each}: " for each in PERSON), ""]
     text = "\n".join(lines)
     for value in sorted({str(each) for each in settings}, key=len, reverse=True):
         if len(value) >= SHORTEST:

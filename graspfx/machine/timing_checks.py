@@ -20,22 +20,22 @@ from graspfx.loop.realtime.readings import GUARDS
 from graspfx.machine.findings import Finding
 from graspfx.system.scheduling import set_fifo, sleeper
 
-TRIP_DURATION = 1.0  # [s], and
-LEAST = 100  # exchanges
-TRIP_SHARE = 0.5  # of a period that an exchange may take at the 99th percentile
-FRESH = 0.95  # of the readings that bring a new sample
+TRIP_DURATION = 1.0  # shortest test [s]
+LEAST = 100  # fewest exchanges
+TRIP_SHARE = 0.5  # longest exchange at the 99th percentile, as a share of the period
+FRESH = 0.95  # smallest share of readings with a new sample
 
 
 def round_trip_findings(
     stations: Sequence[DeviceWiring], names: Sequence[str], period: float, clock: Clock | None = None
 ) -> Iterator[Finding]:
-    """Open hardware at zero force, exchange with all of it as a run does, and close it.
+    """Open hardware at zero force, exchange data as in a run, and close it.
 
     Args:
-        stations: devices that are connected, none of them a simulation.
-        names: of the fingers.
-        period: of the exchanges [s].
-        clock: instead of the machine's.
+        stations: Connected devices, none of them simulated.
+        names: Names of the fingers.
+        period: Period of the exchanges [s].
+        clock: Clock to use; None for the machine's.
     """
     clock = clock or WallClock()
     devices = DeviceExchange([_port(i, each, names, period) for i, each in enumerate(stations)])
@@ -49,23 +49,23 @@ def round_trip_findings(
             _exchange(devices, period, clock, count, trips)
             fresh = [each.readings.samples - n for each, n in zip(devices.ports, first, strict=True)]
     except GraspFXError as error:
-        yield Finding(labels, message(error), "see to it, and try again")
+        yield Finding(labels, message(error), "fix this, and try again")
         return
     yield Finding(labels, f"at rest; a round trip of {1e6 * rest.round_trip:.0f} us at zero force")
     middle, most = (float(np.percentile(trips, share)) for share in (50.0, 99.0))
     text = f"p50 {1e6 * middle:.0f} us, p99 {1e6 * most:.0f} us, max {1e6 * max(trips):.0f} us"
     slow = most > TRIP_SHARE * period
-    remedy = f"take a period of {1e3 * most / TRIP_SHARE:.1f} ms or more, or a faster line" if slow else ""
+    remedy = f"use a period of {1e3 * most / TRIP_SHARE:.1f} ms or more, or a faster line" if slow else ""
     yield Finding("round trip", f"{text}, at a period of {1e3 * period:g} ms", remedy)
     for each, samples in zip(devices.ports, fresh, strict=True):
         part = samples * each.fitting.every / count
         few = part < FRESH
-        remedy = "take a longer period, or give its table a `rate`" if few else ""
+        remedy = "use a longer period, or set `rate` in its table" if few else ""
         yield Finding(f"samples of {each.name}", f"{min(part, 1.0):.1%} of the readings were new", remedy)
 
 
 def _exchange(devices: DeviceExchange, period: float, clock: Clock, count: int, trips: list[float]) -> None:
-    """Read and write at zero force; collect what each exchange took [s]."""
+    """Read and write at zero force; append the duration of each exchange [s]."""
     pacer = Pacer(period, clock)
     for _ in range(count):
         skipped = pacer.wait()
@@ -78,7 +78,7 @@ def _exchange(devices: DeviceExchange, period: float, clock: Clock, count: int, 
 
 
 def _port(i: int, station: DeviceWiring, names: Sequence[str], period: float) -> DevicePort:
-    """Make a port of its own for a device, as a tick would have it; its forces are zero."""
+    """Make a device's port as in a tick, with zero forces."""
     features = station.device.features
     shape = features.fingers, features.dimensions
     size = shape[0] * shape[1]
@@ -89,9 +89,9 @@ def _port(i: int, station: DeviceWiring, names: Sequence[str], period: float) ->
 
 
 WAKE_DURATION = 3.0  # of both loops together [s]
-TURNS = 3  # of each, one after the other, so that both meet the same machine
-MISSED = 1e-3  # of the ticks that may be later than a period
-MUCH, LITTLE = 3.0, 100e-6  # how much later the pacer may be at the 99th percentile, times and besides [s]
+TURNS = 3  # turns of each loop, alternating, so that both run under the same conditions
+MISSED = 1e-3  # largest share of ticks later than a period
+MUCH, LITTLE = 3.0, 100e-6  # the pacer's 99th percentile may be this factor of the bare loop's, plus this [s]
 
 REMEDY = (
     "close other programs, keep processors awake (governor performance, no deep sleep), boot with PREEMPT_RT; "
@@ -100,16 +100,16 @@ REMEDY = (
 
 
 class Jitter:
-    """Lateness of two loops that do nothing but wait, at the priority of a servo.
+    """Lateness of two loops that only wait, at the priority of a servo.
 
     Args:
-        period: of their ticks [s].
-        duration: of both together [s].
+        period: Period of the ticks [s].
+        duration: Duration of both loops together [s].
 
     Attributes:
-        pacer, bare: lateness of a run's pacer, and of nanosleep to an absolute time alone.
-        missed, bare_missed: periods left out of those.
-        ticks: of each.
+        pacer, bare: Lateness of a run's pacer, and of bare nanosleep calls to absolute times.
+        missed, bare_missed: Number of skipped periods of each.
+        ticks: Number of ticks of each.
     """
 
     def __init__(self, period: float, duration: float = WAKE_DURATION) -> None:
@@ -148,14 +148,14 @@ class Jitter:
             deadline += late // step * step
 
     def findings(self) -> Iterator[Finding]:
-        """Judge both: a machine that misses ticks, and a pacer that does so more than it would have to."""
+        """Judge the machine, which may skip ticks, and the pacer, which may skip more than the bare loop."""
         ours, bare = self.pacer.figures, self.bare.figures
-        text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms left out"
+        text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms skipped"
         bad = self.missed > MISSED * self.ticks
         yield Finding("jitter of the loop", text, REMEDY if bad else "")
         worse = ours["p99"] > MUCH * bare["p99"] + LITTLE and not bad
-        remedy = "report it: the machine could do better than the loop does" if worse else ""
-        yield Finding("jitter of a bare loop", f"{_figures_text(bare)}; {self.bare_missed} left out", remedy)
+        remedy = "report it: the pacer is later than this machine requires" if worse else ""
+        yield Finding("jitter of a bare loop", f"{_figures_text(bare)}; {self.bare_missed} skipped", remedy)
 
 
 def _figures_text(figures: object) -> str:

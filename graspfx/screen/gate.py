@@ -1,9 +1,8 @@
-"""A gate before a page: who may have it, and from where; in a network only who has scanned its code.
+"""Access control of pages and streams: Host and Origin checks, tokens and cookies.
 
-On this machine a request is let in by its Host and its Origin: a page of another site has its own Origin, and a name
-that was made to lead to 127.0.0.1 (DNS rebinding) is its own Host. In a network a token is asked for besides. It is in
-the address that is printed, is good for one request within ten minutes, and is changed for a cookie, which the page's
-socket and every later request must bring.
+On this machine a request needs the page's own Host and Origin: another site has a different Origin, and DNS rebinding
+leads to a different Host. In a network a token is required too. It is part of the printed address, is valid for one
+request within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie.
 """
 
 from __future__ import annotations
@@ -21,20 +20,20 @@ from urllib.parse import parse_qs, urlsplit
 from graspfx.errors import InputError
 from graspfx.screen.own_page import refusal
 
-LIFE = 600.0  # of a token [s]
+LIFE = 600.0  # validity of a token [s]
 COOKIE = "graspfx-touch"
 TOKEN = "token"
-TRIES, PER = 5, 60.0  # wrong tokens of a peer, and the time in which they are forgotten [s]
-MOST_PEERS = 1000  # whose wrong tokens are counted
+TRIES, PER = 5, 60.0  # wrong tokens allowed per peer, and the time until they are forgotten [s]
+MOST_PEERS = 1000  # peers whose wrong tokens are counted
 MOST_SESSIONS = 32
 
 
 class Bucket:
-    """A budget of events: so many at once, and so many a second.
+    """Token bucket that limits the rate of events.
 
     Args:
-        rate: a second.
-        burst: at once.
+        rate: Highest mean rate [1/s].
+        burst: Largest number of events at once.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -42,7 +41,7 @@ class Bucket:
         self._level, self._time = burst, -float("inf")
 
     def take(self, now: float) -> bool:
-        """Spend one at a time [s]; tell whether it was there."""
+        """Count an event at time `now` [s]; return whether the limit allows it."""
         self._level = min(self.burst, self._level + self.rate * max(0.0, now - self._time))
         self._time = now
         if self._level < 1.0:
@@ -51,12 +50,12 @@ class Bucket:
         return True
 
     def is_empty(self, now: float) -> bool:
-        """Tell whether nothing is left at a time [s]."""
+        """Tell whether the limit is reached at time `now` [s]."""
         return min(self.burst, self._level + self.rate * max(0.0, now - self._time)) < 1.0
 
 
 class Admission(NamedTuple):
-    """The answer of a gate: a status other than 200 with its reason, or a cookie to be set."""
+    """Result of access control: an HTTP status with a reason if it is not 200, and a cookie to set."""
 
     status: HTTPStatus
     reason: str = ""
@@ -67,13 +66,13 @@ BARRED = Admission(HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens: wait a 
 
 
 class Gate:
-    """A gate for requests to one address.
+    """Access control for requests to one address.
 
     Args:
-        names: that the host may have.
-        port: of the address; 0 for any, as behind a tunnel (`ssh -L`).
-        locked: whether a token is asked for.
-        clock: of the gate and of the server behind it [s].
+        names: Allowed host names.
+        port: Port of the address; 0 for any, such as behind a tunnel (`ssh -L`).
+        locked: Whether a token is required.
+        clock: Clock of the gate and of its server [s].
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class Gate:
         self._wrong: dict[str, Bucket] = {}
 
     def renew(self) -> str:
-        """Make a token, in place of the last; give it."""
+        """Replace the token by a new one, and return it."""
         self._token, self._ends = secrets.token_urlsafe(24), self.clock() + LIFE
         return self._token
 
@@ -94,10 +93,10 @@ class Gate:
         """Answer a request.
 
         Args:
-            target: path and query.
-            headers: of the request; one that stands twice must not be read as the first of them.
-            peer: address from which it comes.
-            is_socket: whether it opens a WebSocket, for which every browser tells the Origin.
+            target: Path and query.
+            headers: Headers of the request; a repeated header must not be reduced to its first value.
+            peer: Address of the sender.
+            is_socket: Whether it opens a WebSocket, for which every browser sends the Origin.
         """
         if reason := refusal(headers, is_socket=is_socket, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
@@ -106,13 +105,13 @@ class Gate:
         token = "" if is_socket else token_in(target)
         if token and self._redeem(token, self.clock()):
             return Admission(HTTPStatus.OK, cookie=self._begin_session())
-        return self._refused(peer, "scan the code that the terminal shows; each is good for one screen")
+        return self._refused(peer, "scan the code in the terminal; each code is valid for one screen")
 
     def _refused(self, peer: str, reason: str) -> Admission:
-        """Answer a wrong token, and count it; after too many of them the address is told to wait.
+        """Answer a wrong token and count it; after too many, the address must wait.
 
-        Tokens are compared before: requests of others from the same address, as of any page that a browser there
-        shows, keep nobody out who has the right one.
+        Tokens are compared first, so wrong requests from an address, such as from any page in a browser there, do not
+        lock out someone with the right token.
         """
         now, wrong = self.clock(), self._wrong.get(peer)
         if wrong is not None and wrong.is_empty(now):
@@ -133,7 +132,7 @@ class Gate:
         return any([is_same(value, each) for each in self._sessions])  # noqa: C419 (all of them: in constant time)
 
     def _redeem(self, token: str, now: float) -> bool:
-        """Take a token for good if it is the one; whether it has expired is looked at after it was compared."""
+        """Use up the token if it is correct; its age is checked after the comparison."""
         if not (is_same(token, self._token) and self._token and now < self._ends):
             return False
         self._token = ""
@@ -147,12 +146,12 @@ class Gate:
 
 
 def is_same(one: str, other: str) -> bool:
-    """Compare in a time that does not tell how much is equal."""
+    """Compare two texts in constant time."""
     return hmac.compare_digest(one.encode(errors="replace"), other.encode())
 
 
 def token_in(target: str) -> str:
-    """Read the token in the path and query of a request; an empty text for none."""
+    """Read the token in the path and query of a request; empty if there is none."""
     try:
         return parse_qs(urlsplit(target).query, max_num_fields=4).get(TOKEN, [""])[0]
     except ValueError:
@@ -165,20 +164,20 @@ ORIGIN = re.compile(r"https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?")
 
 
 class StreamGate(Gate):
-    """A gate for programs, which tell no Origin as browsers do: each request brings the token, as often as it likes.
+    """Access control for programs: every request needs the token. Programs, unlike browsers, send no Origin.
 
     Args:
-        names: that the host may have.
-        port: of the address; 0 for any, as behind a tunnel.
-        token: 16 letters or more; by default a new one.
-        origins: of pages that may open the stream besides one of this address, such as http://localhost:5000.
-        clock: of the gate and of the server behind it [s].
+        names: Allowed host names.
+        port: Port of the address; 0 for any, such as behind a tunnel.
+        token: Token of 16 letters or more; None for a new one.
+        origins: Origins of further web pages that may open the stream, such as http://localhost:5000.
+        clock: Clock of the gate and of its server [s].
 
     Attributes:
-        token: as it is to be brought.
+        token: Token that requests need.
 
     Raises:
-        InputError: a token that is short, or has letters that an address has not; an origin that is none.
+        InputError: The token is too short or has characters not allowed in addresses, or an origin is invalid.
     """
 
     def __init__(
@@ -198,14 +197,14 @@ class StreamGate(Gate):
         """Answer a request.
 
         Args:
-            target: path and query, with the token.
-            headers: of the request; one that stands twice must not be read as the first of them.
-            peer: address from which it comes.
-            is_socket: whether it opens a WebSocket; a program that does tells no Origin.
+            target: Path and query, with the token.
+            headers: Headers of the request; a repeated header must not be reduced to its first value.
+            peer: Address of the sender.
+            is_socket: Whether it opens a WebSocket; programs send no Origin.
         """
         own = {name: value for name, value in headers.items() if name != "Origin" or value not in self.origins}
         if reason := refusal(own, is_socket=False, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
         if is_same(token_in(target), self.token):
             return Admission(HTTPStatus.OK)
-        return self._refused(peer, "the address ends in ?token= and the token that the terminal shows")
+        return self._refused(peer, "the address must end in ?token= and the token in the terminal")

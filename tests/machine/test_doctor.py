@@ -49,11 +49,11 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("look", "files", "text", "remedy"),
     [
-        ("throttling", {}, "not told", ""),
+        ("throttling", {}, "unknown", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "950000"}, "at most 95% of each 1 s", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "-1"}, "none", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "100000"}, "at most 10%", "sysctl"),
-        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "much"}, "not told", ""),
+        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "much"}, "unknown", ""),
         ("governor", {}, "no governor", ""),
         ("governor", {GOVERNOR.format(0): "performance", GOVERNOR.format(1): "performance"}, "performance", ""),
         ("governor", {GOVERNOR.format(0): "performance", GOVERNOR.format(1): "powersave"}, "powersave", "cpupower"),
@@ -69,11 +69,11 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         ("clock", {CLOCK: "tsc"}, "tsc", ""),
         ("clock", {CLOCK: "hpet"}, "hpet, which is slow", "dmesg"),
-        ("sharing", {"proc/cpuinfo": "flags : fpu vme"}, "a machine of its own", ""),
-        ("sharing", {"proc/cpuinfo": "flags : fpu hypervisor"}, "a virtual machine", "no place for hardware"),
+        ("sharing", {"proc/cpuinfo": "flags : fpu vme"}, "a physical machine", ""),
+        ("sharing", {"proc/cpuinfo": "flags : fpu hypervisor"}, "a virtual machine", "do not run hardware"),
         ("sharing", {"sys/class/dmi/id/sys_vendor": "QEMU"}, r"a virtual machine \(QEMU\)", "no place"),
-        ("sharing", {"sys/class/dmi/id/sys_vendor": "Microsoft Corporation"}, "a machine of its own", ""),
-        ("sharing", {".dockerenv": "", "proc/cpuinfo": "flags : fpu"}, "a container on a machine of its own", ""),
+        ("sharing", {"sys/class/dmi/id/sys_vendor": "Microsoft Corporation"}, "a physical machine", ""),
+        ("sharing", {".dockerenv": "", "proc/cpuinfo": "flags : fpu"}, "a container on a physical machine", ""),
     ],
 )  # fmt: skip
 def test_each_setting_is_told_with_a_remedy_where_it_needs_one(
@@ -112,7 +112,7 @@ def test_jitter_is_that_of_both_loops() -> None:
     assert counts(both.pacer).sum() == counts(both.bare).sum() == both.ticks
     ours, bare = both.findings()
     assert "p99" in ours.text
-    assert "left out" in bare.text
+    assert "skipped" in bare.text
 
 
 def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

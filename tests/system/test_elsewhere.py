@@ -141,7 +141,7 @@ def test_scenes_run_and_are_judged(windows: list[Any]) -> None:
 
 
 def test_the_doctor_says_what_is_not_looked_at(windows: list[Any]) -> None:
-    assert "are looked at on Linux only" in windows[2]
+    assert "are checked on Linux only" in windows[2]
 
 
 def test_hardware_is_refused_in_plain_text(windows: list[Any]) -> None:

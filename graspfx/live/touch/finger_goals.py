@@ -1,4 +1,4 @@
-"""Goals on their way to where a screen is touched: at once while a finger drags, at a bounded speed where it lands."""
+"""Goals of fingers on a touch screen: they follow touches at a bounded speed and stay within the devices' reach."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from graspfx.screen.approach import approach
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
 
-SOFTEST = 1.0  # stiffness of a hand that is counted with [N/m]
+SOFTEST = 1.0  # smallest hand stiffness used in the estimate [N/m]
 
 
 class FingerReach:
-    """Places that a finger reaches: those that its device tells (`RangedDevice`), within the box of its workspace.
+    """Reach of a finger: positions allowed by its device (`RangedDevice`) and by the box of its workspace.
 
-    A finger whose goal stops overshoots it, as a mass m on a spring k does that goes at v, by no more than v sqrt(m/k):
-    that room is left.
+    When a goal that moves at speed v stops, a finger of mass m on a spring k overshoots it by at most v sqrt(m/k). The
+    reach leaves room for this.
 
     Args:
-        servo: that moves it.
-        finger: its number.
-        speed: of its goal, the largest [m/s].
+        servo: Servo that moves the finger.
+        finger: Number of the finger.
+        speed: Highest speed of its goal [m/s].
     """
 
     def __init__(self, servo: Servo, finger: int, speed: float) -> None:
@@ -46,7 +46,7 @@ class FingerReach:
             self._box = lower + room, upper - room
 
     def nearest(self, place: FloatArray) -> FloatArray:
-        """Give the place (d,) nearest to another one that the finger reaches [m]."""
+        """Return the position within reach that is nearest to `place` (d,) [m]."""
         if self._box is not None:
             place = np.clip(place, *self._box)
         if hasattr(self._device, "nearest"):
@@ -56,18 +56,18 @@ class FingerReach:
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.02  # that counts as passed since the last step: a goal that rested does not leap [s]
+LONGEST = 0.02  # longest time step [s], so that a goal does not jump after a rest
 
 
 class GoalWalk:
-    """The goal of one finger.
+    """Goal of one finger.
 
-    It goes to where the finger is touched, no faster than `speed`: a touch that lands far from the fingertip brings it
-    there over a time, so that neither the hand's damper nor a collision on the way has a force that a person would not
-    have. Slower fingers are followed without delay.
+    The goal moves to the touched position, no faster than `speed`. A touch far from the fingertip therefore moves it
+    there gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are
+    followed without delay.
 
     Args:
-        speed: the largest [m/s].
+        speed: Highest speed [m/s].
     """
 
     def __init__(self, speed: float) -> None:
@@ -78,16 +78,16 @@ class GoalWalk:
 
     @property
     def is_led(self) -> bool:
-        """Whether it has somewhere to go."""
+        """Whether the goal has a target."""
         return self._goal is not None
 
     def aim(self, place: FloatArray, start: FloatArray, now: float) -> FloatArray:
-        """Head for a place (d,) [m]; give the goal (d,) of now.
+        """Set the target position (d,) [m]; return the present goal (d,).
 
         Args:
-            place: that is touched.
-            start: where the fingertip is; the goal sets out from there.
-            now: time [s].
+            place: Touched position.
+            start: Position of the fingertip, where the goal starts.
+            now: Time [s].
         """
         if self._goal is None:
             self._goal, self._time = start.copy(), now - LONGEST
@@ -95,14 +95,14 @@ class GoalWalk:
         return self._advanced(now)
 
     def step(self, now: float) -> FloatArray | None:
-        """Give the goal of now if it has moved; None if it is where it should be."""
+        """Return the present goal if it has moved; None if it is at its target."""
         if self._goal is None or np.array_equal(self._goal, self._aim):
             self._time = now
             return None
         return self._advanced(now)
 
     def end(self) -> None:
-        """Go nowhere any more."""
+        """Remove the target."""
         self._goal = None
 
     def _advanced(self, now: float) -> FloatArray:

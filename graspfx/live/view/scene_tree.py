@@ -1,4 +1,4 @@
-"""The scene on the page: objects, obstacles, fingertips by the state of their contacts, and forces as arrows."""
+"""3-D scene on the page: objects, obstacles, fingertips coloured by contact state, and forces as arrows."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from graspfx.show.style import CONTACTS, EXTERNAL, GRID, INTERNAL, PALE
 if TYPE_CHECKING:
     import viser
 
-SHAFT, HEAD, LONG = 0.009, 0.022, 0.05  # radius of a shaft, of a head, length of a head: shares of the extent
-MOST_HEAD = 0.6  # of an arrow's length
-ROUGH = 0.01  # of a length: a smaller change is not drawn
+SHAFT, HEAD, LONG = 0.009, 0.022, 0.05  # radius of shaft, radius of head, length of head, as shares of the extent
+MOST_HEAD = 0.6  # longest head, as a share of the arrow
+ROUGH = 0.01  # relative change of length below which an arrow is not redrawn
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Read "#rrggbb" as three numbers up to 255."""
+    """Convert "#rrggbb" to three numbers up to 255."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 def linear(colour: str) -> tuple[int, int, int]:
-    """Read "#rrggbb" as light: viser takes the colours of arrows, unlike all others, as linear (IEC 61966-2-1)."""
+    """Convert "#rrggbb" to linear colour (IEC 61966-2-1), which viser expects for arrows only."""
     shares = [each / 255.0 for each in rgb(colour)]
     light = [each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares]
     red, green, blue = (round(255.0 * each) for each in light)
@@ -33,16 +33,16 @@ def linear(colour: str) -> tuple[int, int, int]:
 
 
 class ForceArrow:
-    """An arrow along its own z axis, in two pieces.
+    """Arrow along its own z axis.
 
-    A browser moves a node at once, and redraws one as it comes to it: of an arrow that moved by being drawn anew the
-    force would trail behind its finger.
+    A browser moves a node at once but redraws its geometry later. The arrow is therefore moved as a node, so that it
+    does not lag behind its finger, and redrawn only when its length changes.
 
     Args:
-        api: of the page's scene.
-        name: of the node.
-        colour: as "#rrggbb".
-        extent: of the scene [m].
+        api: Scene API of the page.
+        name: Name of the node.
+        colour: Colour as "#rrggbb".
+        extent: Size of the scene [m].
     """
 
     def __init__(self, api: Any, name: str, colour: str, extent: float) -> None:
@@ -53,7 +53,7 @@ class ForceArrow:
         )  # fmt: skip
 
     def show(self, arrow: Arrow | None) -> None:
-        """Draw a force; None for none."""
+        """Show a force; None hides the arrow."""
         if arrow is None:
             if self._node.visible:
                 self._node.visible = False
@@ -71,7 +71,7 @@ class ForceArrow:
 
 
 def from_z(along: Any) -> tuple[float, float, float, float]:
-    """Give the shortest turn from the z axis to a unit vector, as a quaternion w, x, y, z."""
+    """Return the shortest rotation from the z axis to a unit vector, as a quaternion w, x, y, z."""
     x, y, z = (float(each) for each in along)
     if z < -1.0 + 1e-9:
         return 0.0, 1.0, 0.0, 0.0
@@ -79,23 +79,23 @@ def from_z(along: Any) -> tuple[float, float, float, float]:
     return w, -0.5 * y / w, 0.5 * x / w, 0.0
 
 
-LONGEST = 0.42  # as a share of the extent, of an arrow
-SHORTEST = 0.04  # as a share of the longest: below this a force is no arrow
-BESIDE = 0.014  # from an arrow's line to where it is drawn, as a share of the extent
+LONGEST = 0.42  # longest arrow, as a share of the extent
+SHORTEST = 0.04  # shortest arrow, as a share of the longest
+BESIDE = 0.014  # lateral offset of an arrow, as a share of the extent
 NICE = (1.0, 2.0, 5.0)
-LEAST_FORCE, MOST_FORCE = 1e-6, 1e6  # that an arrow of full length stands for [N]
+LEAST_FORCE, MOST_FORCE = 1e-6, 1e6  # range of the force of a full-length arrow [N]
 
 
 class Arrow(NamedTuple):
-    """An arrow of a force.
+    """Arrow of a force.
 
     Attributes:
-        finger: its number.
-        is_internal: whether it squeezes, else it pushes.
-        at: on the fingertip, where it ends, or begins if it pulls (3,) [m].
-        along: unit vector of the force (3,).
-        length: [m].
-        pulls: whether it leads away from the object.
+        finger: Number of the finger.
+        is_internal: Whether the force is internal (squeeze) or external (push).
+        at: Point on the fingertip where the arrow ends, or begins if it pulls (3,) [m].
+        along: Unit vector of the force (3,).
+        length: Length of the arrow [m].
+        pulls: Whether the force points away from the object.
     """
 
     finger: int
@@ -107,14 +107,14 @@ class Arrow(NamedTuple):
 
 
 def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards: FloatArray) -> list[Arrow]:
-    """Place internal and external forces: outside of the object, ending where one pushes in, beginning where it pulls.
+    """Place arrows outside the object: a pushing arrow ends at the fingertip, a pulling one begins there.
 
     Args:
-        frame: the instant.
-        scale: [m/N].
-        radii: of the fingertips (n,) [m].
-        extent: of the scene [m].
-        towards: unit vector to the camera (3,), across which the two of a finger stand side by side.
+        frame: Frame to draw.
+        scale: Scale of arrows [m/N].
+        radii: Radii of the fingertips (n,) [m].
+        extent: Size of the scene [m].
+        towards: Unit vector to the camera (3,); the two arrows of a finger are drawn side by side for this view.
     """
     result = list[Arrow]()
     for is_internal, forces in ((True, frame.internal), (False, frame.external)):
@@ -137,14 +137,14 @@ def arrows(frame: Frame, scale: float, radii: FloatArray, extent: float, towards
 
 
 class Scale:
-    """A scale of arrows that is 1, 2 or 5 times a power of ten, and changes only when forces leave its range.
+    """Scale of arrows: 1, 2 or 5 times a power of ten; it changes only when forces leave its range.
 
     Args:
-        extent: of the scene [m].
+        extent: Size of the scene [m].
 
     Attributes:
-        full: force of which an arrow has its full length [N].
-        metres: of an arrow for a newton [m/N].
+        full: Force of a full-length arrow [N].
+        metres: Length of an arrow per force [m/N].
     """
 
     def __init__(self, extent: float) -> None:
@@ -157,7 +157,7 @@ class Scale:
         return LONGEST * self._extent / (self.full or 1.0)
 
     def follow(self, frame: Frame, seconds: float) -> bool:
-        """Take the forces of a frame into account, `seconds` after the last; tell whether the scale changes."""
+        """Adapt to the forces of a frame, `seconds` after the last one; return whether the scale changes."""
         parts = [part for part in (frame.internal, frame.external) if part is not None]
         now = max((float(np.nanmax(np.linalg.norm(part, axis=1), initial=0.0)) for part in parts), default=0.0)
         now = min(now, MOST_FORCE) if np.isfinite(now) else 0.0
@@ -169,7 +169,7 @@ class Scale:
 
     @property
     def text(self) -> str:
-        """How long an arrow of a force is, in words."""
+        """Description of the scale."""
         return f"1 N is {1e3 * self.metres:.3g} mm long" if self.full else "no force yet"
 
 
@@ -180,21 +180,21 @@ def _nice_above(value: float) -> float:
 
 FloatArray = NDArray[np.float64]
 
-FARTHER = 2.0  # than pictures are seen from: panels take a part of the page, and hands move
-SKY, SUN = 2.0, 1.2  # intensities of light
-OPACITY = 0.45  # of objects: what touches them from behind is seen
-CELLS = 20  # along the floor's grid
+FARTHER = 2.0  # distance of the camera relative to pictures, because of panels and moving hands
+SKY, SUN = 2.0, 1.2  # intensities of the lights
+OPACITY = 0.45  # opacity of objects, so that fingers behind them are visible
+CELLS = 20  # cells along the floor's grid
 
 
 class SceneTree:
-    """A scene as it is drawn in space.
+    """3-D scene on the page.
 
     Args:
-        server: of the page.
-        scenery: of the scene.
+        server: Server of the page.
+        scenery: Scenery of the scene.
 
     Attributes:
-        scale: of the arrows.
+        scale: Scale of the arrows.
     """
 
     def __init__(self, server: viser.ViserServer, scenery: Scenery) -> None:
@@ -229,7 +229,7 @@ class SceneTree:
         self._last = float("nan")
 
     def show(self, frame: Frame) -> bool:
-        """Draw an instant; tell whether the arrows' scale has changed."""
+        """Draw a frame; return whether the scale of the arrows has changed."""
         for name, pose in frame.objects.items():
             for handle in self._objects.get(name, ()):
                 if np.isfinite(pose.position).all():
@@ -259,7 +259,7 @@ class SceneTree:
         )  # fmt: skip
 
     def _lights(self) -> None:
-        """Light the scene so that what faces the camera has the colours of figures."""
+        """Set the lights so that surfaces facing the camera have the colours of figures."""
         self._api.configure_default_lights(enabled=False, cast_shadow=False)
         self._api.configure_environment_map(None)
         self._api.add_light_ambient("/lights/sky", intensity=SKY)
@@ -267,7 +267,7 @@ class SceneTree:
         self._api.add_light_directional("/lights/sun", intensity=SUN, position=_triple(over))
 
     def _floor(self) -> None:
-        """Draw a grid below, or behind what happens in the plane, of round cells."""
+        """Draw a grid below the scene, or behind a planar one, with round cell sizes."""
         scenery = self._scenery
         low = min((float((s.vertices @ scenery.up).min()) for s in scenery.solids if s.object is None), default=0.0)
         is_space = bool(scenery.up[2])
