@@ -121,7 +121,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name from the module where it lives, when it is first used."""
+    """Import a public name when it is first used."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
     home = _HOMES[name]
@@ -140,6 +140,6 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-# In a checkout the shelves stand beside the package: the root joins the places where its submodules are looked for.
+# In a checkout, devices/ and scenes/ stand beside the package: add the checkout's root to the package's path.
 if not (Path(__file__).parent / "devices").is_dir():
     __path__.append(str(Path(__file__).parents[1]))

@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, calibrate, warmup, bench, devices, doctor, list, plot, replay..."""
+"""The `graspfx` command: parse the arguments, run one of the commands, and return its exit code."""
 
 from __future__ import annotations
 
@@ -14,50 +14,49 @@ from typing import NoReturn
 
 from graspfx import __version__, progress
 from graspfx.commands.arguments import separate
-from graspfx.commands.loudness import add_loudness, is_quiet, loudness
-from graspfx.commands.output import CODES, INTERRUPTED, WRONG
+from graspfx.commands.output import CODES, INTERRUPTED, WRONG, add_loudness, is_quiet, loudness
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.plugins import unchanged
 from graspfx.system.scheduling import memory_limit
 
-COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
-    "run": "simulate a scene, record it and sum it up",
-    "check": "show a scene's faults, or what each sample will do and why",
-    "stability": "say how far gains can go, also over ranges of keys",
-    "sweep": "simulate many variants, on many processors or machines; what is killed goes on where it was",
-    "tune": "find the largest gains that keep margins in the hands of every operator of a set",
-    "replay": "move a recording's fingers again, and compare forces and objects to the bit",
-    "calibrate": "measure a scene's hardware: how late its forces are, mass, friction, axes",
-    "export": "write a recording as comma-separated text, netCDF or a bag of ROS, for other programs",
-    "warmup": "compile scenes before they are needed",
-    "bench": "measure run time against error, of a scene's choices or of common calls",
-    "completion": "print a script with which a shell completes commands, options, scenes and recordings",
-    "devices": "list the drivers, and what is plugged in or installed for them; nothing is opened",
-    "doctor": "say whether this machine, and the hardware of a scene, can do a loop in real time",
-    "list": "name the scenes, devices, hands and dynamics there are, a line about each",
+COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(parser), execute(options) -> exit code
+    "run": "simulate a scene, record it and print a summary",
+    "check": "print the faults of a scene, whether it is stable, and the limits of its gains",
+    "stability": "print the stability limits of the gains, also over ranges of keys",
+    "sweep": "simulate many variants on many processors or machines, and resume after a stop",
+    "tune": "find the largest gains that keep the margins for every operator in a set",
+    "replay": "compute a recording again from its finger motion, and compare forces and objects bit for bit",
+    "calibrate": "measure the hardware of a scene: delay, mass, friction, axes",
+    "export": "write a recording as CSV, netCDF or a ROS bag",
+    "warmup": "compile kernels before they are needed",
+    "bench": "measure run time against error, for the options of a scene or for common calls",
+    "completion": "print a script that completes commands, options, scenes and recordings in a shell",
+    "devices": "list the drivers, and the hardware or software found for each; opens no device",
+    "doctor": "test whether this machine, and a device or a scene's hardware, can run a real-time loop",
+    "list": "list scenes, devices, hands and dynamics, with one line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or several side by side",
-    "picture": "draw one instant: objects, fingers, forces as arrows",
-    "view": "show a running scene in the browser, to be steered; or a recording",
-    "stream": "run a scene whose states other programs have, by a WebSocket or LSL",
-    "experiment": "run trials in a planned order, ask for answers, and record each",
-    "touch": "run a scene whose fingers follow fingers on a touch screen; forces are shown, not felt",
+    "picture": "draw one instant: objects, fingers, and forces as arrows",
+    "view": "show and control a running scene in the browser, or show a recording",
+    "stream": "run a scene, and stream its states over a WebSocket or LSL",
+    "experiment": "run trials in a planned order, ask for answers, and record each trial",
+    "touch": "run a scene whose fingers follow a touch screen; forces are shown, not felt",
 }
-NEW = 20_000  # objects between two looks for cycles: imports make as many that stay, of which 700 are too few
+NEW = 20_000  # new objects between garbage collections; with the default of 700, imports trigger many
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    limit = memory_limit()  # now: without memory nothing is imported any more
+    limit = memory_limit()  # read now: an import may fail once memory is exhausted
     try:
         options = parse(words)
         trust = granted(getattr(options, "trust", False))
         with loudness(options), _progress(options), _plain_warnings(), unchanged(), trust:
             code: int = options.command(options)
         sys.stdout.flush()
-    except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
+    except BrokenPipeError:  # the reader has closed, as in `graspfx schema | head`: print nothing, not even at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return WRONG
     except GraspFXError as error:
@@ -66,27 +65,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except (MemoryError, ImportError, OSError, SystemError, RuntimeError) as error:  # where memory ends, any of these
+    except (MemoryError, ImportError, OSError, SystemError, RuntimeError) as error:  # any of these where memory ends
         if not limit or (isinstance(error, RuntimeError) and "thread" not in str(error)):
             raise
-        said = f"the memory of this process is limited to {limit}, which does not suffice: lift the limit"
-        print(said, type(error).__name__, str(error)[:200], sep="; ", file=sys.stderr)
+        text = f"the memory of this process is limited to {limit}, which is not enough: raise the limit"
+        print(text, type(error).__name__, str(error)[:200], sep="; ", file=sys.stderr)
         return WRONG
     return code
 
 
 def parse(words: Sequence[str]) -> Namespace:
-    """Parse the arguments of a command.
+    """Parse the arguments of the command line.
 
     Raises:
-        UnknownNameError: no command or option has that name.
-        SystemExit: --help, --version, or arguments that do not fit.
+        UnknownNameError: No command or option has that name.
+        SystemExit: --help, --version, or invalid arguments.
     """
     if not words:
         words = ["--help"]
     word = next((word for word in words if not word.startswith("-")), None)
     if word is not None and word not in COMMANDS:
-        raise UnknownNameError("command", word, COMMANDS, "`graspfx --help` says what each does")
+        raise UnknownNameError("command", word, COMMANDS, "`graspfx --help` describes the commands")
     options, others = parser(words).parse_known_args(list(separate(words)))
     if others:
         _refuse(str(word), others, options.options)
@@ -94,7 +93,7 @@ def parse(words: Sequence[str]) -> Namespace:
 
 
 def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
-    """Build the parser of every command, with the arguments of those named in `words`: other modules are not loaded."""
+    """Build the parser with all commands; only the commands in `words` get arguments and are imported."""
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
     top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
@@ -114,24 +113,24 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
 
 
 def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoReturn:
-    """Say which word of a command has no place in it, and what comes near."""
+    """Raise the error for words that the command does not take, with a close match."""
     option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
     if option is not None:
-        raise UnknownNameError("option", option, options, f"`graspfx {command} --help` says what each does")
-    remedy = "a value of --set is of the form KEY=VALUE" if "--set" in options else ""
+        raise UnknownNameError("option", option, options, f"`graspfx {command} --help` describes the options")
+    remedy = "values of --set have the form KEY=VALUE" if "--set" in options else ""
     raise InputError(command, " ".join(words), "no further argument", remedy)
 
 
 def program() -> int:
-    """Run `main` for a process that ends with it."""
+    """Run `main` as the whole program."""
     gc.set_threshold(NEW, *gc.get_threshold()[1:])
     code = main()
-    gc.freeze()  # at its end Python would look through all there is for cycles, twice: a tenth of a short run
+    gc.freeze()  # else Python collects garbage twice at exit, a tenth of the time of a short run
     return code
 
 
 def _progress(options: Namespace) -> AbstractContextManager[None]:
-    """Show waits on the terminal where a user looks on: nobody does who asks for JSON, for quiet, or for messages."""
+    """Show progress on the terminal, unless --json, -q or -v is given."""
     silent = is_quiet() or getattr(options, "json", False) or getattr(options, "verbose", 0)
     if silent or sys.stderr is None or not sys.stderr.isatty():
         return nullcontext()
@@ -142,7 +141,7 @@ def _progress(options: Namespace) -> AbstractContextManager[None]:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Print a warning as one line, once."""
+    """Print each warning once, on one line."""
     texts: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

@@ -1,18 +1,18 @@
-"""A card: what a noun says of itself on one screen, as text and as a table in a notebook."""
+"""Short descriptions of public objects: their `repr`, and a table in notebooks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-WIDTH = 110  # letters of a line
+WIDTH = 110  # characters per line
 MOST_LINES = 36
 MOST_LETTERS = 1900
-MOST_NAMES = 6  # that a row lists
+MOST_NAMES = 6  # names listed in a row
 
 
 class Card(NamedTuple):
-    """A title, rows of a label and a text, whose lines are kept, and what can be called."""
+    """Description of an object: a title, rows of (label, text), and the calls to try next."""
 
     title: str
     rows: Sequence[tuple[str, str]] = ()
@@ -52,7 +52,7 @@ class Card(NamedTuple):
 
 
 class Carded:
-    """A noun with a card: its `repr`, its table in a notebook, and a `dir` without private names."""
+    """Base class of objects with a card: `repr`, notebook table, and a `dir` without private names."""
 
     def _card(self) -> Card:
         raise NotImplementedError
@@ -68,12 +68,12 @@ class Carded:
 
 
 def public_names(noun: object) -> list[str]:
-    """List the names of a noun that do not begin with an underscore."""
+    """List the attributes of an object that do not begin with an underscore."""
     return sorted(name for name in object.__dir__(noun) if not name.startswith("_"))
 
 
 def listed(names: Iterable[object], most: int = MOST_NAMES) -> str:
-    """List names: all of a few, the first and the last of many."""
+    """Join names with commas; of many names, show the first ones and the last."""
     texts = [str(name) for name in names]
     if len(texts) > most:
         texts = [*texts[: most - 1], "...", texts[-1]]
@@ -81,12 +81,12 @@ def listed(names: Iterable[object], most: int = MOST_NAMES) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Write a number of things, as in `2 fingers`."""
+    """Return a count with its noun, such as `2 fingers`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def span(values: Iterable[float], unit: str) -> str:
-    """Write numbers of one kind: one that all have, or from the least to the largest."""
+    """Return the range of values with their unit, such as `0.1 to 0.2 kg`; one number if all are equal."""
     numbers = sorted(float(value) for value in values)
     if not numbers:
         return ""
@@ -110,7 +110,7 @@ def _folded(line: str, width: int) -> list[str]:
 
 
 def _fitting(lines: list[str]) -> str:
-    """Join as many lines as fit a screen."""
+    """Join the lines that fit on a screen."""
     lines = [line if len(line) <= 2 * WIDTH else f"{line[: 2 * WIDTH - 3]}..." for line in lines]
     fitting: list[str] = []
     letters = 0

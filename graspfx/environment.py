@@ -1,7 +1,7 @@
-"""Environment of a process: paths, its processors, and whether its user trusts scene files.
+"""Process environment: paths, number of processors, and whether the user trusts scene files.
 
-Paths are of the right type, and where the operating system has errors of its own, ours stand in their place. Scene
-files may name files outside of their folder if the user says so; a file never says it.
+Functions that take a path check its type and replace errors of the operating system by InputError. Scene files may use
+files outside their folder only if the user allows it; a file cannot allow it.
 """
 
 from __future__ import annotations
@@ -22,69 +22,71 @@ _granted: ContextVar[bool] = ContextVar("granted", default=False)
 
 
 def to_path(name: str, value: object, expected: str = "the path of a file", folder: Path | None = None) -> Path:
-    """Return a path with `~` resolved; a relative one starts in `folder` (the current one if None).
+    """Return a path with `~` expanded; a relative path is taken from `folder` (default: the current folder).
 
     Args:
-        name: the argument, as its caller wrote it.
-        value: a text or a path.
-        expected: for the error.
-        folder: where relative paths start.
+        name: Argument's name, for errors.
+        value: Text or path.
+        expected: Description of a valid value, for errors.
+        folder: Folder of relative paths.
 
     Raises:
-        InputError: neither a text nor a path, a NUL in it, or the home of a user who is not known.
+        InputError: The value is not a path, contains NUL, or names the home of an unknown user.
     """
     path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
         raise InputError(name, value, expected)
     if "\0" in path:
-        raise InputError(name, path, expected, "leave the NUL character out")
+        raise InputError(name, path, expected, "remove the NUL character")
     try:
         return (folder or Path()) / Path(path).expanduser()
     except RuntimeError as error:
-        raise InputError(name, path, expected, "no user of that name has a home here: write the folder out") from error
+        raise InputError(
+            name, path, expected, "no user of that name has a home folder here: write the full path"
+        ) from error
 
 
 def resolved(name: str, path: Path) -> Path:
-    """Follow all links of a path, which may lead to nothing.
+    """Resolve all links of a path; the path need not exist.
 
     Raises:
-        InputError: links that lead to themselves, or a name that the operating system refuses.
+        InputError: The links form a loop, or the operating system refuses the name.
     """
     try:
         return path.resolve()
     except (OSError, RuntimeError) as error:
-        raise InputError(name, str(path), "a path that leads somewhere", str(error)) from error
+        raise InputError(name, str(path), "a valid path", str(error)) from error
 
 
 def require_file(name: str, value: str, path: Path, expected: str = "the path of a file", do: str = "") -> None:
-    """Require a regular file; a pipe, a socket or a device could keep its reader waiting for ever.
+    """Require a regular file: reading a pipe, a socket or a device could block forever.
 
     Args:
-        name: the argument, as its caller wrote it.
-        value: the path as it was written.
-        path: where it leads.
-        expected, do: for the error.
+        name: Argument's name, for errors.
+        value: Path as the user wrote it, for errors.
+        path: Path to check.
+        expected, do: Description of a valid value, and what to do, for errors.
 
     Raises:
-        InputError: nothing there, no regular file, or a name that the operating system refuses.
+        InputError: The file does not exist or is not regular, or the operating system refuses the name.
     """
     try:
         if path.is_file():
             return
-        why = "that is no regular file" if path.exists() else do or f"there is none at {path}"
+        why = "this is not a regular file" if path.exists() else do or f"there is no file {path}"
     except OSError as error:  # such as a name of more than 255 letters
         why = error.strerror or str(error)
     raise InputError(name, value, expected, why)
 
 
 def is_granted() -> bool:
-    """Tell whether scene files are trusted: within `granted`, or where the environment says GRASPFX_TRUST=1."""
+    """Tell whether scene files are trusted: within `granted`, or by the environment variable GRASPFX_TRUST=1."""
     return _granted.get() or os.environ.get(VARIABLE, "0") not in ("", "0")
 
 
 @contextmanager
 def granted(yes: bool = True) -> Iterator[None]:
-    """Trust scene files within the block, if `yes`; else leave it as it is."""
+    """Trust scene files within the block if `yes`; otherwise change nothing."""
     token = _granted.set(yes or _granted.get())
     try:
         yield

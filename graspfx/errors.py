@@ -1,4 +1,4 @@
-"""Errors: one base class, and errors that make their own message, which says what to do."""
+"""Exceptions: one base class; each exception builds its message from data, and the message says what to do."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ __all__ = [  # noqa: RUF022 (the base, then as users meet them)
     "MissingPackageError",
 ]
 
-MOST_SHOWN = 50  # faults of a scene
-LONGEST_KEY = 200  # letters of a key in a message
+MOST_SHOWN = 50  # faults shown in the message of a SceneError
+LONGEST_KEY = 200  # characters of a key shown in a message
 
 
 class GraspFXError(Exception):
-    """Every error that GraspFX raises on purpose."""
+    """Base class of all errors that GraspFX raises on purpose."""
 
 
 class InputError(GraspFXError, ValueError):
-    """An argument that cannot be used: says what was given, what was expected and what to do.
+    """An argument is invalid. The message says what was given, what was expected and what to do.
 
     Args:
-        name: the argument, as its caller wrote it.
-        given: what came in (shown shortened).
-        expected: what would have been right.
-        do: the next step, if it does not follow from `expected`.
+        name: Argument's name, as the caller wrote it.
+        given: Value given; the message abbreviates it.
+        expected: Description of a valid value.
+        do: Next step, if it does not follow from `expected`.
     """
 
     def __init__(self, name: str, given: object, expected: str, do: str = "") -> None:
@@ -43,15 +43,15 @@ class InputError(GraspFXError, ValueError):
 
 
 class KernelError(InputError):
-    """A fault of a kernel by which machine code would read or write what is not its own; it names the file and line."""
+    """A kernel would read or write memory outside its own. The message names the file and line."""
 
 
 class NoRestError(InputError):
-    """A grasp for which no rest was found: nothing is known of its stability."""
+    """No rest configuration of the grasp was found, so its stability cannot be judged."""
 
 
 class UnknownNameError(GraspFXError, KeyError):
-    """A name that nothing answers to, with the names that come close."""
+    """A name is unknown. The message lists the known names and a close match."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
@@ -68,7 +68,7 @@ class UnknownNameError(GraspFXError, KeyError):
 
 
 class MissingPackageError(GraspFXError, ImportError):
-    """A package that this scene names is not installed."""
+    """A required package is not installed."""
 
     def __init__(self, package: str, wanted_by: str, do: str) -> None:
         self.package, self.wanted_by, self.do = package, wanted_by, do
@@ -76,33 +76,33 @@ class MissingPackageError(GraspFXError, ImportError):
 
     @classmethod
     def of_extra(cls, package: str, wanted_by: str, extra: str) -> Self:
-        """Make the error of a package that comes with an extra of GraspFX."""
+        """Return the error for a package that an extra of GraspFX installs."""
         return cls(package, wanted_by, installation(extra))
 
 
 def installation(extra: str) -> str:
-    """Say how the packages of an extra of GraspFX are installed."""
+    """Return the command that installs an extra of GraspFX."""
     return f"pip install 'graspfx[{extra}]', or '.[{extra}]' in a checkout"
 
 
 class DeviceError(GraspFXError):
-    """A device that cannot go on: in a run it means zero force and a recorded fault."""
+    """A device cannot continue. In a run, all forces become zero and the fault is recorded."""
 
 
 class RecordingError(GraspFXError):
-    """A recording that cannot be read or written."""
+    """A recording cannot be read or written."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a scene: the key, what is wrong with it, and the line where it stands (None outside a file)."""
+    """One fault of a scene: its key, what is wrong, and the line in the file (None outside a file)."""
 
     key: str
     message: str
     line: int | None = None
 
     def text(self, source: str) -> str:
-        """Write the fault with where it stands in a source, its key, and what is wrong."""
+        """Return the fault as one line: source and line, key, message."""
         place = source if self.line is None else f"{source}:{self.line}"
         key = self.key if len(self.key) <= LONGEST_KEY else f"{self.key[: LONGEST_KEY - 3]}..."
         key = key if key.isprintable() else repr(key)[1:-1]
@@ -110,7 +110,7 @@ class Fault:
 
 
 class SceneError(GraspFXError, ValueError):
-    """Every fault of a scene at once, each with its line; its text shows the first 50, and how many there are."""
+    """A scene has faults. Lists all of them, each with its line; the message shows the first 50 and the total."""
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source, self.faults = source, tuple(faults)
@@ -125,13 +125,12 @@ def __dir__() -> list[str]:
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only.
+    """Return the close match of a misspelt name, or None; a likeness of 1 accepts only the name itself.
 
-    A name is near that holds the other one, or all of its parts between dots in whatever order, or is a slip or two of
-    the pen away: one, and one more for every three letters. Letters that two words happen to share make them no
-    misspelling of one another.
+    A match contains the other name, or all its parts between dots in any order, or its edit distance is small: one, and
+    one more for every three letters. Words that merely share letters do not match.
     """
-    from difflib import get_close_matches  # only where there is something to blame
+    from difflib import get_close_matches  # imported only for errors
 
     for match in get_close_matches(name, list(names), n=3, cutoff=likeness):
         if holds(match, name) or holds(name, match) or slips(name, match) <= 1 + len(name) // 3:
@@ -140,12 +139,12 @@ def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | Non
 
 
 def holds(name: str, other: str) -> bool:
-    """Tell whether a name holds another one: its letters in a row, or as a key with dots all of its parts."""
+    """Tell whether a name contains another one: as a substring, or all of its parts between dots."""
     return other in name or {*other.split(".")} <= {*name.split(".")}
 
 
 def slips(name: str, other: str) -> int:
-    """Count the letters that are to be put in, left out or exchanged to make one word of another (Levenshtein)."""
+    """Compute the Levenshtein distance of two words."""
     row = list(range(len(other) + 1))
     for i, letter in enumerate(name, start=1):
         last, row[0] = row[0], i
@@ -155,22 +154,22 @@ def slips(name: str, other: str) -> int:
 
 
 def message(error: BaseException, limit: int = 500) -> str:
-    """Write an exception's message on one line, in letters that every file takes; others' code may raise anything."""
+    """Return an exception's message on one line, in printable characters; user code may raise anything."""
     try:
         text = " ".join(str(error).split())
-    except Exception:  # noqa: BLE001 - an exception may fail to be written too
+    except Exception:  # noqa: BLE001 - `str` of an exception may itself fail
         return "no message"
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
 def abbreviate(value: object, limit: int = 60) -> str:
-    """Abbreviate a value for an error message: arrays by their shape, anything long cut short."""
+    """Abbreviate a value for an error message: an array by its shape, a long text by its beginning."""
     shape = getattr(value, "shape", None)
     if shape:
         return f"an array of shape {tuple(shape)}"
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # noqa: BLE001 - others' code may raise anything, and Python does not write 5000 digits
+    except Exception:  # noqa: BLE001 - user code may raise anything, and Python refuses to write 5000 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

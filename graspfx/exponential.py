@@ -1,4 +1,4 @@
-"""The exponential of a small matrix, less one, from numpy alone: to import scipy.linalg takes as long as a run."""
+"""Exponential of a small matrix minus identity, in NumPy only: importing scipy.linalg takes as long as a run."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ PADE = (  # b_0 ... b_13 of the diagonal approximant of degree 13, N. J. Higham 
     182.0,
     1.0,
 )
-LARGEST = 4.25  # of the norm estimate, theta_13 of A. H. Al-Mohy and N. J. Higham (2009), table 3.1
-LEADING = 113250775606021113483283660800000000.0  # 1/|c_27|, of the leading term of the backward error
+LARGEST = 4.25  # largest norm estimate: theta_13 of A. H. Al-Mohy and N. J. Higham (2009), table 3.1
+LEADING = 113250775606021113483283660800000000.0  # 1/|c_27|, leading term of the backward error
 ROUNDING = 2.0**-53
 
 
 def expm1(A: FloatArray) -> FloatArray:
     """Compute e^A - I by scaling and squaring: F = r_13(A / 2^s) - I, diagonal Pade approximant, then F <- 2 F + F^2.
 
-    The identity is left out so that a small change is known to its own digits, and is not rounded anew with every
-    squaring. s is taken from norms of powers of A, so that a large nilpotent part (as of inputs held for a sample) does
-    not cost accuracy (N. J. Higham, The scaling and squaring method for the matrix exponential revisited, SIAM J.
+    Without the identity, a small change keeps its relative accuracy and is not rounded in every squaring. s follows
+    from norms of powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy
+    (N. J. Higham, The scaling and squaring method for the matrix exponential revisited, SIAM J.
     Matrix Anal. Appl. 26(4), 2005; A. H. Al-Mohy and N. J. Higham, A new scaling and squaring algorithm for the matrix
     exponential, SIAM J. Matrix Anal. Appl. 31(3), 2009, with the norms themselves in place of estimates).
 
@@ -45,10 +45,10 @@ def expm1(A: FloatArray) -> FloatArray:
         A: (k, k), finite.
 
     Returns:
-        (k, k), in error by a few 1e-16 of the larger of its norm and the motion's own condition.
+        (k, k), with an error of a few 1e-16 times the larger of its norm and its condition number.
 
     Raises:
-        InputError: A is not square, or not finite.
+        InputError: A is not square or not finite.
     """
     if A.ndim != 2 or A.shape[0] != A.shape[1]:
         raise InputError("A", A, "a square matrix")
@@ -57,7 +57,7 @@ def expm1(A: FloatArray) -> FloatArray:
     if not A.size:
         return np.zeros_like(A)
     b, eye = PADE, np.eye(len(A))
-    with np.errstate(over="ignore", invalid="ignore"):  # of powers; what is too large for them is scaled by its norm
+    with np.errstate(over="ignore", invalid="ignore"):  # powers may overflow; then the norm of A sets the scale
         s = _halvings(A)
     A = A * 0.5**s
     A2 = A @ A
@@ -72,7 +72,7 @@ def expm1(A: FloatArray) -> FloatArray:
 
 
 def _halvings(A: FloatArray) -> int:
-    """Choose s such that r_13(A / 2^s) is e^(A / 2^s) to rounding: backward error below 2^-53."""
+    """Choose s so that r_13(A / 2^s) equals e^(A / 2^s) to rounding: backward error below 2^-53."""
     A2 = A @ A
     A4 = A2 @ A2
     A6 = A4 @ A2
@@ -88,6 +88,6 @@ def _halvings(A: FloatArray) -> int:
 
 
 def _norm(A: FloatArray) -> float:
-    """Find the largest sum of a column; infinite for one that has overflowed."""
+    """Compute the 1-norm; infinite after an overflow."""
     norm = float(np.abs(A).sum(axis=0).max())
     return inf if norm != norm else norm

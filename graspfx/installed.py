@@ -1,4 +1,4 @@
-"""Installed distributions: versions and entry points, without importlib.metadata where folders say it as well."""
+"""Versions and entry points of installed distributions, read from their folders: importlib.metadata is slower."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 
 class Distribution(NamedTuple):
-    """The folder in which an installer left what it knows of a distribution, and when it did."""
+    """Metadata folder of an installed distribution, and its time of installation."""
 
     folder: str
     installed: int  # [ns]
 
 
 class EntryPoint(NamedTuple):
-    """An object that a distribution announces under a name, and the distribution with its version."""
+    """Entry point: its name, its module, and the distribution with its version."""
 
     name: str
     module: str
@@ -38,7 +38,7 @@ _seen: ContextVar[list[tuple[Distribution, ...] | None] | None] = ContextVar("se
 
 @contextmanager
 def unchanged() -> Iterator[None]:
-    """Look for distributions once within."""
+    """Look up distributions only once within the block."""
     token = _seen.set([])
     try:
         yield
@@ -47,9 +47,9 @@ def unchanged() -> Iterator[None]:
 
 
 def distributions() -> tuple[Distribution, ...] | None:
-    """List every distribution in the order in which imports would find it; None where folders do not tell.
+    """List all distributions in the order of import; None if folders cannot tell.
 
-    They do not where packages come from archives, or by other finders than Python's own.
+    They cannot tell if packages are imported from archives or by custom finders.
     """
     seen = _seen.get()
     if seen is None:
@@ -60,7 +60,7 @@ def distributions() -> tuple[Distribution, ...] | None:
 
 
 def _looks_in_path(finder: object) -> bool:
-    """Tell whether a finder looks for distributions in `sys.path` alone, as that of importlib_metadata does."""
+    """Tell whether a finder looks for distributions in `sys.path` only."""
     return finder is PathFinder or type(finder).__module__ == "importlib_metadata"
 
 
@@ -74,28 +74,28 @@ def _listed() -> tuple[Distribution, ...] | None:
                 own = [(entry.path, entry.stat().st_mtime_ns) for entry in entries if entry.name.endswith(ENDINGS)]
         except NotADirectoryError:
             return None
-        except OSError:  # a place that is not there
+        except OSError:  # the folder does not exist
             continue
         folders += [Distribution(*each) for each in sorted(own)]
     return tuple(folders)
 
 
 def entry_points(group: str) -> tuple[EntryPoint, ...]:
-    """List the entry points of a group that all installed distributions announce."""
+    """List the entry points of a group in all installed distributions."""
     all_ = distributions()
     return tuple(_announced(group)) if all_ is None else _read(all_, group)
 
 
 @lru_cache(16)
 def _read(all_: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
-    """Read entry points once for as long as the installed distributions stay."""
+    """Read entry points; cached while the installed distributions are the same."""
     groups = _groups(all_)
     return tuple(_announced(group)) if groups is None or group in groups else ()
 
 
 @lru_cache(16)
 def _groups(all_: tuple[Distribution, ...]) -> frozenset[str] | None:
-    """List the groups of which a distribution may announce something; None where one cannot be read."""
+    """List the groups of all entry points; None if a file cannot be read."""
     groups = set[str]()
     for each in all_:
         try:
@@ -103,14 +103,14 @@ def _groups(all_: tuple[Distribution, ...]) -> frozenset[str] | None:
                 content = file.read()
         except (FileNotFoundError, NotADirectoryError):
             continue
-        except OSError:  # who reads it may say why
+        except OSError:  # importlib.metadata will report the reason
             return None
         groups.update(match.decode(errors="replace") for match in GROUP.findall(content))
     return frozenset(groups)
 
 
 def _announced(group: str) -> Iterator[EntryPoint]:
-    from importlib.metadata import entry_points  # reads archives and mail headers: 20 ms
+    from importlib.metadata import entry_points  # 20 ms: it reads archives and headers
 
     for point in entry_points(group=group):
         owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unnamed distribution"
@@ -118,13 +118,13 @@ def _announced(group: str) -> Iterator[EntryPoint]:
 
 
 def version(package: str) -> str | None:
-    """Read the version of an installed distribution; None for one that is not installed."""
+    """Return the version of an installed distribution, or None if it is not installed."""
     return _version(package, distributions() or ())
 
 
 @lru_cache(256)
 def _version(package: str, all_: tuple[Distribution, ...]) -> str | None:
-    """Read a version once for as long as the installed distributions stay."""
+    """Read a version; cached while the installed distributions are the same."""
     start = f"{re.sub(r'[-_.]+', '_', package).lower()}-"
     for each in all_:
         name = Path(each.folder).name.lower()

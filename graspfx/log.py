@@ -1,6 +1,6 @@
-"""Messages about what is done, to Python's `logging` under the name `graspfx`; nobody is told unless he asks.
+"""Log messages, sent to Python's logger `graspfx`; silent by default.
 
-A handler can only be there once `logging` is loaded, which takes as long as a short run: until then nothing is logged.
+Nothing is logged until some module imports `logging`: without it there is no handler, and its import is slow.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ if TYPE_CHECKING:
     from logging import Logger
 
 NAME = "graspfx"
-OWN = ("graspfx", "contextlib", "functools")  # packages whose lines are nobody's call of ours
-INFO, DEBUG = 20, 10  # as `logging` numbers them
+OWN = ("graspfx", "contextlib", "functools")  # packages skipped in search of the caller's line
+INFO, DEBUG = 20, 10  # levels of `logging`
 
 
 def info(text: str, *values: object) -> None:
-    """Log what a user who asks for more wants to know; `values` are put into the text by %."""
+    """Log a message for users (-v); `values` are formatted into the text by %."""
     _log(INFO, text, values)
 
 
 def debug(text: str, *values: object) -> None:
-    """Log a detail."""
+    """Log a detail (-vv)."""
     _log(DEBUG, text, values)
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the line that called GraspFX: the nearest one outside of it."""
+    """Warn at the user's line that called GraspFX."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in OWN:
         frame, level = frame.f_back, level + 1
@@ -36,7 +36,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
 
 
 def is_heard(level: int = INFO) -> bool:
-    """Tell whether anybody listens, so that a message may cost something."""
+    """Tell whether a message of this level is shown; check before building an expensive one."""
     logger = _logger()
     return logger is not None and logger.isEnabledFor(level)
 
@@ -49,7 +49,7 @@ def _log(level: int, text: str, values: tuple[object, ...]) -> None:
 
 def _logger() -> Logger | None:
     logging = sys.modules.get("logging")
-    if logging is None or not hasattr(logging, "NullHandler"):  # or in the middle of being loaded
+    if logging is None or not hasattr(logging, "NullHandler"):  # the latter while it is being imported
         return None
     logger: Logger = logging.getLogger(NAME)
     if not logger.handlers:

@@ -1,4 +1,4 @@
-"""Numbers that come from outside: real, finite, and of a size with which every formula stays finite."""
+"""Checks of numeric input: real, finite, and within bounds for which all formulas stay finite."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 LARGEST = 1e40
-"""Largest number in SI units; the squares and products that formulas take of it are still numbers."""
+"""Largest accepted number in SI units; its squares and products do not overflow."""
 FINITE = 1e300
-FEW = 100  # numbers that Python adds up before numpy has looked at them
+FEW = 100  # size up to which a sum in Python is faster than NumPy
 SMALLEST = 1e-60
-"""Least of what must be above zero, in SI units; its inverse is still a number."""
+"""Smallest accepted positive number in SI units; its inverse does not overflow."""
 
 
 def real(name: str, argument: object, expected: str = "", do: str = "") -> FloatArray:
-    """Copy real numbers of any shape, NaN and infinity among them, as a float array.
+    """Copy real numbers of any shape into a float array; NaN and infinity are accepted.
 
     Args:
-        name: the argument, as its caller wrote it.
-        expected, do: for the error.
+        name: Argument's name, for errors.
+        argument: Numbers to copy.
+        expected, do: Description of a valid value, and what to do, for errors.
 
     Raises:
-        InputError: what is not a rectangular array of real numbers.
+        InputError: The argument is not a rectangular array of real numbers.
     """
     try:
         raw = np.asarray(argument)
@@ -37,27 +38,27 @@ def real(name: str, argument: object, expected: str = "", do: str = "") -> Float
 
 
 def finite(name: str, argument: object, expected: str = "", do: str = "", *, largest: float = LARGEST) -> FloatArray:
-    """Copy finite numbers within +-largest, which is infinite for directions of any length, as a float array.
+    """Copy finite numbers within +-largest into a float array.
 
     Raises:
-        InputError: as `real`, and what is not finite or too large.
+        InputError: As in `real`; or a number is not finite, or too large.
     """
     value = real(name, argument, expected, do)
     if value.size <= FEW and sum(map(abs, value.ravel().tolist())) <= min(largest, FINITE):
-        return value  # none is NaN or more than their sum
+        return value  # none is NaN, and none exceeds the sum
     expected = expected or "finite values"
     if not np.isfinite(value).all():
         raise InputError(name, argument, expected, do or "find where the NaN or infinity comes from")
     if np.abs(value).max(initial=0.0) > largest:
-        raise InputError(name, argument, expected, do or f"no more than {largest:g} in SI units: check the units")
+        raise InputError(name, argument, expected, do or f"use at most {largest:g} in SI units: check the units")
     return value
 
 
 def number(name: str, argument: object, expected: str, do: str = "", *, zero: bool = True) -> float:
-    """Check one number of zero or more; of SMALLEST or more unless `zero`.
+    """Return one non-negative number; with zero=False, one of at least SMALLEST.
 
     Raises:
-        InputError: as `finite`, and a negative number, zero where that is refused, or more than one.
+        InputError: As in `finite`; or the number is negative or too small, or there are several.
     """
     value = finite(name, argument, expected, do)
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):

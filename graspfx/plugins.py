@@ -1,4 +1,4 @@
-"""Devices, hands, scenes and dynamics by name: a file's path, the shelf, or an entry point of another distribution."""
+"""Find devices, hands, scenes and dynamics by name: a file's path, a built-in one, or an installed entry point."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
     "dynamics": (".py",),
 }
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
-BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
+BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in ones
     "hands": {},
     "dynamics": {
         "native": "graspfx.objects.native_dynamics",
@@ -40,12 +40,12 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 
 
 class PluginError(GraspFXError):
-    """An exception of a plug-in's own code, with the line of its file; the exception itself is the cause."""
+    """A plug-in's own code raised an exception. The message names the line; the exception is the cause."""
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """Where a name leads: to a file, or to a module that may not be imported yet."""
+    """A plug-in: a file, or a module that is not imported yet."""
 
     origin: str
     path: Path | None = None
@@ -53,22 +53,23 @@ class Plugin:
 
 
 def names(group: Group) -> dict[str, str]:
-    """List every name of a group with where it comes from; imports none of them."""
+    """List the names of a group, each with its origin; imports nothing."""
     return {name: " and ".join(plugin.origin for plugin in plugins) for name, plugins in sorted(_table(group).items())}
 
 
 def find(group: Group, name: str | PathLike[str], folder: Path | None = None) -> Path:
-    """Find the file behind a name or a path; a relative path starts in `folder` (the current one if None).
+    """Find the file of a name or path; a relative path is taken from `folder` (default: the current folder).
 
-    Raises UnknownNameError for a name that nothing answers to, InputError for a path without a file and for a name
-    that two plug-ins claim.
+    Raises:
+        UnknownNameError: No plug-in has that name.
+        InputError: The file does not exist, or two plug-ins have the same name.
     """
     plugin = _plugin(group, name, folder)
     return plugin.path if plugin.path is not None else _module_file(group, plugin)
 
 
 def source_of(group: Group, name: str) -> Path | None:
-    """Find the file behind a name of `names`, if there is one that can be found without an import of anything."""
+    """Find the file of a plug-in without importing anything; None if this is impossible."""
     plugin, *_ = _table(group)[name]
     if plugin.path is not None:
         return plugin.path
@@ -82,12 +83,12 @@ def source_of(group: Group, name: str) -> Path | None:
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import the module behind a name or a path; errors are those of `find`, and whatever the module raises."""
+    """Import the module of a name or path; raises the errors of `find`, and whatever the module raises."""
     return _loaded(group, _plugin(group, name, folder))
 
 
 def load_blaming(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import like `load`, but turn what the module raises into a PluginError that says where."""
+    """Import like `load`, but turn exceptions of the module into a PluginError with file and line."""
     plugin = _plugin(group, name, folder)
     with blaming(plugin.path or Path(plugin.module)):
         return _loaded(group, plugin)
@@ -97,17 +98,17 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     if plugin.path is None or plugin.module:
         return import_module(plugin.module)
     if plugin.path.suffix != ".py":
-        raise InputError(SINGULAR[group], str(plugin.path), "a Python file", "a table has nothing to import")
+        raise InputError(SINGULAR[group], str(plugin.path), "a Python file", "a TOML file cannot be imported")
     return _imported_file(plugin.path)
 
 
 def is_file_name(text: str) -> bool:
-    """Tell whether a text names a file by its path, and not a plug-in by its name."""
+    """Tell whether a text is the path of a file rather than the name of a plug-in."""
     return text.endswith((".py", ".toml"))
 
 
 def shelf(group: Group) -> Path:
-    """Find the folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
+    """Return the folder of the built-in drivers or scenes: inside the package, or beside it in a checkout."""
     package = Path(__file__).parent
     inside = package / group
     return inside if inside.is_dir() else package.parent / group
@@ -115,9 +116,9 @@ def shelf(group: Group) -> Path:
 
 @contextmanager
 def blaming(path: Path) -> Iterator[None]:
-    """Turn whatever the code in a file raises, GraspFX's own errors apart, into a PluginError that says where.
+    """Turn exceptions of the code in a file into a PluginError with file and line; GraspFX's own errors pass.
 
-    Another's code may raise anything: this is the one place that catches it all.
+    User code may raise anything: this is the only place that catches every exception.
     """
     try:
         yield
@@ -129,7 +130,7 @@ def blaming(path: Path) -> Iterator[None]:
 
 
 def blamed(path: Path, error: Exception, text: str) -> PluginError:
-    """Write a text before the line of the file that raised `error`, or called what did, as an error."""
+    """Return a PluginError with a text and the line of the file that raised `error` or called what raised it."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     trace = error.__traceback__
     while trace is not None:
@@ -141,7 +142,7 @@ def blamed(path: Path, error: Exception, text: str) -> PluginError:
 
 
 def shown_path(path: Path) -> str:
-    """Write a path relative to the current folder when it lies inside, as a terminal can follow it."""
+    """Return a path for messages, relative to the current folder if it lies inside."""
     here = Path.cwd()
     return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
@@ -167,15 +168,15 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
 
 
 def _file_hint(group: Group, text: str, folder: Path) -> str:
-    if len(text) > LONGEST_KEY or not text.isprintable():  # no file has such a name
-        return f"a file is named with its {SUFFIXES[group][0]}"
+    if len(text) > LONGEST_KEY or not text.isprintable():  # such a name cannot be a file's
+        return f"give a file with its ending {SUFFIXES[group][0]}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
-            return f"there is a file {text}{suffix}: name it with its ending"
+            return f"there is a file {text}{suffix}: give its name with the ending"
         close = closest(text, [path.stem for path in folder.glob(f"*{suffix}")]) if folder.is_dir() else None
         if close:
-            return f"there is a file {close}{suffix}; a file is named with its ending"
-    return f"a file is named with its {SUFFIXES[group][0]}"
+            return f"there is a file {close}{suffix}: give its name with the ending"
+    return f"give a file with its ending {SUFFIXES[group][0]}"
 
 
 _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
@@ -183,7 +184,7 @@ _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("k
 
 @contextmanager
 def unchanged() -> Iterator[None]:
-    """Look up installed packages and shelves once within: for callers that build a scene many times."""
+    """Look up installed packages and built-in files only once within the block."""
     token = _tables.set({})
     try:
         with installed.unchanged():
@@ -219,7 +220,7 @@ def _shelved(group: Group) -> Iterator[tuple[str, Plugin]]:
         if path.suffix in SUFFIXES[group]:
             module = f"graspfx.{group}.{path.stem}" if path.suffix == ".py" and path.stem.isidentifier() else ""
             yield path.stem.replace("_", "-"), Plugin(origin=f"GraspFX ({group}/{path.name})", path=path, module=module)
-        elif (path / "__init__.py").is_file():  # a driver with parts
+        elif (path / "__init__.py").is_file():  # a driver that is a package
             module, origin = f"graspfx.{group}.{path.name}", f"GraspFX ({group}/{path.name}/)"
             yield path.name.replace("_", "-"), Plugin(origin=origin, path=path / "__init__.py", module=module)
 
@@ -230,7 +231,7 @@ def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:
 
 
 def _module_file(group: Group, plugin: Plugin) -> Path:
-    """Find the file of a module; for scenes `package.name` may also stand for package/name.toml."""
+    """Find the file of a module; for scenes, `package.name` may also mean package/name.toml."""
     parent, _, stem = plugin.module.rpartition(".")
     spec = find_spec(plugin.module)
     if spec is not None and spec.origin is not None:
@@ -244,7 +245,7 @@ def _module_file(group: Group, plugin: Plugin) -> Path:
 
 
 def _imported_file(path: Path) -> ModuleType:
-    """Import the module in a file; the same module each time, as long as the file stays the same."""
+    """Import a file as a module; return the same module while the file is unchanged."""
     stamp = path.stat()
     key = sha256(f"{path} {stamp.st_mtime_ns} {stamp.st_size}".encode()).hexdigest()[:12]
     name = f"graspfx_file_{path.stem.replace('-', '_')}_{key}"
@@ -255,7 +256,7 @@ def _imported_file(path: Path) -> ModuleType:
         raise InputError("path", str(path), "a Python file")
     module = module_from_spec(spec)
     with ExitStack() as undo:
-        sys.modules[name] = module  # while it runs too: dataclasses look their module up
+        sys.modules[name] = module  # before it runs, because dataclasses look up their module
         undo.callback(sys.modules.pop, name)
         spec.loader.exec_module(module)
         undo.pop_all()

@@ -1,4 +1,4 @@
-"""A lock that one program of this machine has: for hardware behind a service or a library, which many may reach."""
+"""Lock held by one program on this machine, for hardware that several programs could reach."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 class ProgramLock:
-    """A lock by the name of a piece of hardware; it goes with the program that has it, however that ends.
+    """Lock with the name of a piece of hardware. It is released when its program ends, however it ends.
 
     Args:
-        name: of the hardware, the same in every program that reaches it.
+        name: Name of the hardware, equal in all programs that use it.
     """
 
     def __init__(self, name: str) -> None:
@@ -26,7 +26,11 @@ class ProgramLock:
         self._descriptor = -1
 
     def take(self) -> None:
-        """Take the lock, or raise DeviceError if another program, or another part of this one, has it."""
+        """Acquire the lock.
+
+        Raises:
+            DeviceError: Another program, or another part of this one, holds it.
+        """
         self.release()
         file = Path(gettempdir()) / f"graspfx-{NAME.sub('-', self.name)}.lock"
         descriptor = _opened(file)
@@ -34,15 +38,15 @@ class ProgramLock:
             is_ours = lock(descriptor, lockless=False)
         except OSError as error:
             os.close(descriptor)
-            raise DeviceError(f"the lock {file} is refused: {error.strerror}") from error
+            raise DeviceError(f"{file} cannot be locked: {error.strerror}") from error
         if not is_ours:
             os.close(descriptor)
-            text = f"{self.name} is taken by another program; end that one first: two must not drive one device"
+            text = f"{self.name} is taken by another program; end that program first: only one may drive a device"
             raise DeviceError(text)
         self._descriptor = descriptor
 
     def release(self) -> None:
-        """Let go of the lock; returns also when it is not held."""
+        """Release the lock; does nothing if it is not held."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             with suppress(OSError):
@@ -50,7 +54,7 @@ class ProgramLock:
 
 
 def _opened(file: Path) -> int:
-    """Open the file of a lock, also one that another user has made."""
+    """Open the file of a lock, even if another user created it."""
     flags = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o644)
@@ -58,4 +62,4 @@ def _opened(file: Path) -> int:
         try:
             return os.open(file, os.O_RDONLY | flags)
         except OSError as error:
-            raise DeviceError(f"the lock {file} does not open: {error.strerror}") from error
+            raise DeviceError(f"the lock file {file} cannot be opened: {error.strerror}") from error

@@ -1,11 +1,11 @@
-"""Progress of waits: who computes says what goes on and how far it is; whoever listens shows it, else it costs nothing.
+"""Progress of long computations, shown by a listener if there is one.
 
     with waiting("limits", total=len(points), unit="points") as wait:
         for point in points:
             wait.done += 1
             ...
 
-A listener looks whenever it likes, from a thread of its own: nothing here draws, waits or asks for the time of day.
+A listener reads the progress from its own thread: nothing here draws or waits.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from typing import Protocol
 
 
 class Wait:
-    """A wait of a user's.
+    """A computation that the user waits for.
 
     Attributes:
-        text: what is done, as a user would name it.
-        total: how much there is to do; None where nobody can tell.
-        unit: of `total` and `done`, in the plural; empty where it means nothing to a user.
-        done: how much is done.
-        count: tells how much is done, where that is counted elsewhere; instead of `done`.
-        began: when, on the clock of `time.perf_counter` [s].
+        text: Description, in words for users.
+        total: Amount of work; None if unknown.
+        unit: Unit of `total` and `done`, in the plural; empty for none.
+        done: Amount of work done.
+        count: Function that returns the amount done, if it is counted elsewhere; replaces `done`.
+        began: Start time, on the clock of `time.perf_counter` [s].
     """
 
     def __init__(self, text: str, total: float | None, unit: str, count: Callable[[], float] | None) -> None:
@@ -34,23 +34,23 @@ class Wait:
         self.done, self.began = 0.0, perf_counter()
 
     def progress(self) -> float:
-        """Tell how much is done by now."""
+        """Return the amount done so far."""
         return self.done if self.count is None else self.count()
 
 
 class Listener(Protocol):
-    """A display of waits. Both methods are called by the thread that waits."""
+    """Display of waits. All methods are called by the waiting thread."""
 
     def begin(self, wait: Wait) -> None:
-        """Begin to show a wait, which may lie within another one."""
+        """Show a wait, which may be nested in another one."""
         ...
 
     def end(self, wait: Wait) -> None:
-        """Take away what is shown of a wait."""
+        """Remove a wait from the display."""
         ...
 
     def clear(self) -> None:
-        """Take away what is shown for the moment: something else is printed."""
+        """Hide the display for a moment, because something else is printed."""
         ...
 
 
@@ -61,7 +61,7 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 def waiting(
     text: str, total: float | None = None, unit: str = "", count: Callable[[], float] | None = None
 ) -> Iterator[Wait]:
-    """Announce a wait within the block, whose value takes what is done; the arguments are those of `Wait`."""
+    """Announce a wait within the block, and yield it; the arguments are those of `Wait`."""
     listener = _listener.get()
     wait = Wait(text, total, unit, count)
     if listener is None:
@@ -75,20 +75,20 @@ def waiting(
 
 
 def clear() -> None:
-    """Take away what is shown of waits, before something else is printed; it comes again."""
+    """Hide the display before something else is printed; it returns later."""
     listener = _listener.get()
     if listener is not None:
         listener.clear()
 
 
 def is_heard() -> bool:
-    """Tell whether somebody shows the waits of this thread."""
+    """Tell whether the waits of this thread are displayed."""
     return _listener.get() is not None
 
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Let a listener show the waits within the block: of this thread, and of those that copy its context."""
+    """Let a listener show the waits within the block, of this thread and of threads that copy its context."""
     token = _listener.set(listener)
     try:
         yield
@@ -98,7 +98,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Show no waits within the block: it is part of a wait that is shown as a whole."""
+    """Show no waits within the block, which is part of a wait that is already shown."""
     token = _listener.set(None)
     try:
         yield

@@ -1,9 +1,9 @@
-"""All that a driver, a hand or a body of another's imports: protocols, kernels and records, numbers, and errors.
+"""API for drivers, hands and bodies: protocols, kernels and records, numeric checks, and errors.
 
-A driver is a module with `connect(**settings) -> Device`, a hand one with `hold(**settings) -> Hand`, dynamics one with
-`create(state) -> Body`, whose module tells certificates its step: `INTEGRATOR = "semi-implicit"` or another. Each is
-whole with the first protocol of its kind; the others are for devices that are simulated, tell a limit that changes, or
-show their blocks and kernels, so that they become part of the compiled tick.
+A driver is a module with `connect(**settings) -> Device`, a hand is a module with `hold(**settings) -> Hand`, and
+dynamics are a module with `create(state) -> Body`. A dynamics module also states its integrator for certificates, such
+as `INTEGRATOR = "semi-implicit"`. The first protocol of each kind is sufficient. The others are optional: for simulated
+devices, for force limits that change, and for blocks and kernels that become part of the compiled tick.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from graspfx.screen.approach import approach
 from graspfx.screen.touch_screen import TouchScreen
 from graspfx.serial_port import SerialPort
 
-__all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
+__all__ = [  # noqa: RUF022 (in reading order: common names first, then by kind)
     "Device",
     "Features",
     "Hand",
@@ -67,28 +67,28 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "InputError",
     "MissingPackageError",
     "GraspFXError",
-    # devices that are asked for an answer, and drivers that take the force from hardware whose program has died
+    # devices with an explicit request for a reading; drivers that zero the force after their program has died
     "AskedDevice",
     "QuenchableDriver",
-    # devices with switches, and devices that show what came over the wire
+    # devices with switches; devices that expose raw readings
     "SwitchedDevice",
     "RawDevice",
-    # C functions of a device, for loops in which no Python runs
+    # C functions of a device, for loops without Python
     "Calls",
     "CallsDevice",
     "DrivingDevice",
     "adapt",
     "Mailbox",
-    # a board's serial port, and a lock of other hardware, for one program at a time
+    # serial port, and a lock for other hardware; both for one program at a time
     "SerialPort",
     "ProgramLock",
-    # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
+    # devices that are simulated, have a varying limit, or are part of the compiled tick; renamed settings
     "SimulatedDevice",
     "LimitedDevice",
     "FusedDevice",
     "DevicePorts",
     "former_settings",
-    # plants and hands that are part of the compiled tick
+    # plants and hands in the compiled tick
     "FusedPlant",
     "Ports",
     "Kernel",
@@ -96,7 +96,7 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "HandPorts",
     "HandKernel",
     "is_still",
-    # a hand of springs, and what moves it
+    # spring hand, and its motions
     "SpringHand",
     "Motion",
     "Rest",
@@ -106,16 +106,16 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "Levels",
     "Sum",
     "Turn",
-    # an operator who is no spring
+    # operator model other than a spring
     "Operator",
     "FingerOperator",
-    # bodies: a block that GraspFX's own integrators move, or other software does
+    # bodies: moved by GraspFX's integrators, or by other software
     "BlockBody",
     "NativeBody",
     "BodyState",
     "fill_body",
     "Guest",
-    # motion behind an input that comes in steps, and a touch screen's page
+    # smooth motion from stepwise input, and the page of a touch screen
     "Follower",
     "approach",
     "TouchScreen",
@@ -138,7 +138,7 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "size_of",
     "size_for",
     "start_of",
-    # numbers
+    # numeric checks
     "finite",
     "number",
     "LARGEST",

@@ -1,4 +1,4 @@
-"""Objects that a `with` statement closes."""
+"""Base class of objects that a `with` statement closes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Self
 
 
 class Resource(ABC):
-    """A context manager whose end only closes it: it was opened when it was made."""
+    """Context manager that is open from its creation; leaving the block closes it."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close it."""
+        """Close the resource."""
 
     def __enter__(self) -> Self:
         return self

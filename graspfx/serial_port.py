@@ -1,4 +1,4 @@
-"""A serial port of a board's: one program at a time, a frame in one piece, and no wait without an end."""
+"""Serial port of a microcontroller board: exclusive, sends whole frames, and never blocks without a time limit."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from contextlib import suppress
 from graspfx.errors import DeviceError
 from graspfx.system.file_lock import lock
 
-MOST = 4096  # bytes at a time
-MOST_SELECTED = 1024  # descriptors that `select` counts
+MOST = 4096  # bytes per read
+MOST_SELECTED = 1024  # descriptors that `select` accepts
 
 
 class SerialPort:
-    """A serial port that one program has for itself, by a lock that goes with the program, and TIOCEXCL.
+    """Serial port with exclusive access, by a lock that ends with the program, and by TIOCEXCL.
 
-    Every fault is a DeviceError that names the port.
+    All faults raise a DeviceError that names the port.
 
     Args:
-        path: of the port, such as /dev/ttyACM0 or a link in /dev/serial/by-id.
-        baud: bits a second; None leaves it, for boards whose USB is their own and takes no notice.
+        path: Path of the port, such as /dev/ttyACM0 or a link in /dev/serial/by-id.
+        baud: Rate [bit/s]; None leaves it unchanged, for boards with native USB, which ignore it.
     """
 
     def __init__(self, path: str, baud: int | None = None) -> None:
@@ -31,11 +31,11 @@ class SerialPort:
         self._poll: select.poll | None = None
 
     def now(self) -> float:
-        """Give the time of the clock by which `receive` waits, `time.perf_counter` [s]."""
+        """Return the time of `time.perf_counter` [s], the clock of `receive`."""
         return time.perf_counter()
 
     def sleep(self, duration: float) -> None:
-        """Wait for about so long [s]."""
+        """Sleep for about `duration` [s]."""
         time.sleep(duration)
 
     @property
@@ -44,19 +44,23 @@ class SerialPort:
         return self._descriptor >= 0
 
     def open(self) -> None:
-        """Take the port, afresh if this object has it already."""
+        """Open the port; if it is open, open it again.
+
+        Raises:
+            DeviceError: The port cannot be opened, or another program uses it.
+        """
         self.close()
         try:
             import fcntl
             import termios
             import tty
         except ImportError as error:
-            raise DeviceError(f"{self.path}: serial ports are opened on Linux and macOS only so far") from error
+            raise DeviceError(f"{self.path}: serial ports are supported on Linux and macOS only") from error
         try:
             descriptor = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
-            busy = error.errno == errno.EBUSY  # somebody else's TIOCEXCL
-            raise DeviceError(self._busy if busy else f"{self.path} does not open: {error.strerror}") from error
+            busy = error.errno == errno.EBUSY  # TIOCEXCL of another program
+            raise DeviceError(self._busy if busy else f"{self.path} cannot be opened: {error.strerror}") from error
         is_ours = False
         with suppress(OSError):
             is_ours = lock(descriptor, lockless=False)
@@ -70,26 +74,29 @@ class SerialPort:
                 settings = termios.tcgetattr(descriptor)
                 settings[4] = settings[5] = getattr(termios, f"B{self.baud}")
                 termios.tcsetattr(descriptor, termios.TCSANOW, settings)
-            termios.tcflush(descriptor, termios.TCIFLUSH)  # not what a program before had to say, such as zero
+            termios.tcflush(descriptor, termios.TCIFLUSH)  # drop replies to an earlier program
         except (OSError, termios.error) as error:
             os.close(descriptor)
-            raise DeviceError(f"{self.path} is no serial port: {error}") from error
+            raise DeviceError(f"{self.path} is not a serial port: {error}") from error
         except AttributeError as error:
             os.close(descriptor)
-            raise DeviceError(f"{self.path}: this system knows no rate of {self.baud} bits a second") from error
+            raise DeviceError(f"{self.path}: this system does not support {self.baud} bit/s") from error
         self._descriptor, self._poll = descriptor, select.poll()
         self._poll.register(descriptor, select.POLLIN)
 
     @property
     def _busy(self) -> str:
-        return f"{self.path} is taken by another program; end that one first: two must not drive one device"
+        return f"{self.path} is taken by another program; end that program first: only one may drive a device"
 
     def send(self, frame: bytes, patience: float = 0.01) -> None:
-        """Send a frame by one call; whatever of it the port does not take at once follows, or the port is at fault.
+        """Send a frame, in one write if the port accepts all of it, otherwise in several.
 
         Args:
-            frame: all of it, since boards wait for the rest of one that is cut.
-            patience: until all of it must be out [s].
+            frame: Complete frame; boards wait for the rest of a partial one.
+            patience: Time limit for sending [s].
+
+        Raises:
+            DeviceError: The port has failed, or does not accept the frame in time.
         """
         left, deadline = memoryview(frame), self.now() + patience
         while True:
@@ -102,11 +109,11 @@ class SerialPort:
             if not left:
                 return
             if self.now() > deadline:
-                raise DeviceError(f"the board at {self.path} takes no more bytes: a frame was cut")
+                raise DeviceError(f"the board at {self.path} accepts no more bytes: a frame was cut off")
             select.select([], [self._descriptor], [], 0.001)
 
     def receive(self, deadline: float) -> bytes:
-        """Wait for bytes until a time of `now` [s], and give those that are there; none is no error."""
+        """Wait for bytes until `deadline`, a time of `now` [s]; return those received, possibly none."""
         wait = max(0.0, deadline - self.now())
         try:
             if self._poll is None or not self._wait(wait):
@@ -127,12 +134,12 @@ class SerialPort:
         return bool(self._poll.poll(1e3 * seconds))  # in whole milliseconds, rounded up
 
     def flush(self) -> None:
-        """Throw away what has come."""
+        """Discard the received bytes."""
         while self.receive(0.0):
             pass
 
     def close(self) -> None:
-        """Let go of the port; returns also with the hardware gone, and twice."""
+        """Close the port; safe to call twice, and after the hardware is gone."""
         descriptor, self._descriptor, self._poll = self._descriptor, -1, None
         if descriptor < 0:
             return
@@ -143,4 +150,4 @@ class SerialPort:
             termios.tcflush(descriptor, termios.TCIFLUSH)
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
         with suppress(OSError):
-            os.close(descriptor)  # and with it the lock
+            os.close(descriptor)  # releases the lock too

@@ -1,4 +1,4 @@
-"""Vectors, matrices and quaternions that kernels compute with; rotations; orthogonal directions."""
+"""Vectors, matrices, quaternions and rotations for kernels."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from graspfx.compile.kernel import inline, kernel, written
 from graspfx.compile.records import Table
 
-LARGEST = 1e300  # NaN compares false with it
-SWEEPS = 12  # of Jacobi rotations: three or four are enough
+LARGEST = 1e300  # comparisons with NaN are false
+SWEEPS = 12  # most sweeps of Jacobi rotations; three or four suffice
 SMALL = 1e-8  # squared angle below which two terms of the series are exact to rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """Three numbers; in a plane the third is zero, on a line the second too."""
+    """Vector of three components; z is zero in a plane, y and z are zero on a line."""
 
     x: float
     y: float
@@ -49,7 +49,7 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Vector4:
-    """Contact coordinates of a finger: a vector, and the torsion of a soft finger in units of its patch."""
+    """Contact coordinates of a finger: a vector, and the torsion of a soft finger in units of its patch radius."""
 
     x: float
     y: float
@@ -78,7 +78,7 @@ class Vector4:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """Nine numbers, row by row."""
+    """3 x 3 matrix, stored by rows."""
 
     xx: float
     xy: float
@@ -113,7 +113,7 @@ class Matrix:
         return Vector(self.zx, self.zy, self.zz)
 
     def row(self, i: int) -> Vector:
-        """Give row i, which only the running program may know."""
+        """Return row i, where i is known only at run time."""
         return Vector(self[3 * i], self[3 * i + 1], self[3 * i + 2])
 
     @property
@@ -129,7 +129,7 @@ class Matrix:
 
 @dataclass(frozen=True, slots=True)
 class Quaternion:
-    """A rotation as x, y, z, w."""
+    """Rotation as a quaternion x, y, z, w."""
 
     x: float
     y: float
@@ -145,7 +145,7 @@ class Quaternion:
         return Vector(self.x, self.y, self.z)
 
     def __matmul__(self, other: Quaternion) -> Quaternion:
-        """Give the rotation `other` followed by this one."""
+        """Compose rotations: `other` first, then this one."""
         return Quaternion(
             self.w * other.x + self.x * other.w + self.y * other.z - self.z * other.y,
             self.w * other.y - self.x * other.z + self.y * other.w + self.z * other.x,
@@ -167,13 +167,13 @@ def dot(a: Vector, b: Vector) -> float:
 
 @inline
 def inner(a: Vector, b: Vector) -> float:
-    """Compute a . b as a sum that starts from zero, so that none is -0.0."""
+    """Compute a . b, starting the sum from zero so that the result is never -0.0."""
     return 0.0 + a.x * b.x + a.y * b.y + a.z * b.z
 
 
 @inline
 def with_torsion(v: Vector, t: float) -> Vector4:
-    """Put a torsion beside a vector."""
+    """Append a torsion to a vector."""
     return Vector4(v.x, v.y, v.z, t)
 
 
@@ -197,13 +197,13 @@ def length(v: Vector) -> float:
 
 @inline
 def total(v: Vector) -> float:
-    """Add the components of a vector: NaN or infinite where one of them is."""
+    """Add the components of a vector; the sum is NaN or infinite if one of them is."""
     return v.x + v.y + v.z
 
 
 @inline
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """Compute R v of a unit quaternion, as v + w t + q x t with t = 2 q x v; R'v is that of its conjugate."""
+    """Rotate v by a unit quaternion: v + w t + q x t with t = 2 q x v. The conjugate gives the inverse rotation."""
     tx, ty, tz = 2.0 * (q.y * v.z - q.z * v.y), 2.0 * (q.z * v.x - q.x * v.z), 2.0 * (q.x * v.y - q.y * v.x)
     return Vector(
         v.x + q.w * tx + q.y * tz - q.z * ty,
@@ -214,7 +214,7 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
 
 @inline
 def quaternion_matrix(q: Quaternion) -> Matrix:
-    """Compute the matrix of a unit quaternion."""
+    """Compute the rotation matrix of a unit quaternion."""
     x, y, z, w = q.x, q.y, q.z, q.w
     return Matrix(
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
@@ -225,7 +225,7 @@ def quaternion_matrix(q: Quaternion) -> Matrix:
 
 @inline
 def angle_matrix(angle: float) -> Matrix:
-    """Compute the matrix of a rotation about z by an angle [rad]."""
+    """Compute the matrix of a rotation about z by `angle` [rad]."""
     c = math.cos(angle)
     s = math.sin(angle)
     return Matrix(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
@@ -233,12 +233,12 @@ def angle_matrix(angle: float) -> Matrix:
 
 @kernel
 def exponential(v: Vector) -> Quaternion:
-    """Compute exp of a rotation vector [rad]: (v sin(|v|/2)/|v|, cos(|v|/2)), to rounding at every angle."""
+    """Compute the quaternion of a rotation vector [rad]: (v sin(|v|/2)/|v|, cos(|v|/2)), exact to rounding."""
     square = v.x * v.x + v.y * v.y + v.z * v.z
     if square < SMALL:
         s = 0.5 - square / 48.0
         return Quaternion(v.x * s, v.y * s, v.z * s, 1.0 - 0.125 * square)
-    if not square <= LARGEST:  # a body that has diverged: its state says so from here on, nothing is raised
+    if not square <= LARGEST:  # the body has diverged: its state becomes NaN, and nothing is raised
         return Quaternion(math.nan, math.nan, math.nan, math.nan)
     angle = math.sqrt(square)
     s = math.sin(0.5 * angle) / angle
@@ -247,7 +247,7 @@ def exponential(v: Vector) -> Quaternion:
 
 @kernel
 def normalise(q: Quaternion) -> Quaternion:
-    """Compute q / |q|; a quaternion of length zero comes back as it is."""
+    """Compute q / |q|; a zero quaternion is returned unchanged."""
     square = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if square <= 0.0:
         return q
@@ -256,7 +256,7 @@ def normalise(q: Quaternion) -> Quaternion:
 
 
 def quaternion(R: Sequence[float]) -> Quaternion:
-    """Compute the unit quaternion of a rotation matrix, row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
+    """Compute the unit quaternion, w >= 0, of a rotation matrix given by rows (Shepperd, 1978: no cancellation)."""
     a, b, c, d, e, f, g, h, i = R
     squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # of 2 x, 2 y, 2 z, 2 w
     largest = max(squares)
@@ -274,9 +274,9 @@ def quaternion(R: Sequence[float]) -> Quaternion:
 
 @kernel
 def orthogonalise(rows: Table, first: int, count: int) -> None:
-    """Rotate `count` rows, the first entry of each left out, until they are orthogonal: one-sided Jacobi.
+    """Orthogonalise `count` rows by one-sided Jacobi rotations; the first entry of each row is ignored.
 
-    Small norms come out accurate relative to themselves, unlike through a 3 x 3 moment matrix.
+    Small norms keep their relative accuracy, unlike with a 3 x 3 moment matrix.
     """
     for _ in range(SWEEPS):
         turned = False

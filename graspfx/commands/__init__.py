@@ -1,1 +1,1 @@
-"""The commands of the terminal, a file each, loaded when one is called."""
+"""Commands of the terminal, one module each; a module is imported when its command is called."""

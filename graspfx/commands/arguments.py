@@ -1,4 +1,4 @@
-"""Arguments that several commands take: a scene, and values of it to replace."""
+"""Arguments that several commands share: a scene, overrides of its values, the format of a figure."""
 
 from __future__ import annotations
 
@@ -8,21 +8,32 @@ from pathlib import Path
 from typing import Any
 
 SET = "--set"
-LISTS = (SET, "--operators", "--over")  # after which several values may follow
+LISTS = (SET, "--operators", "--over")  # options that take several values
 FORMATS = ("png", "svg", "pdf")
 WIDTHS = ("screen", "page", "column")
 
 
+def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
+    """Add options, one row each: "--name METAVAR", its help, type and default; a name without metavar is a switch."""
+    for spec, text, *others in rows:
+        name, _, metavar = spec.partition(" ")
+        if metavar:
+            kind, default = [*others, None, None][:2]
+            parser.add_argument(name, metavar=metavar, help=text, type=kind, default=default)
+        else:
+            parser.add_argument(name, action="store_true", help=text)
+
+
 def add_scene(parser: ArgumentParser) -> None:
     """Add SCENE, --preset and --set."""
-    text = "a scene's name, or the path of a .toml or .py file"
+    text = "scene: its name, or the path of a .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
     """Add --preset, --set and --trust."""
-    text = "take the set of values that the scene states by this name, before those of --set; `check` lists them"
+    text = "preset of the scene, applied before --set; `graspfx list` names the presets"
     parser.add_argument("--preset", metavar="NAME", help=text)
     add_values(parser)
 
@@ -30,15 +41,15 @@ def add_overrides(parser: ArgumentParser) -> None:
 def add_values(parser: ArgumentParser) -> None:
     """Add --set and --trust."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
-    values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
-    whole = "let the scene name files outside of its folder: what is Python among them runs"
+    values.dest, values.help = "overrides", "value of the scene to replace, by its dotted key; takes several"
+    whole = "let the scene use files outside its folder; Python files among them are run"
     parser.add_argument("--trust", action="store_true", help=whole)
 
 
 def add_operators(parser: ArgumentParser, more: str = "") -> None:
-    """Add --operators, whose values `operators` reads."""
-    text = "a range of a key over operators, KEY=FROM:TO:LAW for log, uniform, normal, lognormal; several may follow"
-    usual = "without one, those of the scene's table [operators], or the usual ones"
+    """Add --operators; `more` is appended to its help."""
+    text = "range of a key over operators; KEY=FROM:TO:LAW with log, uniform, normal or lognormal; takes several"
+    usual = "without a range: the scene's table [operators], or the default operators"
     parser.add_argument(
         "--operators",
         metavar="KEY=FROM:TO",
@@ -51,19 +62,19 @@ def add_operators(parser: ArgumentParser, more: str = "") -> None:
 
 def add_style(parser: ArgumentParser) -> None:
     """Add --format and --width."""
-    formats = "of the figure: in pixels, or as lines and text that can be edited"
+    formats = "format of the figure: pixels (png), or editable lines and text (svg, pdf)"
     parser.add_argument("--format", choices=FORMATS, default=None, help=formats)
-    widths = "of the figure: for a screen, or 7.2 or 3.5 inches of a journal, with type that is legible there"
+    widths = "width of the figure: a screen, a journal's page (7.2 inches) or column (3.5 inches)"
     parser.add_argument("--width", choices=WIDTHS, default="screen", help=widths)
 
 
 def picture_name(stem: str, options: Namespace) -> str:
-    """Name the file of a figure by its format."""
+    """Return the file name of a figure in the chosen format."""
     return f"{stem}.{options.format or FORMATS[0]}"
 
 
 def scene(text: str) -> str:
-    """Take a scene's name or path, and say of a recording what it is for."""
+    """Accept a scene's name or path; refuse a recording, and name the commands that read one."""
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
         drawn = f"`graspfx plot {text}` draws it over time, `graspfx picture {text}` one instant"
@@ -72,7 +83,7 @@ def scene(text: str) -> str:
 
 
 def recording(text: str) -> Path:
-    """Take the path of a recording or of its folder, and say of a scene what makes a recording of it."""
+    """Accept the path of a recording or of its folder; refuse a scene, and name the command that records it."""
     from graspfx.plugins import is_file_name, names
 
     path = Path(text)
@@ -83,7 +94,7 @@ def recording(text: str) -> Path:
 
 
 def separate(words: Sequence[str]) -> Iterator[str]:
-    """Put a --set before each value of a command: the first word without `=` after a value ends the list."""
+    """Repeat an option such as --set before each of its values: a word without `=` ends the list."""
     last, option = "", ""
     for word in words:
         is_value = bool(option) and "=" in word and not word.startswith("-")
@@ -94,10 +105,10 @@ def separate(words: Sequence[str]) -> Iterator[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Parse KEY=VALUE: the value is TOML where it reads as TOML, else the text itself.
+    """Parse KEY=VALUE. The value is read as TOML; if it is not valid TOML, it is a string.
 
     Raises:
-        ArgumentTypeError: no key, a value that is too deep, or more than one.
+        ArgumentTypeError: The key or `=` is missing, the value is nested too deeply, or there are several values.
     """
     import tomllib
 

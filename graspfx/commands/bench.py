@@ -1,4 +1,4 @@
-"""graspfx bench: run time against error, of a scene's choices or of what a user calls most."""
+"""graspfx bench: measure run time against error, for the options of a scene or for common calls."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_overrides, add_style, picture_name
+from graspfx.commands.arguments import add_options, add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import InputError, UnknownNameError
@@ -23,12 +23,15 @@ PICTURE = "bench"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    meaning = "benchmarks (all of them), or a scene: its name, or the path of a .toml or .py file"
+    meaning = "benchmarks (default: all), or one scene: its name, or the path of a .toml or .py file"
     parser.add_argument("names", metavar="NAME", nargs="*", help=meaning)
     add_overrides(parser)
-    parser.add_argument("--duration", metavar="S", type=float, help="seconds of a scene to simulate (its own, up to 2)")
-    parser.add_argument("--quick", action="store_true", help="a few seconds each, and rougher")
-    parser.add_argument("--json", action="store_true", help="print rows as JSON, and nothing else")
+    add_options(
+        parser,
+        ("--duration S", "simulated time [s] (default: the scene's, at most 2)", float),
+        ("--quick", "measure for a few seconds each, less accurately"),
+        ("--json", "print rows as JSON only"),
+    )
     add_style(parser)
     add_destination(parser, "DIR", "folder of a scene's bench.png")
 
@@ -47,13 +50,13 @@ def execute(options: Namespace) -> int:
 
 
 def scene_among(names: Sequence[str]) -> str | None:
-    """Pick the scene that is named; None where benchmarks are.
+    """Return the scene among the names; None if all of them are benchmarks.
 
-    A benchmark's name stays a benchmark's: a scene of that name is named by its path.
+    A benchmark's name always means the benchmark: name a scene of the same name by its path.
 
     Raises:
-        InputError: a scene beside others; a benchmark that only a checkout has.
-        UnknownNameError: neither a benchmark nor a scene has that name.
+        InputError: A scene is named together with something else, or a benchmark exists only in a checkout.
+        UnknownNameError: No benchmark or scene has that name.
     """
     from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS, CHECKOUT
     from graspfx.plugins import is_file_name
@@ -74,7 +77,7 @@ def scene_among(names: Sequence[str]) -> str | None:
 
 
 def bench(names: Sequence[str], options: Namespace) -> int:
-    """Run benchmarks, all of the package's if none is named, and print their rows."""
+    """Run the named benchmarks, or all of them, and print their rows."""
     from graspfx.bench.benchmarks import BENCHMARKS, benchmark, measured
     from graspfx.bench.rows import lines, to_dict
 
@@ -91,7 +94,7 @@ def bench(names: Sequence[str], options: Namespace) -> int:
 
 
 def bench_scene(name: str, options: Namespace) -> int:
-    """Measure the choices of a scene; print them, and draw bench.png into the folder of --out, or a new one."""
+    """Measure the options of a scene, print the results, and draw bench.png in the output folder."""
     from graspfx.bench.scene_choices import trade_off
     from graspfx.scene.load import load
 

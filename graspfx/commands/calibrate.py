@@ -1,4 +1,4 @@
-"""graspfx calibrate: measure the hardware of a scene, and write what its devices' tables take over."""
+"""graspfx calibrate: measure the hardware of a scene, and write the settings for its device tables."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.arguments import add_scene
+from graspfx.commands.arguments import add_options, add_scene
 from graspfx.commands.output import SUCCESS, name_files
 from graspfx.errors import InputError
 from graspfx.progress import waiting
@@ -16,14 +16,14 @@ EXAMPLE = """  graspfx calibrate my-rig.toml --out my-rig-measures.toml"""
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--out", metavar="FILE", type=Path, help="where the measures are written (SCENE-measures.toml)")
-    parser.add_argument("--pulses", metavar="N", type=int, default=200, help="pulses of each device (200)")
-    parser.add_argument(
-        "--share", metavar="SHARE", type=float, default=0.02, help="of the largest force that devices are pushed with"
+    add_options(
+        parser,
+        ("--out FILE", "output file (default: SCENE-measures.toml)", Path),
+        ("--pulses N", "pulses for each device (default: 200)", int, 200),
+        ("--share SHARE", "pulse force as a share of the device's largest force (default: 0.02)", float, 0.02),
+        ("--overwrite", "replace an existing file"),
+        ("--yes", "run without questions: nobody holds the devices, and axes and zero are not checked"),
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there")
-    people = "ask nobody: the devices are let go of, and neither axes nor zero are checked"
-    parser.add_argument("--yes", action="store_true", help=people)
 
 
 def execute(options: Namespace) -> int:
@@ -33,14 +33,14 @@ def execute(options: Namespace) -> int:
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")
     if file.exists() and not options.overwrite:
-        raise InputError("out", str(file), "a file that is not there yet", "take another name, or --overwrite")
+        raise InputError("out", str(file), "a file that does not exist yet", "choose another name, or add --overwrite")
     with waiting(f"reading {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
     require_hardware(resolve(scene))
     if not options.yes:
         if not sys.stdin.isatty():
-            raise InputError("yes", False, "--yes where nobody sits at the terminal", "or start it in one")
-        input("The devices will move by themselves by a few millimetres: clear their way, then press Enter. ")
+            raise InputError("yes", False, "--yes without a terminal", "or start the command in a terminal")
+        input("The devices will move a few millimetres on their own. Clear their way, then press Enter. ")
     result = calibrate(
         scene, pulses=options.pulses, share=options.share, prompt=None if options.yes else _prompt
     )  # fmt: skip

@@ -1,14 +1,13 @@
-"""graspfx check: whether a scene is stable, how far its gains can go, its faults; with -v what each sample will do."""
+"""graspfx check: print the faults of a scene, whether it is stable, and the limits of its gains; with -v the plan."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_operators, add_scene, add_style, picture_name
+from graspfx.commands.arguments import add_operators, add_options, add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.loudness import is_quiet
-from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, print_json, require_place
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 
@@ -21,23 +20,21 @@ EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument(
-        "--brief", action="store_true", help="print the verdict alone, one line, below doubts about units"
-    )
-    parser.add_argument(
-        "--tick",
-        action="store_true",
-        help="print what a tick runs, with the source of each kernel, what it skips, and why",
-    )
-    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
-    parser.add_argument(
-        "--strict", action="store_true", help="end with 1 unless the verdict is that the scene is stable"
+    add_options(
+        parser,
+        ("--brief", "print the result in one line, after warnings about units"),
+        ("--tick", "print the steps of a tick, the source of each kernel, and the reason for each skipped step"),
+        ("--json", "print the report as JSON only"),
+        ("--strict", "exit with 1 unless the scene is stable"),
     )
     add_operators(parser)
-    parser.add_argument("--samples", metavar="N", type=int, help="operators that are drawn at random (200)")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the random operators (0)")
+    add_options(
+        parser,
+        ("--samples N", "number of random operators (default: 200)", int),
+        ("--seed N", "seed of the random operators (default: 0)", int, 0),
+    )
     add_destination(
-        parser, "DIR", "folder of operators.png and gains.png, drawn with --operators; nothing is written if not given"
+        parser, "DIR", "folder of operators.png and gains.png, drawn with --operators (default: write nothing)"
     )
     add_style(parser)
 
@@ -47,7 +44,7 @@ def execute(options: Namespace) -> int:
         return _operators(options)
     if options.out is not None or options.samples is not None:
         name = "--out" if options.out is not None else "--samples"
-        raise InputError(name, options.out or options.samples, f"{name} with --operators alone")
+        raise InputError(name, options.out or options.samples, f"{name} together with --operators")
     with waiting(f"reading {options.scene}"):
         from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.certificate.report import report
@@ -76,7 +73,7 @@ def execute(options: Namespace) -> int:
 
 
 def _operators(options: Namespace) -> int:
-    """Certify over a set of operators, and draw it where a folder is named."""
+    """Certify the scene for a set of operators; draw the figures if a folder is given."""
     from graspfx.certificate.certify_operators import SAMPLES, certify_operators
     from graspfx.recording.files import make_folder, placing
     from graspfx.scene.load import load
@@ -109,7 +106,7 @@ def _operators(options: Namespace) -> int:
 
 
 def _tick(scene: Scene) -> list[str]:
-    """List what ticks of the scene run, and what they skip."""
+    """List the steps that a tick of the scene runs, and those it skips."""
     from graspfx.assembly.build import build
     from graspfx.loop.tick_listing import listing
 

@@ -1,4 +1,4 @@
-"""graspfx completion: a script with which a shell completes commands, options, scenes and recordings."""
+"""graspfx completion: print a script that completes commands, options, scenes and recordings in a shell."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from graspfx.commands.loudness import add_loudness
-from graspfx.commands.output import SUCCESS
+from graspfx.commands.output import SUCCESS, add_loudness
 
 EXAMPLE = """  graspfx completion fish > ~/.config/fish/completions/graspfx.fish
 for bash and zsh this line in ~/.bashrc or ~/.zshrc, with the name of the shell:
@@ -35,12 +34,12 @@ end
 complete -c graspfx -a '(_graspfx)'
 """,
 }
-MOST = 50  # recordings
+MOST = 50  # recordings listed
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("shell", metavar="SHELL", nargs="?", choices=tuple(SCRIPTS), help="bash, zsh or fish")
-    parser.add_argument("--words", nargs="...", help=SUPPRESS)  # of a line, the last one begun: what may follow
+    parser.add_argument("--words", nargs="...", help=SUPPRESS)  # words of a command line; completes the last
 
 
 def execute(options: Namespace) -> int:
@@ -52,11 +51,11 @@ def execute(options: Namespace) -> int:
 
 
 def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
-    """List what the last word of a line may become, sorted; none where a file or a value of another kind is meant.
+    """List the completions of the last word, sorted; none where a file or another kind of value is expected.
 
     Args:
-        words: of the line, without `graspfx`; the last one is begun, or empty.
-        commands: that there are.
+        words: Words of the command line, without `graspfx`; the last one is incomplete or empty.
+        commands: Names of all commands.
     """
     *before, begun = words or [""]
     command = next((word for word in before if not word.startswith("-")), None)
@@ -71,7 +70,7 @@ def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
 
 
 def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> Iterator[str]:
-    """List what fits after the words before: values of an option, options, or what the command is about."""
+    """List candidates after the words `before`: values of an option, options, or the command's subjects."""
     by_name = {name: each for each in actions for name in each.option_strings}
     action = by_name.get(before[-1])
     if action is not None and action.nargs != 0 and not begun.startswith("-"):
@@ -87,7 +86,7 @@ def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> It
 
 
 def _subjects(kind: str) -> Iterator[str]:
-    """List scenes, experiments or recordings, by what an argument is called in a command's help."""
+    """List scenes, experiments or recordings, according to the argument's name in the help."""
     if "SCENE" in kind:
         from graspfx import plugins
 

@@ -1,4 +1,4 @@
-"""Where a command's files go: a folder of its own in out/, or the one that --out names; over nothing that is there."""
+"""Output folder of a command: a new folder in out/, or the one given by --out. Existing files are not overwritten."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from graspfx.commands.output import note
 from graspfx.recording.files import LATEST, make_folder, new_folder, require_vacancy, require_vacancy_of
 
 OUT = Path("out")
-REMEDY = "choose another --out, or write over it with --overwrite"
+REMEDY = "choose another --out, or overwrite it with --overwrite"
 
 
 def add_destination(parser: ArgumentParser, metavar: str, meaning: str, kind: type[Path] | type[str] = Path) -> None:
-    """Add --out, as a path or as it was typed, and --overwrite."""
+    """Add --out, as a path or as the text that was typed, and --overwrite."""
     parser.add_argument("--out", metavar=metavar, type=kind, help=meaning)
-    parser.add_argument("--overwrite", action="store_true", help="write over files that are there")
+    parser.add_argument("--overwrite", action="store_true", help="overwrite existing files")
 
 
 def add_file(parser: ArgumentParser, meaning: str) -> None:
-    """Add --out of a command that writes one file, for `file_in`, and --overwrite."""
+    """Add --out for a command that writes one file (see `file_in`), and --overwrite."""
     add_destination(parser, "FILE", meaning, str)
 
 
 def file_in(options: Namespace, home: Path, name: str) -> Path:
-    """Choose the file that --out names, or one of this name: in the folder of --out, or without it at home."""
+    """Return the output file: --out itself, or `name` in the folder --out; without --out, `name` in `home`."""
     if options.out is None:
         return home / name
     path = Path(options.out)
@@ -35,20 +35,20 @@ def file_in(options: Namespace, home: Path, name: str) -> Path:
 
 
 def require_room(options: Namespace, files: Iterable[Path]) -> None:
-    """Refuse, unless with --overwrite, where a file that the command would write is there.
+    """Require that no output file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: it is.
+        RecordingError: One exists.
     """
     if not options.overwrite:
         require_vacancy(files, REMEDY)
 
 
 def require_room_of(options: Namespace, recording: Path) -> None:
-    """Refuse, unless with --overwrite, where a recording, or the part of a run, is there.
+    """Require that no recording or part file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: it is.
+        RecordingError: One exists.
     """
     if not options.overwrite:
         require_vacancy_of(recording, REMEDY)
@@ -56,14 +56,14 @@ def require_room_of(options: Namespace, recording: Path) -> None:
 
 @contextmanager
 def destination(options: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
-    """Choose the folder of --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
+    """Yield the folder --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
 
-    A new folder that stays empty is removed again.
+    A new folder that stays empty is removed.
 
     Args:
-        options: has `out` and `overwrite`.
-        name: of the scene.
-        latest: whether out/latest is to point to the new folder.
+        options: Parsed arguments with `out` and `overwrite`.
+        name: Name of the scene.
+        latest: Whether out/latest points to the new folder.
     """
     if options.out is not None:
         yield options.out
@@ -74,17 +74,17 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
         yield folder
     finally:
         with suppress(OSError):
-            folder.rmdir()  # which an empty one can be
+            folder.rmdir()  # succeeds only if it is empty
             if latest:
                 _point_to(previous)
             OUT.rmdir()
 
 
 def _point_to(folder: Path | None) -> Path | None:
-    """Make out/latest lead to a folder (to none: remove it), and return the folder to which it led.
+    """Point out/latest to a folder, or remove it if None; return the folder to which it pointed.
 
-    A link, or where there are none, as for most users of Windows, a file with the folder's name, which every command
-    that reads recordings follows.
+    out/latest is a symbolic link. Where links are not allowed, as for most users of Windows, it is a file with the
+    folder's name, which every command that reads recordings follows.
     """
     link, draft = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
     previous = _target(link)
@@ -93,14 +93,14 @@ def _point_to(folder: Path | None) -> Path | None:
         return previous
     try:
         if link.is_dir() and not link.is_symlink():
-            raise FileExistsError(None, "a folder is in its way")
+            raise FileExistsError(None, "a folder has that name")
         try:
             draft.symlink_to(folder.name, target_is_directory=True)
         except (OSError, NotImplementedError):
             draft.write_text(folder.name + "\n", encoding="utf-8")
         draft.replace(link)
     except OSError as error:
-        note([f"{link}: cannot be made to lead to {folder.name}; {error.strerror}"])
+        note([f"{link}: cannot point to {folder.name}; {error.strerror}"])
     return previous
 
 

@@ -1,19 +1,20 @@
-"""graspfx devices: the drivers there are, and what is plugged in or installed for them; nothing is opened."""
+"""graspfx devices: list the drivers, and the hardware or software found for each. No device is opened."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 
+from graspfx.commands.arguments import add_options
 from graspfx.commands.output import SUCCESS, print_json
 from graspfx.machine.plugged import sightings
 
 EXAMPLE = """  graspfx devices"""
-TITLES = "driver", "there is", "in a scene"
+TITLES = "driver", "found", "in a scene"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print the table as JSON, and nothing else")
+    add_options(parser, ("--json", "print the table as JSON only"))
 
 
 def execute(options: Namespace) -> int:

@@ -1,4 +1,4 @@
-"""graspfx doctor: whether this machine, and a device or the hardware of a scene, can do a loop in real time."""
+"""graspfx doctor: test whether this machine, and a device or a scene's hardware, can run a real-time loop."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.commands.arguments import add_overrides
+from graspfx.commands.arguments import add_options, add_overrides
 from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.loudness import is_quiet
-from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_json, require_place
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, require_place
 from graspfx.errors import InputError
-from graspfx.machine.finding import Finding
+from graspfx.machine.findings import Finding
 from graspfx.machine.system_checks import machine_kind, system_findings
 from graspfx.progress import waiting
 from graspfx.recording.files import placing
@@ -27,11 +26,14 @@ PERIOD = 0.001  # [s]
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "subject", metavar="DEVICE_OR_SCENE", nargs="?", help="a driver's name, or a scene whose hardware is opened"
+        "subject", metavar="DEVICE_OR_SCENE", nargs="?", help="name of a driver, or a scene whose hardware is opened"
     )
-    parser.add_argument("--period", metavar="S", type=float, help="of the loop (the scene's, or 0.001 s)")
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON, and nothing else")
-    add_destination(parser, "FILE", "write a report that can be sent, without names of ports or of this machine")
+    add_options(
+        parser,
+        ("--period S", "period of the loop [s] (default: the scene's, or 0.001)", float),
+        ("--json", "print the findings as JSON only"),
+    )
+    add_destination(parser, "FILE", "file of a report to send to others; it names neither ports nor this machine")
     add_overrides(parser)
 
 
@@ -43,16 +45,16 @@ def execute(options: Namespace) -> int:
         require_room(options, [options.out])
     subject = _Subject(options)
     findings = list(system_findings())
-    with waiting("waking up for three seconds"):
-        from graspfx.machine import wake_jitter
+    with waiting("measuring wake-up times for three seconds"):
+        from graspfx.machine import timing_checks
 
-        findings += wake_jitter.Jitter(subject.period, wake_jitter.DURATION).findings()
+        findings += timing_checks.Jitter(subject.period, timing_checks.WAKE_DURATION).findings()
     if subject.stations:
         if not options.json:
-            note([f"{', '.join(name for name, _ in subject.features)} is opened at zero force: keep it still"])
+            note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: keep it still"])
         findings += subject.round_trips()
     if options.out is not None:
-        from graspfx.machine.lab_report import lab_report
+        from graspfx.machine.findings import lab_report
 
         with placing(options.out) as file:
             file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))
@@ -65,7 +67,7 @@ def execute(options: Namespace) -> int:
 
 
 class _Subject:
-    """The subject besides the machine: nothing, a device, or the hardware of a scene; connected, not opened."""
+    """Hardware to be tested: none, a device, or the hardware of a scene. It is connected but not opened."""
 
     def __init__(self, options: Namespace) -> None:
         self.period = options.period or PERIOD
@@ -121,7 +123,7 @@ class _Subject:
                 self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
                 self._note(table.name, wire.features, table.settings)
         if not self.stations:
-            raise InputError("scene", options.subject, "one with hardware: simulations are always on time")
+            raise InputError("scene", options.subject, "a scene with hardware: simulations are always on time")
 
     def _note(self, name: str, features: Features, settings: dict[str, Any]) -> None:
         label = Path(name).stem if name.endswith(".py") else name
@@ -130,7 +132,7 @@ class _Subject:
         self.settings += [str(value) for key, value in settings.items() if key in ("serial", "device", "port", "url")]
 
     def round_trips(self) -> Iterator[Finding]:
-        from graspfx.machine.round_trip import round_trip_findings
+        from graspfx.machine.timing_checks import round_trip_findings
 
         return round_trip_findings(self.stations, self.names, self.period)
 

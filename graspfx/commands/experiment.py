@@ -1,4 +1,4 @@
-"""graspfx experiment: trials with people, or with simulated observers; a recording and a row for each."""
+"""graspfx experiment: run trials with a person or a simulated observer; each has a recording and a table row."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from graspfx.commands.arguments import add_options
 from graspfx.commands.destination import OUT
-from graspfx.commands.interrupt import interruptible
-from graspfx.commands.loudness import is_quiet
-from graspfx.commands.output import FAULTS, INTERRUPTED, SUCCESS
+from graspfx.commands.output import FAULTS, INTERRUPTED, SUCCESS, interruptible, is_quiet
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,22 +30,26 @@ FACTOR = 2.718281828459045
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    text = "the path of an experiment's .toml file, or the name of one that comes with GraspFX: stiffness-jnd"
+    text = "path of an experiment's .toml file, or the name of a built-in one: stiffness-jnd"
     parser.add_argument("experiment", metavar="EXPERIMENT", help=text)
-    parser.add_argument("--participant", metavar="LABEL", default="01", help="letters and digits, as 03")
-    parser.add_argument("--session", metavar="LABEL", default="01", help="of the participant (01)")
-    parser.add_argument("--run", metavar="N", type=int, default=1, help="of the session, from 1 on")
-    parser.add_argument("--resume", action="store_true", help="go on with a session that was broken off")
-    simulate = "let the file's [observer] answer, with runs as fast as they compute"
-    parser.add_argument("--simulate", action="store_true", help=simulate)
-    parser.add_argument("--plan", action="store_true", help="print the order of the session, and run nothing")
-    parser.add_argument("--page", action="store_true", help="take answers from a page on this machine, too")
-    parser.add_argument("--port", metavar="N", type=int, help="of the page (the first that is free from 8080 on)")
-    parser.add_argument("--stream", action="store_true", help="stream states to other programs by a WebSocket")
-    parser.add_argument("--lsl", action="store_true", help="stream markers and rows by the Lab Streaming Layer")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the study (out/NAME)")
-    whole = "let the experiment and its scene name files outside of their folders: what is Python among them runs"
-    parser.add_argument("--trust", action="store_true", help=whole)
+    add_options(
+        parser,
+        ("--participant LABEL", "label of the participant, letters and digits (default: 01)", str, "01"),
+        ("--session LABEL", "label of the session (default: 01)", str, "01"),
+        ("--run N", "number of the run in the session (default: 1)", int, 1),
+        ("--resume", "continue an interrupted session"),
+        ("--simulate", "let the file's [observer] answer; runs are as fast as they compute"),
+        ("--plan", "print the order of the trials, and run none"),
+        ("--page", "also take answers from a page in a browser on this machine"),
+        ("--port N", "port of the page (default: the first free one from 8080)", int),
+        ("--stream", "stream states to other programs over a WebSocket"),
+        ("--lsl", "stream markers and rows over the Lab Streaming Layer"),
+        ("--out DIR", "folder of the study (default: out/NAME)", Path),
+        (
+            "--trust",
+            "let the experiment and its scene use files outside their folders; Python files are run",
+        ),
+    )
 
 
 def execute(options: Namespace) -> int:
@@ -89,7 +92,7 @@ def _run(
             watchers.append(page)
             tellers.append(page.tell)
         if options.stream:
-            from graspfx.live.stream.stream_socket import stream_of
+            from graspfx.live.stream.state_stream import stream_of
 
             stream, address = stream_of(stack)
             _say(address)
@@ -105,7 +108,7 @@ def _run(
         is_paced=not options.simulate,
     )  # fmt: skip
     if keys is not None:
-        from graspfx.system.terminal_keys import terminal_keys
+        from graspfx.system.terminal import terminal_keys
 
         stack.enter_context(terminal_keys(keys.press, keys.end if not options.page else _nothing))
     total, faults = len(trials.plan.slots), 0
@@ -123,9 +126,9 @@ def _run(
 
 
 def _farewell(done: int, total: int, reason: str) -> str:
-    """Say of a session that ended early what is done, why it ended, and how to go on."""
-    where = f"after trial {done} of {total}" if done else f"before the first of {total} trials was done"
-    return f"ended {where}: {reason}; the same command with --resume goes on with trial {done + 1}"
+    """Return the message of a session that ended early: trials done, the reason, and how to continue."""
+    where = f"after trial {done} of {total}" if done else f"before the first of {total} trials"
+    return f"ended {where}: {reason}; the same command with --resume continues with trial {done + 1}"
 
 
 def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitStack) -> AnswerPage:
@@ -140,8 +143,8 @@ def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitSta
 
 
 def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
-    """Print how often each condition was answered rightly, thresholds, and where the table is."""
-    from graspfx.experiment.thresholds import thresholds
+    """Print the correct answers for each condition, the thresholds, and the path of the table."""
+    from graspfx.experiment.staircase import thresholds
     from graspfx.experiment.trial_table import read_table
 
     if is_quiet():
@@ -151,7 +154,7 @@ def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
     right = Counter(row["condition"] for row in rows if row["correct"] == "true")
     judged = Counter(row["condition"] for row in rows if row["correct"] in ("true", "false"))
     for name, count in judged.items():
-        print(f"{name}: {right[name]} of {count} answers right")
+        print(f"{name}: {right[name]} of {count} answers correct")
     if experiment.table.staircase is not None and rows:
         for each in thresholds(experiment, rows):
             if each.trials:
@@ -171,8 +174,8 @@ def _print_plan(experiment: Experiment, options: Namespace) -> int:
 
 
 def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
-    """Open LSL streams of markers and of rows."""
-    from graspfx.experiment.lsl_markers import LslMarkers
+    """Open the LSL streams for markers and for rows."""
+    from graspfx.experiment.markers import LslMarkers
     from graspfx.live.lsl_outlet import RowStream
 
     rows = stack.enter_context(RowStream(f"GraspFX {experiment.name}"))
@@ -180,7 +183,7 @@ def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event]
 
 
 def _nothing() -> None:
-    """Do nothing: a page goes on without a terminal."""
+    """Do nothing: a session with a page continues when the terminal closes."""
 
 
 def _say(text: str) -> None:

@@ -1,10 +1,11 @@
-"""graspfx export: a recording as comma-separated text, netCDF or a bag of ROS, for other programs."""
+"""graspfx export: write a recording as CSV, netCDF or a ROS bag."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from graspfx.commands.arguments import add_options
 from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_file, file_in, require_room
 from graspfx.commands.output import SUCCESS, name_files, require_place, say_source
@@ -13,17 +14,17 @@ from graspfx.recording.files import placing
 
 ENDINGS = {"csv": ".csv", "nc": ".nc", "bag": ".bag", "mcap": ".mcap", "db3": ".db3"}
 FORMATS = ENDINGS | {"rosbag": ".mcap"}
-RECORDINGS = ("h5", "hdf5", "part")  # endings that a recording has: text under one of them would pass for it
+RECORDINGS = ("h5", "hdf5", "part")  # endings of recordings: another format must not use them
 EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc
   graspfx export out/latest --out waving.mcap"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="a recording, or its folder")
-    formats = "csv: a row per tick, a column per component (the default); nc: netCDF, which xarray and others open"
-    bags = "mcap (or rosbag), db3: bags of ROS 2; bag: of ROS 1"
-    parser.add_argument("--format", metavar="FORMAT", help=f"{formats}; {bags}; else by the ending of FILE")
-    add_file(parser, "the file, or its folder (recording.csv, recording.nc, ... beside the recording)")
+    parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="recording, or its folder")
+    formats = "csv: one row per tick, one column per component (default); nc: netCDF, for xarray and others"
+    bags = "mcap (or rosbag), db3: ROS 2 bag; bag: ROS 1 bag"
+    add_options(parser, ("--format FORMAT", f"{formats}; {bags}. Without --format the ending of FILE decides"))
+    add_file(parser, "output file, or its folder (default: recording.csv, recording.nc, ... beside the recording)")
 
 
 def execute(options: Namespace) -> int:
@@ -54,14 +55,14 @@ def execute(options: Namespace) -> int:
 
 
 def _require_ending(path: Path, kind: str) -> None:
-    """Require a file's ending not to be that of another format, nor of a recording, which it could replace."""
+    """Require that the ending of the file is not that of another format or of a recording."""
     ending = path.suffix[1:].lower()
     if f".{ending}" != FORMATS[kind] and (ending in ENDINGS or ending in RECORDINGS):
         raise InputError("--out", str(path), f"a file that ends in {FORMATS[kind]}", "or name another --format")
 
 
 def _format(options: Namespace) -> str:
-    """Choose the format: the one that is named, or that of the file's ending, or text."""
+    """Return the format: --format, else the one of the file's ending, else csv."""
     ending = Path(options.out or "").suffix[1:]
     kind: str = options.format or (ending if ending in ENDINGS else "csv")
     if kind not in FORMATS:

@@ -1,4 +1,4 @@
-"""graspfx list: the scenes, devices, hands and dynamics there are, with a line about each."""
+"""graspfx list: list scenes, devices, hands and dynamics, with one line about each."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ def execute(options: Namespace) -> int:
 
 
 def presets_of(path: Path | None) -> dict[str, str]:
-    """Read the presets of a scene in TOML, each with its reason; none where they cannot be read."""
+    """Read the presets of a TOML scene, each with its reason; return none if they cannot be read."""
     if path is None or path.suffix != ".toml":
         return {}
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8")).get("preset", {})
         return {name: " ".join(str(preset["reason"]).split()) for name, preset in table.items()}
-    except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):  # `check` says what is wrong
+    except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):  # `check` reports the fault
         return {}
 
 
 def line_about(path: Path | None) -> str:
-    """Read a scene's title, or the first line of a Python file's docstring; empty where there is none."""
+    """Read the title of a scene, or the first line of a Python file's docstring; empty if there is none."""
     try:
         text = path.read_text(encoding="utf-8") if path is not None else ""
         if path is not None and path.suffix == ".toml":
             line = str(tomllib.loads(text).get("title", ""))
         else:
             line = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
-    except (OSError, ValueError, SyntaxError, RecursionError):  # `check` says what is wrong with it
+    except (OSError, ValueError, SyntaxError, RecursionError):  # `check` reports the fault
         return ""
     line = " ".join(line.split()).rstrip(".")
     return f"{line}  " if line else ""

@@ -1,14 +1,20 @@
-"""Messages of commands, places for their pictures, and their exit codes."""
+"""Messages and exit codes of commands: -v and -q, Ctrl-C, notes, faults, names of written files."""
 
 from __future__ import annotations
 
+import signal
 import sys
-from collections.abc import Iterable, Sequence
+import threading
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
+from graspfx.log import DEBUG, INFO
+from graspfx.log import NAME as LOGGER
 from graspfx.progress import waiting
 from graspfx.recording.files import PART, is_part, part_of, placing
 
@@ -19,10 +25,80 @@ if TYPE_CHECKING:
 SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
   {SUCCESS}    done
-  {REFUSED}    `check --strict` of a scene that is not stable; a `replay` with other bits; `doctor` with remedies
-  {WRONG}    an error, said on standard error: bad arguments or scene, a file in the way, a disk that is full
-  {FAULTS}    the run has faults, as of a device that broke off: from there on every force is zero
-  {INTERRUPTED}  interrupted by Ctrl-C; a run's rows so far are in its recording"""
+  {REFUSED}    `check --strict`: the scene is not stable; `replay`: other bits; `doctor`: something to remedy
+  {WRONG}    an error, described on standard error: invalid arguments or scene, an existing file, a full disk
+  {FAULTS}    the run has faults, such as a lost device: all forces are zero from then on
+  {INTERRUPTED}  interrupted by Ctrl-C; the recording holds the rows so far"""
+
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+def add_loudness(parser: ArgumentParser) -> None:
+    """Add -v and -q."""
+    group = parser.add_mutually_exclusive_group()
+    meaning = "log to standard error: the engine, programs compiled or cached, files; -vv logs details"
+    group.add_argument("-v", "--verbose", action="count", default=0, help=meaning)
+    meaning = "print errors and requested answers only: no notes, warnings, file names or summary of a run"
+    group.add_argument("-q", "--quiet", action="store_true", help=meaning)
+
+
+def is_quiet() -> bool:
+    """Tell whether the running command has -q."""
+    return _quiet.get()
+
+
+@contextmanager
+def loudness(options: Namespace) -> Iterator[None]:
+    """Apply -v and -q within the block."""
+    token = _quiet.set(bool(getattr(options, "quiet", False)))
+    try:
+        with _listening(int(getattr(options, "verbose", 0))):
+            yield
+    finally:
+        _quiet.reset(token)
+
+
+@contextmanager
+def _listening(verbose: int) -> Iterator[None]:
+    if not verbose:
+        yield
+        return
+    import logging
+
+    logger = logging.getLogger(LOGGER)
+    handler, level = logging.StreamHandler(sys.stderr), logger.level
+    handler.setFormatter(logging.Formatter("%(message)s" if verbose == 1 else "%(relativeCreated)6d ms  %(message)s"))
+    logger.addHandler(handler)
+    logger.setLevel(INFO if verbose == 1 else DEBUG)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether Ctrl-C was pressed; a second Ctrl-C ends the process.
+
+    This is a flag because an exception raised by the signal can be lost inside a library's callback.
+    """
+
+    def ask(number: int, frame: object) -> None:
+        signals.append(number)
+        signal.signal(number, signal.SIG_DFL)
+
+    signals: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if not ours:  # the signal is ignored, as in the background, or has another handler
+        yield lambda: False
+        return
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield lambda: bool(signals)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def doubts(scene: Scene) -> list[str]:
@@ -39,12 +115,12 @@ def note(notes: Iterable[str]) -> None:
 
 
 def warn_of_hardware() -> None:
-    """Say that hardware is about to exert forces, before it does: whoever has a finger in it is to know."""
-    print("HARDWARE IS GOING TO BE ARMED: its fingers feel forces from now on", flush=True)
+    """Warn the user before hardware exerts forces."""
+    print("HARDWARE IS GOING TO BE ARMED: fingers feel forces from now on", flush=True)
 
 
 def say_faults(recording: Recording) -> int:
-    """Print a run's faults; return the exit code that goes with them."""
+    """Print the faults of a run; return the exit code."""
     for fault in recording.faults:
         print(fault, file=sys.stderr)
     return FAULTS if recording.faults else SUCCESS
@@ -62,7 +138,7 @@ def print_json(value: object) -> None:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings as `graspfx.show.plot.figure` does with these options."""
+    """Draw recordings with `graspfx.show.plot.figure`; the options are passed on."""
     require_place(picture)
     with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
         from graspfx.show.plot import figure
@@ -71,19 +147,20 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
-    """Note which file was read where that is not what was asked for, or not all there is."""
+    """Note which file was read if it is a part file, or if a newer part file stands beside it."""
     if is_part(file):
         seconds = recording.end
-        note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(request, file)])
+        text = f"read {seconds:g} s from {file}, of a run that is not finished or was killed"
+        note([text + _instead_of(request, file)])
     elif part_of(file).is_file():
-        note([f"{file} is read; {part_of(file).name} beside it is of a later run, which goes on or was killed"])
+        note([f"read {file}; {part_of(file).name} beside it is of a later run that is not finished or was killed"])
 
 
 def _instead_of(request: Path, file: Path) -> str:
-    return "" if request == file else f"; {file.name.removesuffix(PART)} is not there yet"
+    return "" if request == file else f"; {file.name.removesuffix(PART)} does not exist yet"
 
 
 def require_place(picture: Path) -> None:
-    """Refuse a folder where the picture goes, before the run."""
+    """Require, before the run, that the picture's path is not a folder."""
     if picture.is_dir():
-        raise RecordingError(f"{picture}: is a folder, where the picture is to go; choose another --out")
+        raise RecordingError(f"{picture}: is a folder, but the picture needs this name; choose another --out")

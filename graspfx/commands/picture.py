@@ -1,4 +1,4 @@
-"""graspfx picture: one instant of a run drawn, with objects, fingers and forces as arrows."""
+"""graspfx picture: draw one instant of a run, with objects, fingers, and forces as arrows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_overrides, add_style, picture_name
+from graspfx.commands.arguments import add_options, add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_file, destination, file_in, require_room
 from graspfx.commands.output import name_files, note, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
@@ -23,20 +23,22 @@ EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING_OR_SCENE", help="a recording, its folder, or a scene to run")
+    parser.add_argument("recording", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
     add_overrides(parser)
-    parser.add_argument("--time", metavar="S", type=float, help="of the instant (where the forces are largest)")
+    add_options(parser, ("--time S", "time of the instant [s] (default: when the forces are largest)", float))
     parser.add_argument(
         "--view",
         metavar="DEG",
         type=float,
         nargs=2,
-        help="azimuth and elevation of the viewer (where fingers are seen)",
+        help="azimuth and elevation of the camera [deg] (default: a view that shows the fingers)",
     )
-    parts = "internal and external force of each finger (two), or its total force"
+    parts = "forces to draw for each finger: internal and external (two), or total"
     parser.add_argument("--forces", choices=("two", "total"), default="two", help=parts)
     add_style(parser)
-    meaning = "the picture, or its folder (picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
+    meaning = (
+        "output file, or its folder (default: picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
+    )
     add_file(parser, meaning)
 
 
@@ -60,7 +62,7 @@ def _draw_recording(source: Path, options: Namespace) -> int:
     if options.overrides:
         raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{source} has been run")
     if options.preset:
-        raise InputError("--preset", options.preset, "a scene that has it", f"{source} has been run")
+        raise InputError("--preset", options.preset, "a scene with this preset", f"{source} has been run")
     file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
     path = file_in(options, file.parent, picture_name(PICTURE, options))
     _require_room(path, options)
@@ -75,9 +77,9 @@ def _draw_scene(path: Path, options: Namespace) -> int:
 
     scene = load(options.recording, dict(options.overrides), preset=options.preset)
     if options.time is not None and not 0.0 <= options.time <= scene.duration:
-        remedy = "--set duration=... runs it longer"
+        remedy = "--set duration=... extends the run"
         raise InputError(
-            "--time", options.time, f"a time from 0 to {scene.duration:g} s, which the scene takes", remedy
+            "--time", options.time, f"a time from 0 to {scene.duration:g} s, the duration of the scene", remedy
         )
     duration = None if options.time is None else options.time + scene.period
     return _draw(run(scene, duration=duration), path, scene.source.folder, options)
@@ -112,7 +114,7 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
 
 def scene_folder(header: Header) -> Path | None:
-    """Find the folder where the scene's paths start: the recorded one, or a scene of that name; None for neither."""
+    """Find the folder to which the scene's paths are relative: the recorded one, else that of a scene of this name."""
     from graspfx.plugins import find
 
     folder = Path(header.scene_folder)

@@ -1,4 +1,4 @@
-"""graspfx plot: one recording drawn, or several side by side."""
+"""graspfx plot: draw one recording, or several side by side."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from graspfx.commands.arguments import add_style, picture_name, recording
+from graspfx.commands.arguments import add_options, add_style, picture_name, recording
 from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.loudness import is_quiet
-from graspfx.commands.output import SUCCESS, draw, name_files, say_source
+from graspfx.commands.output import SUCCESS, draw, is_quiet, name_files, say_source
 from graspfx.progress import waiting
 
 EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf --width page"""
@@ -17,11 +16,11 @@ EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "recordings", metavar="RECORDING", nargs="+", type=recording, help="one or more, or their folders"
+        "recordings", metavar="RECORDING", nargs="+", type=recording, help="one or more recordings, or their folders"
     )
-    parser.add_argument("--brief", action="store_true", help="depth, squeeze and push alone, in figure and table")
+    add_options(parser, ("--brief", "show depth, squeeze and push only, in figure and table"))
     add_style(parser)
-    add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
+    add_destination(parser, "DIR", "folder of the figure (default: that of the first recording)")
 
 
 def execute(options: Namespace) -> int:
@@ -47,6 +46,6 @@ def execute(options: Namespace) -> int:
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
-    """Label recordings: by their folders' names if those differ, else by their paths."""
+    """Label recordings by the names of their folders if these differ, else by their paths."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]

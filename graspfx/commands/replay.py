@@ -1,4 +1,4 @@
-"""graspfx replay: a recording's fingers move again, and forces and objects are computed anew and compared."""
+"""graspfx replay: move the fingers as recorded, compute forces and objects again, and compare them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_values
+from graspfx.commands.arguments import add_options, add_values
 from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_destination, require_room_of
-from graspfx.commands.loudness import is_quiet
-from graspfx.commands.output import REFUSED, SUCCESS, name_files, note, print_json, say_source
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, say_source
 from graspfx.recording.files import NAME, make_folder, recording_file
 
 if TYPE_CHECKING:
@@ -19,14 +18,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = """  graspfx replay out/latest
   graspfx replay out/latest --set coupling.internal.stiffness=80 --out out/stiffer"""
-OPEN_LOOP = "open loop: what would have been felt on the recorded way; no finger gives way to another force"
+OPEN_LOOP = "open loop: the forces along the recorded motion, which does not respond to them"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="a recording, or its folder")
     add_values(parser)
-    add_destination(parser, "DIR", "folder in which the replay is written as recording.h5; none if not given")
-    parser.add_argument("--json", action="store_true", help="print the comparison as JSON, and nothing else")
+    add_destination(parser, "DIR", "folder for the replay's recording.h5 (default: write nothing)")
+    add_options(parser, ("--json", "print the comparison as JSON only"))
 
 
 def execute(options: Namespace) -> int:
@@ -56,7 +55,7 @@ def execute(options: Namespace) -> int:
 
 
 def _lines(replay: Replay) -> Iterator[str]:
-    """Say what was compared, and the largest differences first."""
+    """Describe the comparison, the largest differences first."""
     original, count = replay.original, len(replay.columns)
     text = f"{original.header.scene or 'a recording'}: {len(original)} ticks, {count} columns replayed"
     if replay.is_open_loop:
@@ -65,14 +64,14 @@ def _lines(replay: Replay) -> Iterator[str]:
         if not replay.differences:
             yield "  no difference"
     elif replay.differences:
-        yield f"{text}; {len(replay.differences)} of them are not those of the recording"
+        yield f"{text}; {len(replay.differences)} of them differ from the recording"
         yield from (f"  {each}" for each in replay.differences)
     else:
-        yield f"{text}; each is that of the recording to the bit: largest difference 0"
+        yield f"{text}; all are equal to the recording, bit for bit: largest difference 0"
 
 
 def _reasons(replay: Replay) -> Iterator[str]:
-    """List what may be the reason of other bits: programs and machines that are not those of the recording."""
+    """List possible reasons for different bits: other versions, another machine."""
     then, now = replay.original.header, replay.recording.header
     for name, version in then.versions.items():
         if now.versions.get(name, version) != version:

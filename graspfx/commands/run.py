@@ -1,4 +1,4 @@
-"""graspfx run: simulate a scene, record it and sum it up."""
+"""graspfx run: simulate a scene, record it and print a summary."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx import log
-from graspfx.commands.arguments import add_scene, add_style, picture_name
+from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room, require_room_of
-from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import (
     INTERRUPTED,
     doubts,
     draw,
+    is_quiet,
     name_files,
     note,
     print_json,
@@ -37,14 +37,15 @@ EXAMPLE = """  graspfx run paper-waving --set coupling.internal.stiffness=50 --o
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--duration", metavar="S", type=float, help="seconds to run instead of the scene's own")
-    parser.add_argument(
-        "--real-time", action="store_true", help="keep to the wall's clock, as a scene with hardware has to"
+    add_options(
+        parser,
+        ("--duration S", "simulated time [s] (default: the scene's)", float),
+        ("--real-time", "run in real time; scenes with hardware always do"),
     )
-    add_destination(parser, "DIR", "folder of recording.h5 and figure.png (out/SCENE, or out/SCENE-2, ...)")
-    parser.add_argument("--no-figure", action="store_true", help="draw nothing")
+    add_destination(parser, "DIR", "folder of recording.h5 and figure.png (default: out/SCENE, out/SCENE-2, ...)")
+    add_options(parser, ("--no-figure", "draw no figure"))
     add_style(parser)
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON, and nothing else")
+    add_options(parser, ("--json", "print the summary as JSON only"))
 
 
 def execute(options: Namespace) -> int:
@@ -66,7 +67,7 @@ def execute(options: Namespace) -> int:
 
 
 def _require_room(folder: Path, options: Namespace) -> None:
-    """Refuse where a file of the run is in the way, before anything is loaded."""
+    """Require that no output file exists, before anything is loaded."""
     if not options.no_figure:
         picture = folder / picture_name(PICTURE, options)
         require_place(picture)
@@ -75,9 +76,9 @@ def _require_room(folder: Path, options: Namespace) -> None:
 
 
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
-    """Run a scene and write its files into a folder; return the exit code, and whether the run came to its end."""
+    """Run a scene and write its files into a folder; return the exit code, and whether the run is complete."""
     from graspfx.assembly.run import run
-    from graspfx.commands.interrupt import interruptible
+    from graspfx.commands.output import interruptible
     from graspfx.show.summary_table import remarks
 
     if log.is_heard():
@@ -109,8 +110,8 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     if options.no_figure:
         return code, True
     if find_spec("matplotlib") is None:
-        note(["no figure: the package 'matplotlib' is not installed; pip install matplotlib, or say --no-figure"])
-    else:  # last: matplotlib takes longer to load than most runs
+        note(["no figure: the package 'matplotlib' is not installed; pip install matplotlib, or add --no-figure"])
+    else:  # last, because loading matplotlib takes longer than most runs
         sys.stdout.flush()
         draw([recording], picture, f"; the run is in {file}", width=options.width)
         if not options.json:
@@ -128,7 +129,7 @@ def _log_plan(scene: Readable) -> None:
 
 
 def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
-    """Let a Python file make its scene, which is checked unless the very same one was before; with its notes."""
+    """Load a scene from a Python file, with its warnings. A scene that was checked before is not checked again."""
     with waiting(f"checking {options.scene}"):
         from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.scene.load import load
@@ -145,7 +146,7 @@ def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
-    """Load the scene, and warnings about likely mistakes."""
+    """Load the scene; return it with warnings about likely mistakes."""
     with waiting(f"checking {options.scene}"):
         from graspfx.scene.load import load
 

@@ -1,4 +1,4 @@
-"""graspfx schema: the JSON schema of a scene."""
+"""graspfx schema: print the JSON schema of a scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""graspfx stability: how far gains can go, also over ranges of keys."""
+"""graspfx stability: print the stability limits of the gains, also over ranges of keys."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_scene, add_style, picture_name
-from graspfx.commands.certificate import certify
+from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
-from graspfx.errors import UnknownNameError
+from graspfx.errors import GraspFXError, UnknownNameError
 from graspfx.progress import waiting
 from graspfx.recording.files import placing
 
@@ -30,7 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY=FROM:TO:COUNT",
         action="append",
         default=[],
-        help="a range of one key; a second one makes a map",
+        help="range of a key; a second range makes a map",
     )
     parser.add_argument(
         "--plot",
@@ -41,21 +40,21 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="?",
         const="",
         default=[],
-        help="draw bode, nyquist or z-width; may be given again for another",
+        help="diagram to draw: bode, nyquist or z-width; may be repeated",
     )
     add_destination(
-        parser, "DIR", "folder of the pictures, stability.png of a --sweep (out/SCENE, or out/SCENE-2, ...)"
+        parser, "DIR", "folder of the figures; --sweep writes stability.png (default: out/SCENE, out/SCENE-2, ...)"
     )
     add_style(parser)
-    parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
+    add_options(parser, ("--json", "print the limits as JSON only"))
 
 
 def diagram(text: str) -> str:
-    """Take the name of a diagram, or say which there are.
+    """Return the name of a diagram.
 
     Raises:
-        UnknownNameError: another name.
-        ArgumentTypeError: none.
+        UnknownNameError: No diagram has that name.
+        ArgumentTypeError: The name is missing.
     """
     if not text:
         raise ArgumentTypeError(f"which one? {', '.join(PLOTS[:-1])} or {PLOTS[-1]}")
@@ -79,14 +78,29 @@ def execute(options: Namespace) -> int:
         if options.json:
             print_json(limits_of_scene(scene).to_dict())
         else:
-            certify(scene)
+            _print_certificate(scene)
         return SUCCESS
     with destination(options, Path(options.scene).stem) as folder:
         return _draw_into(folder, scene, sweeps, options)
 
 
+def _print_certificate(scene: Scene) -> None:
+    """Print the certificate of a scene, or the reason why there is none."""
+    from graspfx.certificate.certificate import lines
+    from graspfx.certificate.certify import certificates
+
+    try:
+        with waiting(f"finding the limits of {scene.source.name}"):
+            certificates_ = certificates(scene)
+    except GraspFXError as error:
+        print(f"stability is not judged: {' '.join(str(error).split())}")
+        return
+    for certificate in certificates_:
+        print(*lines(certificate), sep="\n")
+
+
 def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
-    """Draw the diagrams that --plot names, of the scene's loop at rest; the Z-width is that of its first device."""
+    """Draw the diagrams of --plot for the scene's loop at rest; the Z-width is that of its first device."""
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
     from graspfx.recording.files import make_folder

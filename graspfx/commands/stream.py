@@ -1,4 +1,4 @@
-"""graspfx stream: a scene runs, and other programs have its states, by a WebSocket or the Lab Streaming Layer."""
+"""graspfx stream: run a scene, and stream its states over a WebSocket or the Lab Streaming Layer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Literal
 
-from graspfx.commands.arguments import add_scene
+from graspfx.commands.arguments import add_options, add_scene
 from graspfx.commands.destination import add_destination, require_room_of
-from graspfx.commands.interrupt import interruptible
-from graspfx.commands.output import FAULTS, SUCCESS, doubts, name_files, note, warn_of_hardware
+from graspfx.commands.output import FAULTS, SUCCESS, doubts, interruptible, name_files, note, warn_of_hardware
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
@@ -25,35 +24,46 @@ if TYPE_CHECKING:
 EXAMPLE = """  graspfx stream paper-waving
   graspfx stream sphere-three-fingers --goals --rate 90
   graspfx stream paper-waving --lsl"""
-RATE = 60.0  # of states [Hz]
-TOKEN = "GRASPFX_TOKEN"  # of the environment: an argument can be read by everybody on the machine
-LOOK = 0.1  # between two looks whether to end [s]
+RATE = 60.0  # default rate of states [Hz]
+TOKEN = "GRASPFX_TOKEN"  # environment variable; everybody on the machine can read an argument
+LOOK = 0.1  # interval between checks whether to end [s]
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--rate", metavar="HZ", type=float, default=RATE, help="of states, 1 to 120 (60)")
-    parser.add_argument("--goals", action="store_true", help="let clients lead the hands of simulated fingers")
+    add_options(
+        parser,
+        ("--rate HZ", "rate of states [Hz], 1 to 120 (default: 60)", float, RATE),
+        ("--goals", "let clients move the hands of simulated fingers"),
+    )
     add_stream(parser)
-    parser.add_argument("--lsl", action="store_true", help="stream rows by the Lab Streaming Layer, too")
-    parser.add_argument("--seconds", metavar="S", type=float, help="after which it ends by itself")
-    add_destination(parser, "DIR", f"folder of {NAME}; nothing is recorded if not given")
+    add_options(
+        parser,
+        ("--lsl", "also stream rows over the Lab Streaming Layer"),
+        ("--seconds S", "time after which the command ends [s]", float),
+    )
+    add_destination(parser, "DIR", f"folder of {NAME} (default: record nothing)")
 
 
 def add_stream(parser: ArgumentParser) -> None:
     """Add --port, --lan, --token and --origin."""
-    parser.add_argument("--port", metavar="N", type=int, help="of the stream (the first that is free from 8770 on)")
-    parser.add_argument("--lan", action="store_true", help="let programs of other machines in the network in, too")
-    secret = f"that clients bring, 16 letters or more; or ${TOKEN}, which others cannot see (a new one is printed)"
-    parser.add_argument("--token", metavar="TEXT", help=secret)
-    pages = "let a browser's page from there open the stream, as http://localhost:5000"
+    add_options(
+        parser,
+        ("--port N", "port of the stream (default: the first free one from 8770)", int),
+        ("--lan", "accept programs on other machines in the network"),
+        (
+            "--token TEXT",
+            f"token of clients, 16 letters or more (default: ${TOKEN}, which other users cannot see, or a new one)",
+        ),
+    )
+    pages = "origin of a web page that may open the stream, such as http://localhost:5000"
     parser.add_argument("--origin", metavar="URL", action="append", default=[], help=pages)
 
 
 def execute(options: Namespace) -> int:
     from graspfx.assembly.resolve import resolve
     from graspfx.live.live_run import LiveRun
-    from graspfx.live.stream.stream_socket import stream_of
+    from graspfx.live.stream.state_stream import stream_of
     from graspfx.scene.load import load
     from graspfx.screen.socket_thread import require_websockets
 
@@ -68,8 +78,8 @@ def execute(options: Namespace) -> int:
         notes = doubts(scene)
     note(notes)
     if options.goals and parts.hardware:
-        do = "where a person's hand is, nobody else leads"
-        raise InputError("--goals", "a scene with hardware", "simulated fingers alone", do)
+        do = "clients must not move a finger that a person holds"
+        raise InputError("--goals", "a scene with hardware", "simulated fingers only", do)
     guide: Literal["hands", "fingers"] = "hands" if scene.hand else "fingers"
     with interruptible() as stop, ExitStack() as stack:
         stream, address = stream_of(
@@ -86,7 +96,7 @@ def execute(options: Namespace) -> int:
         stack.callback(stream.detach)
         if options.lsl:
             _stream_rows(scene, run, stack)
-        _tell(f"{address}\nthe token is the stream's key; Ctrl-C ends it")
+        _tell(f"{address}\nwhoever has the token can open the stream; Ctrl-C ends it")
         _wait(run, stop, options.seconds)
         fault = str(run.fault.message) if run.fault is not None else run.cause
     if options.out is not None:

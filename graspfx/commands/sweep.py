@@ -1,4 +1,4 @@
-"""graspfx sweep: many variants of a scene, in chunks that stay, as one file, a table and a figure."""
+"""graspfx sweep: simulate many variants of a scene; write one file, a table and a figure; resume after a stop."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.commands.arguments import add_scene, add_style, picture_name
+from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
 from graspfx.commands.destination import OUT, add_destination, destination
 from graspfx.commands.output import INTERRUPTED, SUCCESS, name_files, note, print_json, require_place
 from graspfx.errors import InputError
@@ -20,33 +20,39 @@ if TYPE_CHECKING:
 
 EXAMPLE = """  graspfx sweep paper-spring --over coupling.external.stiffness=20:70:25 --over object.viscosity=0.4:1.6:20
   graspfx sweep paper-spring --over object.mass=0.05:0.4 --over object.viscosity=0.4:1.6 --sample lhs:500"""
-MOST = 3  # variants at either end of the table, and reasons of failures
+MOST = 3  # variants at each end of the table; reasons for failures
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument(
         "--over", metavar="KEY=FROM:TO:COUNT", action="append", default=[],
-        help="a key and its values: evenly spaced, with :log in even ratios, or a list as in object.mass=0.1,0.2; "
-        "another one makes a grid",
+        help="key and its values: evenly spaced, logarithmic with :log, or a list such as object.mass=0.1,0.2; "
+        "a second key makes a grid",
     )  # fmt: skip
-    parser.add_argument("--zip", action="store_true", help="take first values together, then second ones, ...")
-    parser.add_argument("--sample", metavar="lhs:N", default="", help="N variants of a Latin hypercube, not a grid")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the sample (0)")
-    parser.add_argument("--duration", metavar="SECONDS", type=float, help="instead of the scene's own")
+    add_options(
+        parser,
+        ("--zip", "combine the first values of all keys, then the second ones, ..."),
+        ("--sample lhs:N", "N variants from a Latin hypercube instead of a grid", str, ""),
+        ("--seed N", "seed of the sample (default: 0)", int, 0),
+        ("--duration SECONDS", "simulated time [s] (default: the scene's)", float),
+    )
     parser.add_argument(
         "--measure", metavar="NAME", action="append", default=[],
-        help="a quantity, as finger_force, or one of its statistics, as finger_force.peak; the first ranks the table",
+        help="quantity, such as finger_force, or its statistic, as finger_force.peak; the first one ranks the table",
     )  # fmt: skip
-    parser.add_argument(
-        "--executor", metavar="KIND", help="threads:N or processes:N instead of this process on all processors"
+    add_options(
+        parser,
+        ("--executor KIND", "threads:N or processes:N (default: this process, on all processors)"),
+        ("--cluster ADDRESS", "dask cluster: local:N, or a scheduler tcp://HOST:PORT"),
+        ("--chunk N", "variants in a chunk (default: one or two seconds of computation)", int),
+        ("--resume", "continue an interrupted sweep"),
     )
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask: local:N, or tcp://HOST:PORT of a scheduler")
-    parser.add_argument("--chunk", metavar="N", type=int, help="variants in a chunk (a second or two of them)")
-    parser.add_argument("--resume", action="store_true", help="go on with the same sweep where it was")
-    add_destination(parser, "DIR", "folder of chunks/, sweep.nc and sweep.png (out/SCENE-sweep, or ...-2, ...)")
+    add_destination(
+        parser, "DIR", "folder of chunks/, sweep.nc and sweep.png (default: out/SCENE-sweep, out/SCENE-sweep-2, ...)"
+    )
     add_style(parser)
-    parser.add_argument("--json", action="store_true", help="print all values and measures as JSON, and nothing else")
+    add_options(parser, ("--json", "print all values and measures as JSON only"))
 
 
 def execute(options: Namespace) -> int:
@@ -64,7 +70,7 @@ def execute(options: Namespace) -> int:
         except KeyboardInterrupt as error:
             clear()
             done = str(error).partition(":")[0]
-            print(f"interrupted: {done}; the same command with --out {folder} --resume goes on", file=sys.stderr)
+            print(f"interrupted: {done}; the same command with --out {folder} --resume continues", file=sys.stderr)
             return INTERRUPTED
         notes = dict.fromkeys(result.notes)
         files = [folder / "sweep.nc", *_draw(result, folder, options, notes)]
@@ -79,7 +85,7 @@ def execute(options: Namespace) -> int:
 
 
 def _arguments(options: Namespace) -> dict[str, Any]:
-    """Read what the sweep is to be, before anything is loaded that takes long."""
+    """Return the arguments of `sweep`, checked before anything slow is loaded."""
     from graspfx.batch.batch import MEASURED
     from graspfx.batch.statistics import STATISTICS
     from graspfx.sweeps.chunk import RUN
@@ -88,7 +94,7 @@ def _arguments(options: Namespace) -> dict[str, Any]:
     if not options.over:
         raise InputError("--over", "nothing", "at least one key, as in --over object.viscosity=0.8:1.5:15")
     if options.cluster and options.executor:
-        raise InputError("--cluster", options.cluster, "no --executor beside it", "a cluster is one")
+        raise InputError("--cluster", options.cluster, "--cluster without --executor", "the cluster is the executor")
     values = dict(map(read_over, options.over))
     if len(values) < len(options.over):
         raise InputError("--over", ", ".join(options.over), "each key once")
@@ -117,7 +123,7 @@ def _cluster(address: str) -> str:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Split quantity and statistic; the latter is empty where all are meant."""
+    """Split a name into quantity and statistic; an empty statistic means all of them."""
     from graspfx.batch.statistics import STATISTICS
     from graspfx.sweeps.chunk import RUN, VERDICT
 
@@ -128,12 +134,12 @@ def _split(name: str) -> tuple[str, str]:
 
 @contextmanager
 def _place(options: Namespace) -> Iterator[Path]:
-    """Choose the folder: that of --out, or a new one; with --resume the last one of the scene."""
+    """Yield the folder: --out, or with --resume the scene's latest sweep, else a new folder."""
     name = f"{Path(options.scene).stem}-sweep"
     if options.out is None and options.resume:
         folders = [path.parent for path in OUT.glob(f"{name}*/sweep.json")]
         if not folders:
-            raise InputError("--resume", str(OUT / name), "a sweep that was begun", "name its folder with --out")
+            raise InputError("--resume", str(OUT / name), "an interrupted sweep", "give its folder with --out")
         yield max(folders, key=lambda path: path.stat().st_mtime_ns)
         return
     with destination(options, name) as folder:
@@ -141,7 +147,7 @@ def _place(options: Namespace) -> Iterator[Path]:
 
 
 def _draw(result: SweepResult, folder: Path, options: Namespace, notes: dict[str, None]) -> Iterator[Path]:
-    """Draw the measures that were asked for: curves and marginals on one sheet, a map for each; add what is to note."""
+    """Draw the chosen measures: curves and marginals on one sheet, one map for each measure; collect the notes."""
     from graspfx.progress import waiting
 
     names = [_whole(result, name) for text in options.measure for name in text.split(",") if name.strip()]
@@ -167,7 +173,7 @@ def _ranked(result: SweepResult, options: Namespace) -> str:
 
 
 def table(result: SweepResult, measure: str = "") -> Iterator[str]:
-    """Write the variants with the least and the largest of a measure, and say how many failed and why."""
+    """Write the variants with the smallest and largest values of a measure, and the failures with their reasons."""
     from shutil import get_terminal_size
 
     from graspfx.show.summary_table import ASCII, RULES, Column, lines
@@ -196,7 +202,7 @@ def table(result: SweepResult, measure: str = "") -> Iterator[str]:
         grows = int((values > 1.0).sum())
         yield f"growing, above 1: {grows} of {len(result)}"
     if result.unstable is not None:
-        yield f"NOT STABLE, as a run's own summary says: {int(result.unstable.sum())} of {len(result)}"
+        yield f"NOT STABLE, as judged from the runs: {int(result.unstable.sum())} of {len(result)}"
     yield f"faults: {faults}; failures: {failures}"
     for text in result.reasons(MOST):
         yield f"  {text}"
@@ -209,7 +215,7 @@ def _unit(result: SweepResult, name: str) -> str:
 
 
 def _titles(keys: list[str]) -> list[str]:
-    """Shorten keys to their last two parts, where these tell them apart."""
+    """Shorten keys to their last two parts if these are unique."""
     short = [".".join(key.split(".")[-2:]) for key in keys]
     return short if len(set(short)) == len(keys) else keys
 

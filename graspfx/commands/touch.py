@@ -1,4 +1,4 @@
-"""graspfx touch: a scene runs, and fingers on a touch screen move its fingers; the force is shown, not felt."""
+"""graspfx touch: run a scene whose fingers follow a touch screen. The force is shown, not felt."""
 
 from __future__ import annotations
 
@@ -8,34 +8,35 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_scene
+from graspfx.commands.arguments import add_options, add_scene
 from graspfx.commands.destination import add_destination, require_room, require_room_of
-from graspfx.commands.interrupt import interruptible
-from graspfx.commands.output import SUCCESS, WRONG, doubts, name_files, note
+from graspfx.commands.output import SUCCESS, WRONG, doubts, interruptible, name_files, note
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
-from graspfx.system import terminal_input
+from graspfx.system import terminal
 
 if TYPE_CHECKING:
     from socket import socket
 
     from graspfx.scene.model import Scene
-    from graspfx.screen.touch_gate import Gate
+    from graspfx.screen.gate import Gate
 
 EXAMPLE = """  graspfx touch paper-waving
   graspfx touch paper-waving --lan"""
 LOG = "touches.csv"
-INVITATION = "two fingers on the page hold the object; its force is shown, not felt. Ctrl-C ends it"
+INVITATION = "hold the object with two fingers on the page; its force is shown, not felt. Ctrl-C ends it"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    lan = "serve a tablet in the same network: by a code that is printed, each good for one screen"
-    parser.add_argument("--lan", action="store_true", help=lan)
-    parser.add_argument("--port", metavar="N", type=int, help="of the page (the first that is free from 8765 on)")
-    parser.add_argument("--seconds", metavar="S", type=float, help="after which it ends by itself")
-    add_destination(parser, "DIR", f"folder of {NAME} and {LOG}; nothing is recorded if not given")
+    add_options(
+        parser,
+        ("--lan", "serve a tablet in the same network; each printed code admits one screen"),
+        ("--port N", "port of the page (default: the first free one from 8765)", int),
+        ("--seconds S", "time after which the command ends [s]", float),
+    )
+    add_destination(parser, "DIR", f"folder of {NAME} and {LOG} (default: record nothing)")
 
 
 def execute(options: Namespace) -> int:
@@ -48,7 +49,7 @@ def execute(options: Namespace) -> int:
         raise InputError("--seconds", options.seconds, "a time above zero")
     require_websockets()
     if options.lan:
-        code("")  # so that what is missing is said before the scene begins
+        code("")  # raises for a missing package before the scene starts
     if options.out is not None:
         require_room_of(options, options.out / NAME)
         require_room(options, [options.out / LOG])
@@ -78,23 +79,23 @@ def _scene(options: Namespace) -> tuple[Scene, list[str]]:
 
 
 def _invite(line: socket, gate: Gate) -> None:
-    """Print the page's address; in a network with a token, which is good for one screen, and as a code."""
+    """Print the address of the page; in a network, with a token for one screen and as a QR code."""
     from graspfx.screen.touch_address import code, url
 
     if not gate.locked:
         print(url(line), flush=True)
         return
     address = url(line, gate.renew())
-    print(f"{code(address)}\n{address}\ngood for one screen within ten minutes; Enter prints another", flush=True)
+    print(f"{code(address)}\n{address}\nvalid for one screen and ten minutes; Enter prints another", flush=True)
 
 
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:
-    """Make what tells whether to end; with an open terminal Enter prints another code meanwhile."""
+    """Return a function that tells whether to end, and that prints another code after Enter."""
     end = None if seconds is None else time.monotonic() + seconds
-    is_open = gate.locked and terminal_input.is_watched()
+    is_open = gate.locked and terminal.is_watched()
 
     def look() -> bool:
-        if is_open and terminal_input.takes_line():
+        if is_open and terminal.takes_line():
             _invite(line, gate)
         return stop() or (end is not None and time.monotonic() > end)
 

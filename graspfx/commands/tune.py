@@ -1,4 +1,4 @@
-"""graspfx tune: the largest gains that keep a scene's margins in the hands of every operator of a set."""
+"""graspfx tune: find the largest gains that keep a scene's margins for every operator in a set."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from time import perf_counter
 
-from graspfx.commands.arguments import add_operators, add_scene
+from graspfx.commands.arguments import add_operators, add_options, add_scene
 from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
 from graspfx.progress import waiting
@@ -19,22 +19,28 @@ FILE = "tuned.toml"
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument(
-        "--maximise", metavar="FORMULA", default="internal.stiffness",
-        help="of measures and keys, as internal.stiffness (the default) or external.stiffness + internal.stiffness",
-    )  # fmt: skip
+    add_options(
+        parser,
+        (
+            "--maximise FORMULA",
+            "formula of measures and keys to maximise, such as external.stiffness + internal.stiffness "
+            "(default: internal.stiffness)",
+            str,
+            "internal.stiffness",
+        ),
+    )
     parser.add_argument(
         "--subject-to", metavar="COMPARISONS", action="append", default=[],
-        help="between commas, as in 'margin >= 1.3, grip >= 1.2' (margin >= 1.5)",
+        help="constraints, separated by commas, such as 'margin >= 1.3, grip >= 1.2' (default: margin >= 1.5)",
     )  # fmt: skip
     parser.add_argument(
         "--over", metavar="KEY=FROM:TO", action="append", default=[],
-        help="a key that may change; several may follow one --over (the gains of the formula)",
+        help="key to vary, with its range; takes several (default: the gains in the formula)",
     )  # fmt: skip
-    add_operators(parser, "own: the scene's own alone")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the hands that verify the answer (0)")
-    add_destination(parser, "DIR", f"folder of {FILE}, the tuned values as a preset; nothing is written if not given")
-    parser.add_argument("--json", action="store_true", help="print the answer as JSON, and nothing else")
+    add_operators(parser, "own: only the operator in the scene")
+    add_options(parser, ("--seed N", "seed of the operators that verify the result (default: 0)", int, 0))
+    add_destination(parser, "DIR", f"folder of {FILE}, a preset with the tuned values (default: write nothing)")
+    add_options(parser, ("--json", "print the result as JSON only"))
 
 
 def execute(options: Namespace) -> int:

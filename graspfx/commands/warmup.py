@@ -1,4 +1,4 @@
-"""graspfx warmup: compile the kernels of all scenes, and those that scenes bring, before they are needed."""
+"""graspfx warmup: compile the framework's kernels, and those of the given scenes, before they are needed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_overrides, scene
+from graspfx.commands.arguments import add_options, add_overrides, scene
 from graspfx.commands.output import SUCCESS, WRONG
 
 if TYPE_CHECKING:
@@ -18,9 +18,9 @@ EXAMPLE = """  graspfx warmup"""
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "scenes", metavar="SCENE", nargs="*", type=scene,
-        help="names, or paths of .toml or .py files, whose drivers bring kernels of their own (none)",
+        help="scenes whose drivers define kernels: names, or paths of .toml or .py files (default: none)",
     )  # fmt: skip
-    parser.add_argument("--kernels", action="store_true", help="only the kernels of all scenes, whatever is named")
+    add_options(parser, ("--kernels", "compile the framework's kernels only"))
     add_overrides(parser)
 
 
@@ -37,9 +37,7 @@ def execute(options: Namespace) -> int:
             print(f"{each.scene:<{width}}  {each.state:<9}  {each.why}", flush=True)
             code = WRONG
         elif each.state == NOTHING:
-            print(
-                f"{each.scene:<{width}}  {each.state:<9}  to compile: its kernels are those of all scenes", flush=True
-            )
+            print(f"{each.scene:<{width}}  {each.state:<9}  to compile: it defines no kernels", flush=True)
         else:
             size = f"{1e-3 * each.size:5.0f} kB"
             print(f"{each.scene:<{width}}  {each.state:<9}  {each.seconds:5.1f} s  {size}", flush=True)

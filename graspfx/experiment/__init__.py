@@ -1,13 +1,13 @@
-"""Experiments with people: trials in a planned order, answers, a recording and a row for each, and thresholds."""
+"""Experiments with people: trials in a planned order, answers, recordings, a table of trials, and thresholds."""
 
 from __future__ import annotations
 
 from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.experiment_file import load, names
-from graspfx.experiment.thresholds import Threshold, thresholds
+from graspfx.experiment.session_plan import williams_square
+from graspfx.experiment.staircase import Threshold, thresholds
 from graspfx.experiment.trial import Presentation, Row, Trial
-from graspfx.experiment.trial_order import williams_square
 from graspfx.experiment.trial_table import read_table
 
 __all__ = [

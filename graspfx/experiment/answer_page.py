@@ -1,4 +1,4 @@
-"""A page on which a participant answers: the question, a button for each answer, and if asked for the running scene."""
+"""Answer page for participants: the question, a button for each answer, and optionally the running scene."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
     from graspfx.scene.model import Scene
 
-FRAME = 1.0 / 30.0  # from a frame to the next [s]
+FRAME = 1.0 / 30.0  # interval between frames [s]
 READY = "Ready"
-SHAPES = ("object", "obstacle", "finger")  # tables that a picture follows from
+SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 
 
 class AnswerPage(RunLook):
-    """A page with buttons, on 127.0.0.1; a context manager, and a watcher of runs.
+    """Page with buttons on 127.0.0.1. A context manager; watches runs.
 
     Args:
-        title: of the experiment.
-        answers: by key.
-        press: is called with the key of a button, or with Enter.
-        scene: that is drawn; None for the question alone.
-        port: by default the first that is free from 8080 on.
+        title: Title of the experiment.
+        answers: Answers by key.
+        press: Function called with the key of a pressed button, or with Enter.
+        scene: Scene to draw; None for the question only.
+        port: Port of the page; None for the first free one from 8080.
 
     Raises:
-        MissingPackageError: no viser.
-        InputError: the port is in use.
+        MissingPackageError: viser is not installed.
+        InputError: The port is in use.
     """
 
     def __init__(
@@ -63,12 +63,12 @@ class AnswerPage(RunLook):
         self._text.content = f"<div class=gfx style='font-size:17px;padding:10px 12px'><b>{escape(text)}</b></div>"
 
     def attach(self, run: LiveRun) -> None:
-        """Draw a run from now on; once it is detached, its last picture stays."""
+        """Start drawing a run. Its last picture stays after it is detached."""
         if self._draws:
             super().attach(run)
 
     def close(self) -> None:
-        """Let every page go."""
+        """Close all pages."""
         super().close()
         self.server.stop()
 
@@ -82,7 +82,7 @@ class AnswerPage(RunLook):
         group.on_click(press)
 
     def _draw(self, scene: Scene) -> None:
-        """Draw what does not move, where it is not drawn already."""
+        """Draw the scene's shapes, unless they are drawn already."""
         table = scene.to_dict()
         look = repr([table.get(name) for name in SHAPES])
         if look != self._drawn:

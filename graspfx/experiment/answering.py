@@ -1,4 +1,4 @@
-"""Answering: keys that people press in a terminal or on a page, or a function that answers in their place."""
+"""Answers to trials: keys pressed in a terminal or on a page, or a function that answers."""
 
 from __future__ import annotations
 
@@ -11,42 +11,42 @@ from typing import NamedTuple, Protocol
 from graspfx.errors import InputError
 from graspfx.experiment.trial import Presentation
 
-LOOK = 0.05  # between two looks whether to stop [s]
-READY = "\n"  # key that says that a person is ready
-QUIET = 0.7  # from a key to the same one, where it was pressed anew: one that is held down repeats itself sooner [s]
+LOOK = 0.05  # interval between checks whether to stop [s]
+READY = "\n"  # key of a person who is ready
+QUIET = 0.7  # shortest time between two presses of a key; a key that is held down repeats faster [s]
 
 
 INTERRUPTION = "it was interrupted"
-END_OF_INPUT = "the input that answers came from has ended"
+END_OF_INPUT = "the input of answers has ended"
 
 
 class Stopped(Exception):
-    """The session is to end here, for a reason in words; it can go on later."""
+    """The session ends here, for the reason in the message; it can be resumed."""
 
 
 class Press(NamedTuple):
-    """A key that was pressed, or a button that stands for it, and when, of `time.monotonic` [s]."""
+    """A pressed key or button, and its time on the clock of `time.monotonic` [s]."""
 
     key: str
     clock: float
 
 
 class Answer(NamedTuple):
-    """A response, and when it came, of `time.monotonic` [s]."""
+    """A response, and its time on the clock of `time.monotonic` [s]."""
 
     response: str
     clock: float
 
 
 class Answerer(Protocol):
-    """Whoever answers."""
+    """Source of answers."""
 
     def ready(self, text: str) -> None:
-        """Wait until the person acts."""
+        """Show a text, and wait until the person is ready."""
         ...
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Take answers from now on; what came before counts for nothing."""
+        """Start accepting answers; earlier ones are discarded."""
         ...
 
     def has_answered(self) -> bool:
@@ -59,14 +59,14 @@ class Answerer(Protocol):
 
 
 class Keys:
-    """Answers by keys, from every source that presses them.
+    """Answers by keys, from a terminal, a page or both.
 
     Args:
-        tell: shows a text to the participant.
-        stop: whether the session is to end.
+        tell: Function that shows a text to the participant.
+        stop: Function that tells whether the session should end.
 
     Attributes:
-        presses: is where sources put what was pressed; None ends the session.
+        presses: Queue of pressed keys; None ends the session.
     """
 
     def __init__(self, tell: Callable[[str], object], stop: Callable[[], bool]) -> None:
@@ -77,18 +77,18 @@ class Keys:
         self._clocks: dict[str, float] = {}  # when each key was pressed last
 
     def press(self, key: str) -> None:
-        """Press a key, now."""
+        """Record that a key is pressed now."""
         self.presses.put(Press(key, time.monotonic()))
 
     def end(self) -> None:
-        """End the session where it waits next."""
+        """End the session at its next wait."""
         self.presses.put(None)
 
     def ready(self, text: str) -> None:
-        """Wait for Enter or the space bar, pressed anew after this was asked: one that is held down counts for nothing.
+        """Wait for a new press of Enter or the space bar; a key that is held down does not count.
 
         Raises:
-            Stopped: it is to end.
+            Stopped: The session should end.
         """
         self._clear()
         self._tell(text)
@@ -101,7 +101,7 @@ class Keys:
                 return
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Take answers from now on."""
+        """Start accepting answers."""
         self._clear()
         self._keys = keys
 
@@ -115,7 +115,7 @@ class Keys:
         """Wait for the answer.
 
         Raises:
-            Stopped: it is to end.
+            Stopped: The session should end.
         """
         while self._answer is None:
             press = self._next(LOOK)
@@ -153,11 +153,11 @@ class Keys:
 
 
 class Function:
-    """Answers by a function, as of a simulated observer.
+    """Answers by a function, such as a simulated observer.
 
     Args:
-        respond: gives one of the question's answers.
-        ready: is called before forces of hardware come, and returns once a person has acted; None without hardware.
+        respond: Function that returns one of the question's answers.
+        ready: Function called before hardware exerts forces; it returns when a person is ready. None without hardware.
     """
 
     def __init__(self, respond: Callable[[Presentation], str], ready: Callable[[str], object] | None = None) -> None:
@@ -165,23 +165,23 @@ class Function:
         self._answers: tuple[str, ...] = ()
 
     def ready(self, text: str) -> None:
-        """Call what waits for a person."""
+        """Wait for the person by calling `ready`."""
         if self._ready is not None:
             self._ready(text)
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Take the question's answers."""
+        """Note the possible answers."""
         self._answers = tuple(keys.values())
 
     def has_answered(self) -> bool:
-        """Say no: a function answers when it is asked."""
+        """Return False: a function answers only when asked."""
         return False
 
     def answer(self, presentation: Presentation) -> Answer:
-        """Ask the function.
+        """Return the function's answer.
 
         Raises:
-            InputError: its answer is none of the question's.
+            InputError: The answer is not one of the question's.
         """
         response = self._respond(presentation)
         if response not in self._answers:

@@ -1,4 +1,4 @@
-"""Stimuli for hardware: each is certified in full before the session, with the room that hardware needs."""
+"""Certification of stimuli for hardware: all are certified before the session, with a safety margin."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.certificate.report import check
 from graspfx.errors import InputError
-from graspfx.experiment.study import Study
-from graspfx.live.clamp import SHARE
+from graspfx.experiment.experiment_table import Study
+from graspfx.live.hardware_clamp import SHARE
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def require_certified(experiment: Study, plan: SessionPlan) -> None:
-    """Require that every stimulus of a session leaves hardware its room: each margin is 1/0.9 or more.
+    """Require that every stimulus of a session has the margin that hardware needs: at least 1/0.9.
 
     Raises:
-        InputError: one is not stable, comes too near to a limit, or cannot be judged.
+        InputError: A stimulus is not stable, is too close to a limit, or cannot be judged.
     """
     stimuli = list(_stimuli(plan))
     judged: list[Mapping[str, Any]] = []
@@ -43,7 +43,7 @@ def _require(experiment: Study, values: Mapping[str, Any]) -> None:
 
 
 def _stimuli(plan: SessionPlan) -> Iterator[Mapping[str, Any]]:
-    """List all values that intervals may have, each once: also increments that a staircase may choose."""
+    """List all distinct values of intervals, including every increment that a staircase may choose."""
     seen: list[Mapping[str, Any]] = []
     for slot in plan.slots:
         increments = plan.stairs[slot.cell.condition].increments.tolist() if slot.cell.is_adaptive else [math.nan]

@@ -1,4 +1,4 @@
-"""Stiffness as it was displayed: force over displacement in a recording, of internal and of external forces."""
+"""Displayed stiffness of a recording: force over displacement, for internal or external forces."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ SHARES: dict[str, Share] = {"coupling.internal.stiffness": "internal", "coupling
 def displayed_stiffness(recording: Recording, share: Share) -> float:
     """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over fingers that touch [N/m].
 
-    f is the internal or external part of the displayed forces of the fingers on the object, e that part of their
-    displacements from the contacts; of a spring without damping, k is its stiffness, to rounding.
+    f is the internal or external part of the displayed forces of the fingers on the object. e is the same part of
+    their displacements from the contacts. For a spring without damping, k is its stiffness to rounding.
 
     Args:
-        recording: with forces, positions and contacts.
-        share: which of the two forces.
+        recording: Recording with forces, positions and contacts.
+        share: Part of the force, "internal" or "external".
 
     Raises:
-        InputError: no such share; a recording in which it was not displayed.
+        InputError: The share is unknown, or the recording has no such displacement.
     """
     if share not in SHARES.values():
         raise InputError("share", share, "'internal' or 'external'")

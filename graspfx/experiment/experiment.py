@@ -1,4 +1,4 @@
-"""An experiment: a scene, what differs between its trials, and the sessions in which people answer."""
+"""Experiment: a scene, the conditions of its trials, and sessions with participants."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.experiment.answering import Answerer, Function
-from graspfx.experiment.experiment_table import WORD
+from graspfx.experiment.experiment_table import WORD, Study
 from graspfx.experiment.markers import Event, Markers
 from graspfx.experiment.presenters import Presenter, RealTime, Simulated
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.session_of_trials import SessionOfTrials
 from graspfx.experiment.session_plan import SessionPlan, session_plan
 from graspfx.experiment.simulated_observers import simulated_observer
-from graspfx.experiment.study import Study
 from graspfx.experiment.trial import Presentation, Row, Trial
 from graspfx.experiment.trial_table import begin, resume
 from graspfx.plugins import unchanged
@@ -30,12 +29,12 @@ SIMULATED, REAL_TIME = "simulated", "real time"
 
 
 class Experiment(Study):
-    """An experiment, as it was read from a file by `load`.
+    """Experiment read from a file by `load`.
 
     Args:
-        table: its tables.
-        scene: with the values of all trials.
-        source: where it came from.
+        table: Tables of the file.
+        scene: Scene with the values that all trials share.
+        source: Source of the tables.
     """
 
     def __repr__(self) -> str:
@@ -53,25 +52,25 @@ class Experiment(Study):
 
     @property
     def duration(self) -> float:
-        """Time of an interval [s]."""
+        """Duration of an interval [s]."""
         return self.scene.duration if self.table.duration is None else self.table.duration
 
     def plan(self, participant: str = "01", session: str = "01") -> SessionPlan:
-        """Plan a participant's session: the same for the same file, participant and session.
+        """Plan a participant's session. The plan depends only on the file, the participant and the session.
 
         Raises:
-            InputError: a label with other than letters and digits; a Latin square for no number.
-            MissingPackageError: a staircase without questplus.
+            InputError: A label has other characters than letters and digits, or a Latin square needs a number.
+            MissingPackageError: A staircase needs questplus, which is not installed.
         """
         for name, label in (("participant", participant), ("session", session)):
             require_label(name, label)
         return session_plan(self.table, participant, session)
 
     def order(self, participant: str = "01", session: str = "01") -> list[Trial]:
-        """List the trials of a session in their order; increments that a staircase will choose are nan.
+        """List the trials of a session in order; increments that a staircase will choose are NaN.
 
         Raises:
-            InputError, MissingPackageError: as of `plan`.
+            InputError, MissingPackageError: As in `plan`.
         """
         slots = self.plan(participant, session).slots
         return [
@@ -92,29 +91,29 @@ class Experiment(Study):
         resume: bool = False,
         stop: Callable[[], bool] | None = None,
     ) -> list[Row]:
-        """Run a session, in which a function answers.
+        """Run a session in which a function answers.
 
-        Each trial's row is on the disk before the next trial begins. A trial's interval is a run of its own, that
-        starts at rest.
+        The row of each trial is on the disk before the next trial begins. Each interval of a trial is a separate run
+        that starts at rest.
 
         Args:
-            out: the folder of the study; files in it are named as BIDS does.
-            respond: gives the answer to a trial that was shown; the experiment's simulated observer if not given.
-            participant, session: labels, letters and digits.
-            run: of the session, from 1.
-            real_time: whether intervals run by the wall's clock.
-            ready: is called with a text before forces of hardware come, and returns once the person has acted.
-            resume: whether a session that was broken off goes on with its next trial.
-            stop: asked again and again; the first True ends the session, to be resumed.
+            out: Folder of the study; its files have BIDS names.
+            respond: Function that answers a trial; None for the experiment's simulated observer.
+            participant, session: Labels of letters and digits.
+            run: Number of the run in the session, from 1.
+            real_time: Whether intervals run in real time.
+            ready: Function called with a text before hardware exerts forces; it returns when the person is ready.
+            resume: Whether to continue an interrupted session with its next trial.
+            stop: Function polled during the session; True ends the session, which can be resumed.
 
         Returns:
-            A row for each trial that was run now.
+            One row for each trial of this call.
 
         Raises:
-            InputError: hardware without real time or without `ready`, or that ended in a fault; a label with other
-                than letters and digits; an answer that is none.
-            RecordingError: the session is there already, or is not there to be resumed.
-            GraspFXError: whatever a run raises.
+            InputError: Hardware is used without `real_time` or `ready`, or has failed; a label has other characters
+                than letters and digits; or an answer is unknown.
+            RecordingError: The session exists already, or does not exist and cannot be resumed.
+            GraspFXError: A run raises it.
         """
         answerer = Function(respond or simulated_observer(self.table, participant, session), ready)
         show = RealTime if real_time else Simulated
@@ -134,10 +133,10 @@ class Experiment(Study):
         resume: bool = False, stop: Callable[[], bool], tell: Callable[[str], object] = lambda text: None,
         listeners: Sequence[Callable[[Event], object]] = (), is_paced: bool = True,
     ) -> SessionOfTrials:  # fmt: skip
-        """Open the files of a session, which the stack closes; its trials are yet to be run.
+        """Open the files of a session; `stack` closes them. The caller runs the trials.
 
         Raises:
-            InputError, RecordingError, MissingPackageError: as of `run`.
+            InputError, RecordingError, MissingPackageError: As in `run`.
         """
         if not 1 <= files.run <= 99:
             raise InputError("run", files.run, "a number from 1 to 99")
@@ -157,10 +156,10 @@ _resume = resume
 
 
 def require_label(name: str, label: str) -> None:
-    """Require a label that stands in names of files.
+    """Require a label that can be part of a file name.
 
     Raises:
-        InputError: it has other than letters and digits.
+        InputError: The label has other characters than letters and digits.
     """
     if re.fullmatch(WORD, str(label)) is None:
-        raise InputError(name, label, "letters and digits alone", "as in 03")
+        raise InputError(name, label, "letters and digits only", "such as 03")

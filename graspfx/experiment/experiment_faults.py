@@ -1,4 +1,4 @@
-"""Faults between the valid fields of an experiment: names, answers, and values that its scene does not take."""
+"""Faults between fields of an experiment: names, answers, and values that the scene refuses."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ OVERRIDE = " (set by an override)"
 
 
 def experiment_faults(table: ExperimentTable, source: Source) -> list[Finding]:
-    """Find the faults between fields that are valid by themselves, of an experiment or of a draft of one."""
+    """Find faults between fields that are valid individually, in an experiment or a draft of one."""
     faults: list[Finding] = []
     for check in (_design, _answers, _comparisons, _spans, _observer, lambda draft: _scene(draft, source)):
         with suppress(NotValid):
             for finding in check(table):
-                faults.append(finding)  # one by one: those before a field that is not valid stay
+                faults.append(finding)  # one by one, to keep the faults found before an invalid field
     return faults
 
 
 def scene_of(table: ExperimentTable, source: Source) -> Scene:
-    """Load the scene of an experiment with the values of all trials.
+    """Load the scene of an experiment, with the values that all trials share.
 
     Raises:
-        GraspFXError: as of `graspfx.load`.
+        GraspFXError: As in `graspfx.load`.
     """
     text = table.scene
     place = (source.folder or Path()) / text if plugins.is_file_name(text) else text
@@ -168,7 +168,7 @@ def _scene(table: ExperimentTable, source: Source) -> Iterator[Finding]:
 def _values(
     scene: Scene, before: Mapping[str, Any], values: Mapping[str, Any], at: Key, source: Source
 ) -> Iterator[Finding]:
-    """Find what is wrong with values of a scene, each at its own key."""
+    """Find the faults of values for the scene, each at its key."""
     for key, value in values.items():
         if _has_paths(value) and not source.is_trusted:
             yield (*at, key), "names a file: an experiment does so with --trust alone"
@@ -185,7 +185,7 @@ def _values(
 
 
 def _place(key: str, values: Mapping[str, Any]) -> Sequence[str]:
-    """Find the value that a fault is about: the one of its key, else the one that shares most of it."""
+    """Find the value that caused a fault: the one with its key, else the one with the most similar key."""
     if key in values:
         return [key]
     if len(values) == 1:

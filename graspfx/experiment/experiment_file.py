@@ -1,4 +1,4 @@
-"""Experiments by name or path: tables in TOML, with every fault at once, each with its line."""
+"""Loading of experiments from TOML files, with all faults reported at once."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ EXAMPLES = Path(__file__).parent / "examples"
 
 
 def names() -> dict[str, Path]:
-    """List the experiments that come with GraspFX, by name."""
+    """List the built-in experiments by name."""
     return {path.stem: path for path in sorted(EXAMPLES.glob("*.toml"))}
 
 
 def load(name: str | PathLike[str]) -> Experiment:
-    """Load an experiment: the name of one that comes with GraspFX, or the path of a .toml file.
+    """Load an experiment from the name of a built-in one or the path of a .toml file.
 
     Args:
-        name: such as "stiffness-jnd", or a path.
+        name: Name, such as "stiffness-jnd", or path.
 
     Raises:
-        SceneError: with every fault at once, each with its line; those that its scene has with its values, too.
-        UnknownNameError: no experiment has that name.
-        InputError: the path leads to no file.
+        SceneError: The experiment, or its scene with the experiment's values, has faults; all are listed with lines.
+        UnknownNameError: No experiment has that name.
+        InputError: The file does not exist.
     """
     if not isinstance(name, str | PathLike):
         raise InputError("experiment", name, "a name or the path of a .toml file")
@@ -50,7 +50,7 @@ def load(name: str | PathLike[str]) -> Experiment:
     elif text in names():
         path = names()[text]
     else:
-        raise UnknownNameError("experiment", text, names(), "a file is named with its .toml")
+        raise UnknownNameError("experiment", text, names(), "give a file with its ending .toml")
     return read(file_text(path), plugins.shown_path(path), path)
 
 
@@ -59,11 +59,11 @@ def read(text: str, name: str, path: Path | None = None) -> Experiment:
 
     Args:
         text: TOML.
-        name: as it stands in messages.
-        path: of the file, from whose folder a scene is looked for.
+        name: Name of the file in messages.
+        path: Path of the file; the scene's path is relative to its folder.
 
     Raises:
-        SceneError: with every fault at once.
+        SceneError: The experiment has faults; all are listed.
     """
     data = parse(text, name)
     source = Source(name, text, path)

@@ -1,10 +1,10 @@
-"""The tables of an experiment's file: scene, conditions, factors, order, question, staircase, observer."""
+"""Tables of an experiment file: scene, conditions, factors, order, question, staircase, observer."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
@@ -13,15 +13,19 @@ from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Count, Name, NotNegative, Number, Positive, Switch, Table
 from graspfx.scene.tables.scene_table import values_by_key
 
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.scene.source import Source
+
 Order = Literal["fixed", "random", "blocks", "latin-square"]
-WORD = r"^[A-Za-z0-9]+$"  # of a label in the names of files
+WORD = r"^[A-Za-z0-9]+$"  # labels in file names
 MOST_TRIALS = 10_000
 
 
 def label(value: str) -> str:
-    """Check a word that stands in names of files."""
+    """Check a label that is part of file names."""
     if re.fullmatch(WORD, value) is None:
-        text = "expected letters and digits alone, as it stands in names of files; given {given}"
+        text = "expected letters and digits only, because it is part of file names; given {given}"
         raise PydanticCustomError("label", text, {"given": abbreviate(value)})
     return value
 
@@ -50,21 +54,24 @@ Chance = Annotated[Number, Field(ge=0, lt=0.5)]
 
 
 class Question(Table):
-    """The question that each trial ends in, and the keys that answer it."""
+    """Question at the end of each trial, and the keys that answer it."""
 
-    text: str = Field(description="as it is asked")
-    keys: Annotated[dict[str, str], BeforeValidator(_keys)] = Field(description="answers by key of the keyboard")
+    text: str = Field(description="text of the question")
+    keys: Annotated[dict[str, str], BeforeValidator(_keys)] = Field(description="answers, by key of the keyboard")
     when: Literal["after", "during"] = Field(
-        default="after", description="the stimulus, or from its beginning on: then an answer ends it"
+        default="after",
+        description="time of answers: after the stimulus, or during it, when an answer ends it",
     )
 
 
 class Comparison(Table):
-    """A trial of two intervals: a value and one that is larger by an increment, in random order."""
+    """Comparison of two intervals in random order: a reference value, and a value larger by an increment."""
 
-    key: str = Field(description="of the scene, with dots, whose value differs between the intervals")
-    reference: Positive = Field(description="the smaller value")
-    increments: tuple[Positive, ...] = Field(default=(), description="of it, relative; none for a staircase's")
+    key: str = Field(description="dotted key of the value that differs between intervals")
+    reference: Positive = Field(description="smaller value")
+    increments: tuple[Positive, ...] = Field(
+        default=(), description="relative increments; none if a staircase chooses them"
+    )
 
 
 class Condition(Table):
@@ -72,21 +79,21 @@ class Condition(Table):
 
     name: Name
     set: ByKey = Field(default_factory=dict, description="values of the scene by dotted key")
-    answer: str = Field(default="", description="that is right, one of the question's; none where no answer is")
+    answer: str = Field(default="", description="correct answer, one of the question's; empty for none")
     compare: Comparison | None = None
 
 
 class Factor(Table):
-    """A factor, whose levels are crossed with those of all others and with the conditions."""
+    """Factor; its levels are crossed with the conditions and with all other factors."""
 
     name: Name
-    key: str = Field(default="", description="of the scene, with dots, that `levels` are values of")
+    key: str = Field(default="", description="dotted key of the scene that takes the values in `levels`")
     levels: tuple[Any, ...] = Field(default=(), description="values of the key")
-    level: dict[str, ByKey] = Field(default_factory=dict, description="or levels by name, each values by dotted key")
+    level: dict[str, ByKey] = Field(default_factory=dict, description="or named levels, each with values by dotted key")
 
 
 class Span(Table):
-    """Values from a least to a largest one, equally far apart as ratios."""
+    """Logarithmically spaced values."""
 
     least: Positive
     most: Positive
@@ -94,57 +101,60 @@ class Span(Table):
 
 
 class Staircase(Table):
-    """Increments that QUEST+ chooses, each where the answer says most; of each condition by itself."""
+    """QUEST+ staircase, one per condition: each increment is the one whose answer is most informative."""
 
-    increments: Span = Field(description="relative, among which it chooses")
-    threshold: Span = Field(description="relative, that are thought possible, each as likely: at 80 % right answers")
-    slope: Positive = Field(default=3.5, description="of the Weibull function")
-    lapse: Chance = Field(default=0.02, description="rate of answers at random where nobody is in doubt")
+    increments: Span = Field(description="relative increments to choose from")
+    threshold: Span = Field(description="possible relative thresholds (80 % correct), equally likely at first")
+    slope: Positive = Field(default=3.5, description="slope of the Weibull function")
+    lapse: Chance = Field(default=0.02, description="lapse rate: share of random answers to easy trials")
 
 
 class Practice(Table):
-    """Trials before the others, which no staircase and no evaluation counts."""
+    """Practice trials before the session; neither the staircase nor the evaluation uses them."""
 
     trials: Count
-    increment: Positive | None = Field(default=None, description="of comparisons; the largest if not given")
+    increment: Positive | None = Field(default=None, description="increment of comparisons (default: the largest)")
 
 
 class Breaks(Table):
-    """Pauses that end when the participant presses a key."""
+    """Breaks that end when the participant presses a key."""
 
-    every: Whole = Field(description="trials")
+    every: Whole = Field(description="number of trials between breaks")
     text: str = "time for a break"
 
 
 class Observer(Table):
-    """A simulated observer, for `--simulate`."""
+    """Simulated observer for `--simulate`."""
 
     kind: Literal["psychometric", "physical", "guess"] = Field(
-        description="answers by a Weibull function of the increment, by what the recordings display, or at random"
+        description="how it answers: by a Weibull function, by recorded stiffness, or at random"
     )
-    threshold: Positive | dict[str, Positive] = Field(default=0.15, description="relative; or by condition")
+    threshold: Positive | dict[str, Positive] = Field(
+        default=0.15, description="relative threshold, or one per condition"
+    )
     slope: Positive = 3.5
     lapse: Chance = 0.02
     weber: NotNegative | dict[str, NotNegative] = Field(
-        default=0.1, description="noise of a stiffness that is felt, a share of it; or by condition"
+        default=0.1, description="noise of a perceived stiffness (Weber fraction), or one per condition"
     )
 
 
 class ExperimentTable(Table):
-    """A whole experiment, each field on its own."""
+    """Experiment file; checks each field on its own."""
 
-    name: Annotated[str, AfterValidator(label)] = Field(description="of the task, letters and digits")
+    name: Annotated[str, AfterValidator(label)] = Field(description="name of the task, letters and digits")
     title: str = ""
-    scene: str = Field(description="a name, or a path from the file's folder")
-    set: ByKey = Field(default_factory=dict, description="values of the scene in every trial, by dotted key")
-    duration: Positive | None = Field(default=None, description="of an interval [s]; the scene's if not given")
-    gap: NotNegative = Field(default=0.5, description="between two intervals of a trial, at the least [s]")
+    scene: str = Field(description="name of a scene, or path relative to this file")
+    set: ByKey = Field(default_factory=dict, description="values of the scene in all trials, by dotted key")
+    duration: Positive | None = Field(default=None, description="duration of an interval [s] (default: the scene's)")
+    gap: NotNegative = Field(default=0.5, description="shortest pause between the intervals of a trial [s]")
     order: Order = "random"
     repetitions: Whole = 1
     seed: Count = 0
-    ready: Switch = Field(default=False, description="whether each trial waits for a key; with hardware it does")
+    ready: Switch = Field(default=False, description="whether each trial waits for a key; always with hardware")
     page: Literal["question", "scene"] = Field(
-        default="question", description="on a page with buttons: the question alone, or the scene with its forces, too"
+        default="question",
+        description="answer page: the question only, or also the scene with its forces",
     )
     question: Question | None = None
     condition: Annotated[tuple[Condition, ...], BeforeValidator(as_list)] = ()
@@ -153,3 +163,16 @@ class ExperimentTable(Table):
     practice: Practice | None = None
     breaks: Breaks | None = None
     observer: Observer | None = None
+
+
+class Study:
+    """Tables, scene and source of an experiment.
+
+    Args:
+        table: Tables of the file.
+        scene: Scene with the values that all trials share.
+        source: Source of the tables.
+    """
+
+    def __init__(self, table: ExperimentTable, scene: Scene, source: Source) -> None:
+        self.table, self.scene, self.source = table, scene, source

@@ -1,4 +1,4 @@
-"""Markers: what happened when, in the events of a session, beside each recording, and for whoever listens."""
+"""Event markers of a session: written to its event table and beside each recording, and sent to listeners."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from graspfx.experiment.session_files import RowFile, SessionFiles, cell, place_file
+from graspfx.live.lsl_outlet import MarkerStream
 
 EVENTS = {
     "onset": {"Description": "since the session began", "Units": "s"},
@@ -33,14 +34,14 @@ FILE = "events.tsv"  # beside a recording
 
 
 class Event(NamedTuple):
-    """Something that happened.
+    """Event of a session.
 
     Attributes:
-        clock: of `time.monotonic` [s].
-        trial: its number; 0 outside of trials.
-        name: what happened.
-        interval: of the trial, from 1; 0 for none.
-        value: what the event is about.
+        clock: Time on the clock of `time.monotonic` [s].
+        trial: Number of the trial; 0 outside trials.
+        name: Name of the event.
+        interval: Interval of the trial, from 1; 0 for none.
+        value: Detail of the event, such as the condition or the answer.
     """
 
     clock: float
@@ -51,13 +52,13 @@ class Event(NamedTuple):
 
 
 class Markers:
-    """The events of a session.
+    """Writer of a session's events.
 
     Args:
-        files: of the session.
-        resume: whether its table of events goes on.
-        started: time of day at which the session began [s].
-        listeners: are told of every event, as an LSL stream is.
+        files: Files of the session.
+        started: Start of the session, time of day [s].
+        resume: Whether to append to an existing table.
+        listeners: Functions called with every event, such as an LSL stream.
     """
 
     def __init__(
@@ -72,11 +73,11 @@ class Markers:
         self._file = RowFile(files.events, list(EVENTS), resume=goes_on)
 
     def onset(self, clock: float) -> float:
-        """Give the time since the session began [s]."""
+        """Return the time since the session began [s]."""
         return clock - self._zero
 
     def mark(self, event: Event) -> None:
-        """Tell the listeners of an event, and write it."""
+        """Send an event to the listeners, and write it."""
         for listen in self._listeners:
             listen(event)
         self._file.write({
@@ -90,12 +91,12 @@ class Markers:
 
 
 def write_beside(recording: Path, zero: float, events: Sequence[Event]) -> None:
-    """Write events beside a recording, with times from its first tick on.
+    """Write the events of a trial beside a recording, with times relative to its first tick.
 
     Args:
-        recording: its file.
-        zero: of the first tick, of `time.monotonic` [s].
-        events: of its trial.
+        recording: Recording's file.
+        zero: Time of the first tick on the clock of `time.monotonic` [s].
+        events: Events of the trial.
     """
     lines = ["onset\tduration\tevent\tinterval\tvalue"]
     lines += [
@@ -103,3 +104,12 @@ def write_beside(recording: Path, zero: float, events: Sequence[Event]) -> None:
         for each in events
     ]
     place_file(recording.with_name(FILE), "\n".join(lines) + "\n")
+
+
+class LslMarkers(MarkerStream):
+    """LSL stream of a session's events, as texts such as "3 stimulus 1": trial, event, interval, value."""
+
+    def mark(self, event: Event) -> None:
+        """Send an event with its time."""
+        words = [event.trial or "", event.name, event.interval or "", event.value]
+        self.send(" ".join(str(word) for word in words if word != ""), event.clock)

@@ -1,4 +1,4 @@
-"""Presentation of an interval: a run that starts at rest, in real time or as fast as it computes."""
+"""Presentation of intervals: each is a run from rest, in real time or as fast as possible."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
     from graspfx.scene.model import Scene
 
-LOOK = 0.01  # between two looks at a run, at the most [s]
+LOOK = 0.01  # longest wait between two checks of a run [s]
 
 
 class Showing(NamedTuple):
-    """An interval that was shown.
+    """Presented interval.
 
     Attributes:
-        recording: its file.
-        zero: of its first tick, of `time.monotonic` [s].
-        end: when its forces had faded, likewise.
-        fault: in words; empty for none.
-        is_whole: whether it was shown to its end, or ended by an answer, and not broken off.
+        recording: Recording's file.
+        zero: Time of the first tick on the clock of `time.monotonic` [s].
+        end: Time at which the forces had faded, on the same clock [s].
+        fault: Description of a fault; empty for none.
+        is_whole: Whether the interval reached its end or was ended by an answer.
     """
 
     recording: Path
@@ -37,19 +37,19 @@ class Showing(NamedTuple):
 
 
 class Watcher(Protocol):
-    """Who looks on while a run is shown: a page, a stream."""
+    """Observer of runs, such as a page or a stream."""
 
     def attach(self, run: LiveRun) -> None:
-        """Look at a run from now on."""
+        """Start watching a run."""
         ...
 
     def detach(self) -> None:
-        """Look at it no more: it is about to end."""
+        """Stop watching: the run is about to end."""
         ...
 
 
 class Presenter(Protocol):
-    """A way to show intervals."""
+    """Method of presenting intervals."""
 
     has_hardware: bool
 
@@ -57,31 +57,31 @@ class Presenter(Protocol):
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Show an interval.
+        """Present an interval.
 
         Args:
-            values: of the scene, by dotted key.
-            folder: of its recording.
-            begin: is told the time of the first tick.
-            is_answered: whether it may end before its time.
-            stop: whether to break it off.
+            values: Values of the scene, by dotted key.
+            folder: Folder of the recording.
+            begin: Function called with the time of the first tick.
+            is_answered: Function that tells whether the interval may end early.
+            stop: Function that tells whether to abort.
 
         Raises:
-            RecordingError: the disk does not take the recording: nobody knows what was shown.
+            RecordingError: The recording cannot be written, so what was presented is unknown.
         """
         ...
 
 
 class RealTime:
-    """Runs on the wall's clock, through the process and the safety chain of every run in real time.
+    """Real-time presentation, with the process and the safety chain of every real-time run.
 
-    Each interval is a run of its own, that starts at rest; before it ends every force fades, and no gain changes while
-    it goes on.
+    Each interval is a separate run that starts at rest. No gain changes during the run, and all forces fade before it
+    ends.
 
     Args:
-        scene: with the values of all trials.
-        duration: of an interval [s].
-        watchers: who looks on.
+        scene: Scene with the values that all trials share.
+        duration: Duration of an interval [s].
+        watchers: Observers of the runs.
     """
 
     def __init__(self, scene: Scene, duration: float, watchers: Sequence[Watcher] = ()) -> None:
@@ -94,7 +94,7 @@ class RealTime:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Show an interval, by the wall's clock; whatever keeps hardware from its work is a fault."""
+        """Present an interval in real time; every failure of the hardware is a fault."""
         from graspfx.live.live_run import LiveRun
 
         scene = self._scene.replace(values)
@@ -135,11 +135,11 @@ class RealTime:
 
 
 class Simulated:
-    """Runs as fast as they compute, for simulated observers.
+    """Presentation as fast as possible, for simulated observers.
 
     Args:
-        scene: with the values of all trials; without hardware.
-        duration: of an interval [s].
+        scene: Scene with the values that all trials share, without hardware.
+        duration: Duration of an interval [s].
     """
 
     has_hardware = False
@@ -151,7 +151,7 @@ class Simulated:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Compute an interval; its time is the run's own."""
+        """Simulate an interval."""
         from graspfx.assembly.run import run
 
         zero = time.monotonic()
@@ -162,7 +162,7 @@ class Simulated:
 
 
 def _zero(run: LiveRun) -> float:
-    """Give when a run's first tick was, of `time.monotonic`."""
+    """Return the time of a run's first tick on the clock of `time.monotonic` [s]."""
     now, row, columns = time.monotonic(), run.row(), run.layout.columns
     if row is None or "wall" not in columns:
         return now

@@ -1,4 +1,4 @@
-"""Places of a session's files, named as BIDS names those of behavioural data; and rows that outlive a power cut.
+"""Files of a session, with BIDS names for behavioural data, and a table whose rows survive a power cut.
 
 https://bids-specification.readthedocs.io/en/stable/modality-specific-files/behavioral-experiments.html
 """
@@ -20,12 +20,12 @@ MISSING = "n/a"
 
 @dataclass(frozen=True)
 class SessionFiles:
-    """Places of one participant's session.
+    """Paths of one participant's session.
 
     Attributes:
-        root: of the study.
-        participant, session, task: labels, letters and digits.
-        run: of the session, from 1 on.
+        root: Folder of the study.
+        participant, session, task: Labels of letters and digits.
+        run: Number of the run in the session, from 1.
     """
 
     root: Path
@@ -36,63 +36,63 @@ class SessionFiles:
 
     @property
     def folder(self) -> Path:
-        """Where the tables stand."""
+        """Folder of the tables."""
         return self.root / f"sub-{self.participant}" / f"ses-{self.session}" / "beh"
 
     @property
     def stem(self) -> str:
-        """The beginning of every file's name."""
+        """Common beginning of the file names."""
         return f"sub-{self.participant}_ses-{self.session}_task-{self.task}_run-{self.run:02d}"
 
     @property
     def table(self) -> Path:
-        """The table of trials."""
+        """Table of trials."""
         return self.folder / f"{self.stem}_beh.tsv"
 
     @property
     def table_description(self) -> Path:
-        """The meaning of the columns of the table, and the whole experiment."""
+        """Description of the table's columns, and the complete experiment."""
         return self.folder / f"{self.stem}_beh.json"
 
     @property
     def events(self) -> Path:
-        """The table of events."""
+        """Table of events."""
         return self.folder / f"{self.stem}_events.tsv"
 
     @property
     def events_description(self) -> Path:
-        """The meaning of the columns of the events."""
+        """Description of the columns of events."""
         return self.folder / f"{self.stem}_events.json"
 
     @property
     def recordings(self) -> Path:
-        """The folder of the recordings."""
+        """Folder of the recordings."""
         return self.folder / f"{self.stem}_recordings"
 
     @property
     def study(self) -> Path:
-        """The description of the study that BIDS wants."""
+        """Description of the study, required by BIDS."""
         return self.root / "dataset_description.json"
 
     def trial_folder(self, number: int) -> Path:
-        """Make the folder of a trial; one that was broken off and comes again has another."""
+        """Make the folder of a trial; a repeated trial gets a new one."""
         return new_folder(self.recordings, f"trial-{number:03d}")
 
 
 class RowFile(Resource):
-    """A file of lines with tabs, each of which is on the disk before anything else happens; nobody else writes there.
+    """Tab-separated file. Each row is on the disk before `write` returns, and the file is locked.
 
     Args:
-        path: of the file.
-        columns: names, which a new file begins with.
-        resume: whether it is there, and goes on.
+        path: Path of the file.
+        columns: Names of the columns; the header of a new file.
+        resume: Whether to append to an existing file.
 
     Attributes:
-        rows: that were there, by column; a last one that was cut short by a kill is dropped.
+        rows: Existing rows by column; an incomplete last row is dropped.
 
     Raises:
-        RecordingError: it is there, or is not; it has other columns; another process has it.
-        InputError: it is not in UTF-8.
+        RecordingError: The file exists, or is missing for `resume`; its columns differ; or another process writes it.
+        InputError: The file is not UTF-8.
     """
 
     def __init__(self, path: Path, columns: list[str], *, resume: bool = False) -> None:
@@ -102,7 +102,7 @@ class RowFile(Resource):
         try:
             self._file = os.open(path, flags if resume else flags | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError as error:
-            there = "is there already; --resume goes on with it, --run N begins another"
+            there = "is there already; --resume continues it, --run N begins another"
             text = there if isinstance(error, FileExistsError) else f"cannot be opened; {obstacle(error)}"
             raise RecordingError(f"{path}: {text}") from error
         try:
@@ -131,7 +131,7 @@ class RowFile(Resource):
         return [dict(zip(self.columns, line.split("\t"), strict=False)) for line in lines]
 
     def write(self, row: dict[str, str]) -> None:
-        """Write a row, and wait until the disk has it."""
+        """Write a row, and wait until it is on the disk."""
         self._append("\t".join(row.get(name) or MISSING for name in self.columns))
 
     def _append(self, line: str) -> None:
@@ -141,12 +141,12 @@ class RowFile(Resource):
                 data = data[os.write(self._file, data) :]
             os.fsync(self._file)
         except OSError as error:
-            with suppress(OSError):  # half a row would swallow the next one
+            with suppress(OSError):  # otherwise the next row would be appended to half a row
                 os.ftruncate(self._file, size)
             raise RecordingError(f"{self.path}: cannot be written; {error.strerror}") from error
 
     def close(self) -> None:
-        """Close the file; a second time nothing happens."""
+        """Close the file; closing it again does nothing."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
@@ -156,19 +156,19 @@ def text_of(path: Path, data: bytes) -> str:
     """Decode a table.
 
     Raises:
-        InputError: it is not in UTF-8.
+        InputError: The table is not UTF-8.
     """
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start)
-        do = "another program may have saved it: take the file as it was written, or save it as UTF-8"
+        do = "another program may have saved it: use the original file, or save it as UTF-8"
         content = data.split(b"\n")[line]
         raise InputError(f"{path}, line {line + 1}", content, "a table in UTF-8", do) from error
 
 
 def cell(value: object) -> str:
-    """Write a value as a cell: on one line, without tabs; n/a for nothing, true and false as JSON has them."""
+    """Format a value as a cell: one line without tabs, n/a for a missing value, true and false as in JSON."""
     if value is None or value == "" or (isinstance(value, float) and value != value):
         return MISSING
     if isinstance(value, bool):
@@ -177,10 +177,10 @@ def cell(value: object) -> str:
 
 
 def place_file(path: Path, text: str) -> None:
-    """Write a small file that is whole or not there, and wait until the disk has it.
+    """Write a small file atomically, and wait until it is on the disk.
 
     Raises:
-        RecordingError: it is there already, or cannot be written.
+        RecordingError: The file exists or cannot be written.
     """
     make_folder(path.parent)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
@@ -189,7 +189,7 @@ def place_file(path: Path, text: str) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        os.link(draft, path)  # which refuses a file that is there
+        os.link(draft, path)  # fails if the file exists
         draft.unlink()
     except FileExistsError as error:
         draft.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Identity of a session: its experiment, scene, files and version, which a session that goes on has to share."""
+"""Identity of a session: experiment, scene, files and version. A session is resumed only if they are unchanged."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Any
 from graspfx import __version__, log
 from graspfx.assembly.provenance import by_name, engine_versions, file_changes, files_of, scene_changes
 from graspfx.errors import RecordingError
+from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import SessionFiles
-from graspfx.experiment.study import Study
 
 DIGEST, FILES, VERSION = "Digest", "Files", "Version"
-MOST = 5  # differences that are said
+MOST = 5  # differences listed in the message
 
 
 class SessionWarning(UserWarning):
-    """A session that goes on, though not all is known of how it was begun."""
+    """A session is resumed although its original conditions are not completely known."""
 
 
 def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
-    """Give what says whether a session is of the same experiment, scene, participant and mode.
+    """Return the data that identify a session's experiment, scene, participant and mode.
 
-    The digests of files that the scene or a value of a trial names are by their names, wherever they are.
+    Digests of files used by the scene or by trials are stored by file name, regardless of the folder.
     """
     table = experiment.table
     values = [[each.model_dump(mode="json") for each in tables] for tables in (table.condition, table.factor)]
@@ -36,32 +36,28 @@ def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[
 
 
 def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFiles, mode: str) -> None:
-    """Require that a session that was begun is the same; one that an earlier form describes goes on with a warning.
+    """Require that an interrupted session has the same identity; a description in an older form gives a warning.
 
     Args:
-        about: what its description says.
-        experiment, files, mode: of the session that is to go on.
+        about: Description of the interrupted session.
+        experiment, files, mode: Those of the session to resume.
 
     Raises:
-        RecordingError: it is another one, with what differs.
+        RecordingError: The identity differs; the message lists the differences.
     """
     own = session_identity(experiment, files, mode)
     is_whole = FILES in about
     before = own[DIGEST] if is_whole else _digest(_earlier_parts(experiment, files, mode))
     differences = list(_differences(about, own, experiment, mode))
     if about[DIGEST] != before or differences:
-        lines = differences or [
-            "the file of the experiment has other values, or another participant's session is there"
-        ]
+        lines = differences or ["the experiment file has other values, or this is another participant's session"]
         more = f"; and {len(lines) - MOST} more differences" if len(lines) > MOST else ""
         text = "is of another experiment, scene or mode"
-        do = "what was begun goes on with what it was begun with; --run N begins another"
+        do = "resume it with the original files and version, or begin another with --run N"
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")
     if not is_whole and own[FILES]:
         names = ", ".join(own[FILES])
-        text = (
-            f"was begun by an earlier GraspFX, which did not note what is in files; see that none has changed: {names}"
-        )
+        text = f"begun by an older GraspFX, without digests of files; check that these are unchanged: {names}"
         log.warn(f"{files.table_description}: {text}", SessionWarning)
 
 
@@ -78,7 +74,7 @@ def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: S
 
 
 def _earlier_parts(experiment: Study, files: SessionFiles, mode: str) -> list[Any]:
-    """List what alone was digested before files and the version were."""
+    """List the parts in the digest of earlier versions, without files and version."""
     return [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
 
 

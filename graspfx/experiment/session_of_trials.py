@@ -1,4 +1,4 @@
-"""A session: trial after trial, each written before the next one begins."""
+"""Execution of a session: one trial after the other, each written to disk before the next begins."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from graspfx.experiment.experiment_table import ExperimentTable
     from graspfx.experiment.session_plan import SessionPlan
 
-PLACES = (FIRST, SECOND)  # folders of two intervals
+PLACES = (FIRST, SECOND)  # folders of the two intervals
 FORCES = "hold the device; its forces come when you press Enter"
 
 
 @dataclass
 class SessionOfTrials:
-    """A session that goes on from where its plan is.
+    """Session that continues at the present position of its plan.
 
     Attributes:
-        table: of the experiment.
-        files: of the session.
-        plan: its order.
-        rows: the table of trials.
-        markers: its events.
-        presenter: shows intervals.
-        answerer: answers.
-        tell: shows a text.
-        stop: whether to end.
-        is_paced: whether gaps and breaks are waited for, and times of responses mean something.
-        reason: why it ended before its last trial; empty as long as it has not.
+        table: Tables of the experiment.
+        files: Files of the session.
+        plan: Plan of the session.
+        rows: Table of trials.
+        markers: Writer of events.
+        presenter: Presenter of intervals.
+        answerer: Source of answers.
+        tell: Function that shows a text.
+        stop: Function that tells whether to end.
+        is_paced: Whether gaps and breaks are observed and response times are meaningful.
+        reason: Reason why the session ended before its last trial; empty otherwise.
     """
 
     table: ExperimentTable
@@ -58,13 +58,14 @@ class SessionOfTrials:
     _events: list[Event] = field(default_factory=list)
 
     def trials(self) -> Iterator[Row]:
-        """Run trial after trial; a row is on the disk before it is given.
+        """Run the trials and yield their rows; each row is on the disk before it is yielded.
 
-        It ends after the last trial, or where it is stopped. A fault of hardware ends it too: nothing arms it again.
+        The session ends after the last trial, when it is stopped, or after a fault of hardware. Nothing arms the
+        hardware again.
 
         Raises:
-            InputError: hardware that ended in a fault.
-            RecordingError: the disk takes no more; the trial has no row, and comes again.
+            InputError: The hardware has failed.
+            RecordingError: The disk cannot be written; the trial has no row and will be repeated.
         """
         if self.plan.done:
             self.markers.mark(Event(time.monotonic(), 0, "resume"))
@@ -78,12 +79,12 @@ class SessionOfTrials:
                 return
             except RecordingError as error:
                 done = "the trials before it are in the table" if self.plan.done else "no trial is in the table yet"
-                do = f"see to the disk; --resume goes on with trial {trial.number}"
+                do = f"check the disk; --resume continues with trial {trial.number}"
                 raise RecordingError(f"{error}. Trial {trial.number} has no row, {done}: {do}") from error
             self.plan.take(row)
             yield row
             if row.fault and self.presenter.has_hardware:
-                do = "see to the device, and go on with --resume"
+                do = "check the device, then continue with --resume"
                 raise InputError(
                     "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware at work", do
                 )
@@ -128,7 +129,7 @@ class SessionOfTrials:
         return Row(trial, response, seconds, self.markers.onset(zero), clock - zero, fault, path)
 
     def _show(self, trial: Trial, place: int, home: Path, before: Sequence[Showing], *, during: bool) -> Showing:
-        """Show an interval; with hardware a person acts first, each time."""
+        """Present an interval; with hardware, wait for the person first, each time."""
         question, number = self.table.question, place + 1 if trial.is_comparison else 0
         if self.presenter.has_hardware:
             label = f"trial {trial.number} of {len(self.plan.slots)}" + (f", interval {number}" if number else "")
@@ -155,7 +156,7 @@ class SessionOfTrials:
         return showing
 
     def _ask(self, trial: Trial) -> float:
-        """Ask the question; give when it could be answered."""
+        """Ask the question; return the time from which it can be answered."""
         question = self.table.question
         assert question is not None
         self.answerer.listen(question.keys)

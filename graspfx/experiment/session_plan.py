@@ -1,21 +1,162 @@
-"""The plan of a participant's session: which trial comes when, decided before the first of them."""
+"""Plan of a session: cells of the design, order of trials, staircases."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
+from itertools import product
+from typing import Any
 
-from graspfx.experiment.cell import Cell, cells
-from graspfx.experiment.experiment_table import ExperimentTable
-from graspfx.experiment.staircase_of_condition import Stair
-from graspfx.experiment.trial import Row, Trial
-from graspfx.experiment.trial_order import random_of, trial_order
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+from graspfx.experiment.experiment_table import Comparison, Condition, ExperimentTable, Factor
+from graspfx.experiment.staircase import Stair
+from graspfx.experiment.trial import FIRST, SECOND, Row, Trial
+
+IntArray = NDArray[np.int64]
+
+
+def random_of(seed: int, *words: str) -> np.random.Generator:
+    """Return a random generator that depends only on the seed and the words, on any machine."""
+    text = "\n".join([str(seed), *words]).encode()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(sha256(text).digest(), "big")))
+
+
+def williams_square(count: int) -> IntArray:
+    """Return Williams' design (rows, count): a Latin square, or two of them for an odd count.
+
+    Each condition occurs once in every row, equally often in every position, and equally often after every other
+    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the other
+    rows add 1 modulo n to the row before. For odd n, the mirrored square follows.
+
+    Args:
+        count: Number of conditions, n.
+
+    Raises:
+        InputError: The count is not a positive integer.
+    """
+    if type(count) is not int or count < 1:
+        raise InputError("count", count, "one condition or more")
+    first = [0]
+    for k in range(1, count):
+        first.append((k + 1) // 2 if k % 2 else count - k // 2)
+    square = (np.array(first)[None] + np.arange(count)[:, None]) % count
+    return np.concatenate([square, square[:, ::-1]]) if count % 2 and count > 1 else square
+
+
+def trial_order(
+    order: str, count: int, repetitions: int, rng: np.random.Generator, participant: str
+) -> Sequence[tuple[int, int]]:
+    """Return the order of trials, as pairs of a condition and its repetition, both counted from zero.
+
+    Args:
+        order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
+            conditions, each with all its repetitions in a row; "latin-square" is the same with the conditions in the
+            participant's row of Williams' design.
+        count: Number of conditions.
+        repetitions: Number of repetitions of each condition.
+        rng: Random generator of the session.
+        participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
+
+    Raises:
+        InputError: The order is "latin-square" and the participant is not a number.
+    """
+    if order == "fixed":
+        return [(condition, k) for k in range(repetitions) for condition in range(count)]
+    if order == "random":
+        drawn = rng.permutation(np.repeat(np.arange(count), repetitions)).tolist()
+        return [(condition, drawn[:at].count(condition)) for at, condition in enumerate(drawn)]
+    if order == "blocks":
+        row = rng.permutation(count).tolist()
+    else:
+        if not participant.isdecimal() or int(participant) < 1:
+            do = "a row of the Latin square goes with it"
+            raise InputError("--participant", participant, "a number from 1 on", do)
+        square = williams_square(count)
+        row = square[(int(participant) - 1) % len(square)].tolist()
+    return [(condition, k) for condition in row for k in range(repetitions)]
+
+
+ALL = "all"  # name of the condition if an experiment has factors only
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of a condition and a level of each factor.
+
+    Attributes:
+        condition: Name of the condition.
+        levels: Level of each factor, by its name.
+        values: Values of the scene, by dotted key.
+        answer: Correct answer; empty if there is none, or if two intervals are compared.
+        compare: Comparison of two intervals; None for one interval.
+        increment: Relative increment of the comparison; NaN if a staircase chooses it.
+    """
+
+    condition: str
+    levels: Mapping[str, Any]
+    values: Mapping[str, Any]
+    answer: str = ""
+    compare: Comparison | None = None
+    increment: float = math.nan
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether a staircase chooses the increment."""
+        return self.compare is not None and math.isnan(self.increment)
+
+    def trial(self, number: int, repetition: int, place: int, increment: float, *, is_practice: bool = False) -> Trial:
+        """Make a trial.
+
+        Args:
+            number: Number in the session.
+            repetition: Repetition of the condition.
+            place: Interval with the larger value, 0 or 1.
+            increment: Increment of the larger value, if a staircase chooses it.
+            is_practice: Whether the trial is practice.
+        """
+        if self.compare is None:
+            return Trial(
+                number, self.condition, repetition, self.levels, [self.values], self.answer, is_practice=is_practice
+            )
+        size = increment if math.isnan(self.increment) else self.increment
+        key, reference = self.compare.key, self.compare.reference
+        each = [{**self.values, key: reference}, {**self.values, key: reference * (1.0 + size)}]
+        intervals, answer = (each, SECOND) if place else (each[::-1], FIRST)
+        return Trial(
+            number, self.condition, repetition, self.levels, intervals, answer, reference, size, is_practice
+        )  # fmt: skip
+
+
+def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """List the levels of a factor, each with its values of the scene."""
+    for value in factor.levels:
+        yield value, {factor.key: value}
+    yield from factor.level.items()
+
+
+def cells(table: ExperimentTable) -> Sequence[Cell]:
+    """Cross conditions, factors and increments; the last factor varies fastest."""
+    crossed = []
+    for condition in table.condition or (Condition(name=ALL),):
+        for levels in product(*(levels_of(factor) for factor in table.factor)):
+            names = {factor.name: level for factor, (level, _) in zip(table.factor, levels, strict=True)}
+            values = {**table.set, **condition.set}
+            for _, more in levels:
+                values |= more
+            compare = condition.compare
+            for increment in (compare.increments if compare is not None else ()) or (math.nan,):
+                crossed.append(Cell(condition.name, names, values, condition.answer, compare, increment))
+    return crossed
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A place in the order: which cell, which repetition, and in which of two intervals there is more."""
+    """Entry of the plan: the cell, its repetition, and the interval with the larger value."""
 
     cell: Cell
     repetition: int
@@ -25,12 +166,12 @@ class Slot:
 
 @dataclass
 class SessionPlan:
-    """The order of a session, and its staircases as far as it has come.
+    """Order of a session, with the present state of its staircases.
 
     Attributes:
-        slots: in their order.
-        stairs: by condition.
-        easy: increment of practice; None for the largest.
+        slots: Entries in order.
+        stairs: Staircases by condition.
+        easy: Increment of practice trials; None for the largest.
     """
 
     slots: Sequence[Slot]
@@ -39,7 +180,7 @@ class SessionPlan:
     done: int = field(default=0, init=False)
 
     def trial(self) -> Trial | None:
-        """Make the next trial; None after the last."""
+        """Return the next trial; None after the last."""
         if self.done >= len(self.slots):
             return None
         slot = self.slots[self.done]
@@ -50,7 +191,7 @@ class SessionPlan:
         return slot.cell.trial(self.done + 1, slot.repetition, slot.place, increment, is_practice=slot.is_practice)
 
     def take(self, row: Row) -> None:
-        """Go on after a trial with its row; a response moves the staircase of its condition."""
+        """Advance past a trial; its response updates the staircase of its condition."""
         slot = self.slots[self.done]
         self.done += 1
         if slot.cell.is_adaptive and not slot.is_practice and row.is_correct is not None:
@@ -58,11 +199,11 @@ class SessionPlan:
 
 
 def session_plan(table: ExperimentTable, participant: str, session: str) -> SessionPlan:
-    """Plan a session: the same for the same file, participant and session.
+    """Plan a session. The plan depends only on the file, the participant and the session.
 
     Raises:
-        InputError: a Latin square for a participant who is no number.
-        MissingPackageError: a staircase without questplus.
+        InputError: The order is "latin-square" and the participant is not a number.
+        MissingPackageError: A staircase needs questplus, which is not installed.
     """
     design = cells(table)
     rng = random_of(table.seed, table.name, participant, session)

@@ -1,6 +1,6 @@
-"""Simulated observers: one who follows a psychometric function, one who feels what recordings display, one who guesses.
+"""Simulated observers: with a psychometric function, with noisy perception of the displayed stiffness, or guessing.
 
-They check an experiment, its staircase and the way of its stimuli; of people they say nothing.
+They test an experiment, its staircase and its stimuli; they do not predict results of people.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ import numpy as np
 from graspfx.errors import InputError
 from graspfx.experiment.displayed_stiffness import SHARES, displayed_stiffness
 from graspfx.experiment.experiment_table import ExperimentTable, Observer
-from graspfx.experiment.staircase_of_condition import chance
+from graspfx.experiment.session_plan import random_of
+from graspfx.experiment.staircase import chance
 from graspfx.experiment.trial import FIRST, SECOND, Presentation
-from graspfx.experiment.trial_order import random_of
 
 Respond = Callable[[Presentation], str]
 
 
 def simulated_observer(table: ExperimentTable, participant: str, session: str) -> Respond:
-    """Make the observer of an experiment's table, or one who guesses where it has none.
+    """Return the observer of an experiment; without a table [observer], it guesses.
 
-    Its random numbers follow from the seed, the participant, the session and the trial, so that a session that is
-    resumed has the answers that it would have had.
+    Random numbers depend only on the seed, the participant, the session and the trial, so a resumed session gets the
+    same answers as an uninterrupted one.
     """
     observer = table.observer or Observer(kind="guess")
     keys = {condition.name: condition.compare.key for condition in table.condition if condition.compare is not None}
     answers = list(table.question.keys.values()) if table.question is not None else []
     if not answers:
-        raise InputError("question", None, "a [question] with keys", "an experiment without one asks nobody")
+        raise InputError("question", None, "a [question] with keys", "without a question there are no answers")
 
     def respond(presentation: Presentation) -> str:
         trial = presentation.trial
@@ -51,19 +51,20 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
 
 
 def value_for(value: float | Mapping[str, float], condition: str, otherwise: float) -> float:
-    """Give a number of a condition, where there is one for each or one for all."""
+    """Return the value for a condition, from one value per condition or one for all."""
     return float(value.get(condition, otherwise)) if isinstance(value, Mapping) else float(value)
 
 
 def physical_chance(increment: float, noise: float, lapse: float) -> float:
-    """Give the chance that the physical observer is right: l + (1 - 2 l) F(x / (w sqrt(1 + (1 + x)^2))).
+    """Compute the probability of a correct answer: l + (1 - 2 l) F(x / (w sqrt(1 + (1 + x)^2))).
 
-    The stiffnesses k and k (1 + x) are felt with deviations w k and w k (1 + x), F is the normal distribution.
+    The physical observer perceives the stiffnesses k and k (1 + x) with standard deviations w k and w k (1 + x). F is
+    the normal distribution function.
 
     Args:
-        increment: x.
-        noise: w, the Weber fraction of one stiffness.
-        lapse: l.
+        increment: Relative increment x.
+        noise: Weber fraction w of one stiffness.
+        lapse: Lapse rate l.
     """
     from math import erf, sqrt
 

@@ -1,4 +1,4 @@
-"""Trials: what is shown in each interval, and what would be the right answer."""
+"""Trials: planned intervals with the correct answer, presentations, and rows of the table."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from graspfx.recording.record import Recording
 
-FIRST, SECOND = "first", "second"  # answers to the question in which of two intervals there was more
+FIRST, SECOND = "first", "second"  # answers to the question which interval had the larger value
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial as it is planned.
+    """Planned trial.
 
     Attributes:
-        number: from 1 on, in the order of the session.
-        condition: its name; "all" where the experiment has none.
-        repetition: of the condition, from 1 on.
-        levels: of each factor, by its name.
-        intervals: values of the scene in each, by dotted key; one interval, or two that are compared.
-        answer: that is right; empty where none is.
-        reference: the smaller value of a comparison; nan of none.
-        increment: by which the larger one is larger, relative; nan of none.
-        is_practice: whether it counts for nothing.
+        number: Number in the session, from 1.
+        condition: Name of the condition; "all" if the experiment has none.
+        repetition: Repetition of the condition, from 1.
+        levels: Level of each factor, by its name.
+        intervals: Values of the scene in each interval, by dotted key; two intervals are compared.
+        answer: Correct answer; empty if there is none.
+        reference: Smaller value of a comparison; NaN without one.
+        increment: Relative increment of the larger value; NaN without a comparison.
+        is_practice: Whether the trial is practice.
     """
 
     number: int
@@ -42,18 +42,18 @@ class Trial:
 
     @property
     def is_comparison(self) -> bool:
-        """Whether it has two intervals."""
+        """Whether the trial has two intervals."""
         return len(self.intervals) == 2
 
 
 @dataclass(frozen=True)
 class Presentation:
-    """A trial as it was shown, for whoever answers.
+    """Presented trial, for the answerer.
 
     Attributes:
-        trial: as planned.
-        recordings: the file of each interval.
-        faults: of the runs, in words.
+        trial: Planned trial.
+        recordings: File of each interval's recording.
+        faults: Descriptions of faults in the runs.
     """
 
     trial: Trial
@@ -69,16 +69,16 @@ class Presentation:
 
 @dataclass(frozen=True)
 class Row:
-    """A trial as it stands in the table.
+    """Trial as a row of the table.
 
     Attributes:
-        trial: as planned.
-        response: that was given; empty where none was.
-        response_time: since the question could be answered [s]; nan without a response.
-        onset: of the first interval since the session began [s].
-        duration: from there to the response [s].
-        fault: of the runs, in words; empty for none.
-        path: of the folder with its recordings, from the table's.
+        trial: Planned trial.
+        response: Response; empty if there is none.
+        response_time: Time from the question to the response [s]; NaN without a response.
+        onset: Time of the first interval since the session began [s].
+        duration: Time from the onset to the response [s].
+        fault: Description of a fault in the runs; empty for none.
+        path: Folder of the recordings, relative to the table.
     """
 
     trial: Trial
@@ -91,5 +91,5 @@ class Row:
 
     @property
     def is_correct(self) -> bool | None:
-        """Whether the response is the right one; None where there is none."""
+        """Whether the response is correct; None without a response or a correct answer."""
         return self.response == self.trial.answer if self.trial.answer and self.response else None

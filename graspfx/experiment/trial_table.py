@@ -1,4 +1,4 @@
-"""The table of a session: a row for each trial, with a description of its columns; and how it is read again."""
+"""Table of a session: one row per trial, a description of its columns, and reading it again."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__
 from graspfx.errors import InputError, RecordingError
+from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
 from graspfx.experiment.session_identity import DIGEST, require_same, session_identity
-from graspfx.experiment.study import Study
 from graspfx.experiment.trial import FIRST, SECOND, Row
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ RESERVED = frozenset(COLUMNS)
 
 
 def columns_of(experiment: Study) -> list[str]:
-    """Name the columns: those of factors stand after the repetition."""
+    """List the column names; factors follow the repetition."""
     factors = [factor.name for factor in experiment.table.factor]
     names = list(COLUMNS)
     at = names.index("reference")
@@ -47,7 +47,7 @@ def columns_of(experiment: Study) -> list[str]:
 
 
 def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
-    """Describe a session: its columns as BIDS wants it, and the experiment that it can be made again from."""
+    """Describe a session: the columns in BIDS form, and the complete experiment, so that it can be reproduced."""
     table = experiment.table
     factors = {factor.name: {"Description": f"level of the factor; values of {factor.key or 'several keys'}"}
                for factor in table.factor}  # fmt: skip
@@ -74,17 +74,17 @@ def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any
 
 
 def now_precisely() -> str:
-    """Give the time of day, UTC, ISO 8601, with microseconds."""
+    """Return the time of day in UTC, ISO 8601, with microseconds."""
     from datetime import UTC
 
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, float]:
-    """Begin the table of a session; give it, and the time of day at which the session began [s].
+    """Create the table of a session; return it with the start of the session, time of day [s].
 
     Raises:
-        RecordingError: it is there already, or cannot be written.
+        RecordingError: The table exists or cannot be written.
     """
     about = describe(experiment, files, mode)
     if not files.study.exists():
@@ -92,26 +92,26 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
                  "GeneratedBy": [{"Name": "GraspFX", "Version": __version__}]}  # fmt: skip
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
-        raise RecordingError(f"{files.table}: is there already; --resume goes on with it, --run N begins another")
+        raise RecordingError(f"{files.table}: is there already; --resume continues it, --run N begins another")
     if files.table_description.exists():
-        why = "its table is not: a start was cut short, or goes on right now, and no trial has been"
-        do = "--resume goes on with it, --run N begins another; or remove this file"
+        why = "but not its table: a start was interrupted or is in progress, and there is no trial yet"
+        do = "--resume continues it, --run N begins another; or remove this file"
         raise RecordingError(f"{files.table_description}: is there already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
 
 
 def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan) -> tuple[RowFile, float]:
-    """Go on with the table of a session: the plan goes to where it broke off.
+    """Open the table of an interrupted session, and advance the plan past its trials.
 
     Raises:
-        RecordingError: there is none, or one of another experiment, scene, file, version, order or mode.
+        RecordingError: There is no session, or its experiment, scene, files, version, order or mode differ.
     """
     try:
         about = json.loads(files.table_description.read_text("utf-8"))
         started, _ = _started(about), about["GraspFX"][DIGEST]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{files.table_description}: no session to go on with was there") from error
+        raise RecordingError(f"{files.table_description}: there is no session to resume") from error
     require_same(about["GraspFX"], experiment, files, mode)
     rows = RowFile(files.table, columns_of(experiment), resume=files.table.exists())
     try:
@@ -128,18 +128,18 @@ def _started(about: Mapping[str, Any]) -> float:
 
 
 def _take(plan: SessionPlan, row: Mapping[str, str], where: str) -> None:
-    """Let a plan go on by a row that was written: a response moves its staircase as it did."""
+    """Advance a plan by a row of the table; its response updates the staircase."""
     trial = plan.trial()
     expected = {} if trial is None else cells_of(Row(trial))
     same = ("trial_number", "trial_type", "condition", "repetition", "increment", "larger")
     if trial is None or any(row.get(name) != cell(expected[name]) for name in same):
-        raise RecordingError(f"{where}: is no trial of this session's order")
+        raise RecordingError(f"{where}: does not match the order of this session")
     response = row.get("response", MISSING)
     plan.take(Row(trial, "" if response == MISSING else response))
 
 
 def cells_of(row: Row) -> dict[str, Any]:
-    """Write a trial's row by column."""
+    """Return the cells of a row by column."""
     trial = row.trial
     return {
         "trial_number": trial.number,
@@ -166,10 +166,10 @@ def _rounded(seconds: float) -> float:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table of trials by column; n/a stays n/a, and a last row that was cut short is left out.
+    """Read the rows of a table of trials by column; n/a stays n/a, and an incomplete last row is dropped.
 
     Raises:
-        InputError: it is not in UTF-8, or a row has other cells than there are columns.
+        InputError: The table is not UTF-8, or the number of cells in a row differs from the number of columns.
     """
     text = text_of(path, path.read_bytes())
     head, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
@@ -178,5 +178,5 @@ def read_table(path: Path) -> list[dict[str, str]]:
     for number, row in enumerate(rows):
         if len(row) != len(names):
             where, expected = f"{path}, line {number + 2}", f"{len(names)} cells, one for each column"
-            raise InputError(where, f"{len(row)} cells", expected, "take the table as it was written")
+            raise InputError(where, f"{len(row)} cells", expected, "use the original table")
     return [dict(zip(names, row, strict=True)) for row in rows]

@@ -1,1 +1,1 @@
-"""A running scene that somebody looks at and steers: in a browser, or with fingers on a touch screen."""
+"""Running scenes under control of a user: viewed in a browser, moved by a touch screen, or streamed to programs."""

@@ -1,4 +1,4 @@
-"""Verdicts on one scene with changing values: at once from its last linearisation, then from one of its own."""
+"""Stability of a scene with changing values: first from the last linearisation, then from a new one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from graspfx.scene.model import Scene
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """A scene that is linearised: the loop of each object, its parts whatever its gains are, and the limits."""
+    """Linearised scene: the loop of each object, its parts independent of the gains, and the limits."""
 
     scene: Scene
     loops: tuple[Linearised, ...]
@@ -29,7 +29,7 @@ class _Base:
 
 
 class Certifier:
-    """Verdicts on a scene with other values by live key; full ones are those of `gx.certify`.
+    """Computes the stability of a scene with other values of live keys; full results equal those of `gx.certify`.
 
     `provisional` and `stages` may run in two threads at the same time.
     """
@@ -39,10 +39,10 @@ class Certifier:
         self._base: _Base | None = None
 
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Judge from the last linearisation: gains and numbers of objects changed there, its rest and squeeze held.
+        """Judge from the last linearisation, with changed gains and object parameters but the same rest and squeeze.
 
-        None where that tells nothing: before the first linearisation, for values that change the loop otherwise, and
-        for those of which no loop can be made.
+        Returns None before the first linearisation, for values that change the loop in another way, and for values
+        that give no loop.
         """
         base = self._base
         if base is None:
@@ -60,10 +60,10 @@ class Certifier:
         return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows, at=base.at)
 
     def stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
-        """Linearise the scene with these values and judge it: without fingers that push alone, then in full."""
+        """Linearise the scene with these values and judge it, first without the limits of single pushing fingers."""
         try:
             yield from self._stages(values)
-        except Exception as error:  # noqa: BLE001 - a text on a page, whatever a driver or a scene raises
+        except Exception as error:  # noqa: BLE001 - drivers and scenes may raise anything; the page shows it
             text = " ".join(str(error).split())
             name = "" if isinstance(error, GraspFXError) else f"{type(error).__name__}: "
             yield Verdict(dict(values), False, error=name + text, stage=2)
@@ -91,7 +91,7 @@ class Certifier:
         yield replace(answer, is_provisional=False, rows=tuple(rows), stage=2)
 
     def _pushing_before(self, scene: Scene, values: Mapping[str, Any]) -> list[MarginRow]:
-        """Give the last limits of fingers that push, for as long as there are no new ones."""
+        """Return the last limits of pushing fingers, scaled, until there are new ones."""
         if self._base is None:
             return []
         change = change_of(self._base.scene, scene.object[scene.finger_objects[0]].name, values)
@@ -117,7 +117,7 @@ def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
 
 
 def _scaled(row: MarginRow, change: Change) -> MarginRow:
-    """Give a row with the gain of a change and its limit as it was; of gains together, the larger factor counts."""
+    """Return a row with its gain changed and its limit kept; for all gains together, the larger factor counts."""
     if not row.mode.startswith(("internal", "external")):
         factor = max(change.external, change.internal)
         return row._replace(limit=_over(row.limit, factor), margin=_over(row.margin, factor))

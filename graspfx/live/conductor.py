@@ -1,4 +1,4 @@
-"""The thread that steers a live run: it does one thing after another, and of several values of a key the newest."""
+"""Command thread of a live run: executes commands in order, and merges pending values of the same key."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 from graspfx.errors import InputError
 
-LOOK = 0.1  # between two looks at the run [s]
+LOOK = 0.1  # interval between checks of the run [s]
 
 
 class _Request(NamedTuple):
-    """Something to do: values to be set, or an action."""
+    """Command: values to set, or an action."""
 
     future: Future[None]
     values: Mapping[str, Any] | None = None
@@ -22,13 +22,13 @@ class _Request(NamedTuple):
 
 
 class Conductor:
-    """A thread that sets values and does actions, in the order in which they come.
+    """Thread that sets values and runs actions in the order of arrival.
 
-    Values that wait behind one another are set at once, the newest of each key; if that cannot be, each by itself.
+    Consecutive pending values are set together, the newest of each key. If this fails, they are set one by one.
 
     Args:
-        apply: sets values.
-        look: called again and again.
+        apply: Function that sets values.
+        look: Function called periodically.
     """
 
     def __init__(self, apply: Callable[[Mapping[str, Any]], object], look: Callable[[], object]) -> None:
@@ -40,15 +40,15 @@ class Conductor:
         self._thread.start()
 
     def set(self, values: Mapping[str, Any]) -> Future[None]:
-        """Ask for values by key."""
+        """Queue values to set, by key."""
         return self._ask(_Request(Future(), values=dict(values)))
 
     def do(self, action: Callable[[], object]) -> Future[None]:
-        """Ask for an action."""
+        """Queue an action."""
         return self._ask(_Request(Future(), action=action))
 
     def end(self, action: Callable[[], object]) -> None:
-        """Do a last action, and end; requests that wait are given up."""
+        """Run a last action, and end; pending requests fail."""
         with self._change:
             if self._is_over:
                 return
@@ -85,11 +85,11 @@ class Conductor:
                 self._set(batch)
             if is_last:
                 return
-            with suppress(Exception):  # such as a warning that somebody has made an error of: it was seen
+            with suppress(Exception):  # such as a warning turned into an error; it was reported
                 self._look()
 
     def _next(self) -> list[_Request]:
-        """Take the next action, or all values before it."""
+        """Take the next action, or all values before the next action."""
         batch: list[_Request] = []
         while self._requests and not (batch and (batch[0].action or self._requests[0].action)):
             request = self._requests.pop(0)
@@ -103,7 +103,7 @@ class Conductor:
             values |= each.values or {}
         try:
             self._apply(values)
-        except BaseException as error:  # noqa: BLE001 - it is the futures' own
+        except BaseException as error:  # noqa: BLE001 - it belongs to the futures
             if len(batch) == 1:
                 batch[0].future.set_exception(error)
                 return
@@ -119,11 +119,11 @@ class Conductor:
 def _do(request: _Request, action: Callable[[], object]) -> None:
     try:
         action()
-    except BaseException as error:  # noqa: BLE001 - it is the future's own
+    except BaseException as error:  # noqa: BLE001 - it belongs to the future
         request.future.set_exception(error)
     else:
         request.future.set_result(None)
 
 
 def _over() -> InputError:
-    return InputError("run", "closed", "a run that goes on", "it was closed")
+    return InputError("run", "closed", "an open run", "it was closed")

@@ -1,6 +1,6 @@
-"""Rows of a recording, or of a running servo, as what is drawn: poses, fingertips, contacts and forces in space.
+"""Drawable frames from rows of a recording or a running servo: poses, fingertips, contacts and forces in 3-D.
 
-What happens on a line or in the plane is put into space: on its x axis, or on its plane of x and y.
+Scenes on a line lie on the x axis, scenes in the plane lie in the x-y plane.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
 T = TypeVar("T")
 
-STATES = tuple(CONTACTS)  # of a contact; "touch" where no friction tells which
+STATES = tuple(CONTACTS)  # states of a contact; "touch" without friction
 
 
 class Pose(NamedTuple):
-    """The frame in which a scene describes an object's shape: where it is [m], and its turn as a quaternion w, x, y, z.
+    """Pose of the frame in which an object's shape is described: position [m] and quaternion w, x, y, z.
 
-    Of a mesh it is the frame of its file, of any other shape that of the object.
+    For a mesh this is the frame of its file, for any other shape the frame of the object.
     """
 
     position: FloatArray
@@ -41,20 +41,20 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """One row as what is drawn, all in space. What its recording does not say is missing: None, or NaN.
+    """Drawable content of one row, in 3-D. Quantities that were not recorded are None or NaN.
 
     Attributes:
-        time: [s].
-        tick: of the row.
-        objects: the pose of each object whose place is recorded.
-        fingertips: (n, 3) [m].
-        contact_position: c, of fingers that touch; else NaN (n, 3) [m].
-        touching: (n,).
-        states: of each finger one of `STATES`: "limit" where its force stands at a limit, "slide" and "stick" where
-            there is friction, else "touch"; "free".
-        force: of the fingers on the object (n, 3) [N]; zero of a free finger.
-        internal, external: its parts, which squeeze and which move the object (n, 3) [N].
-        limited: whether a finger's force stands at its limit (n,).
+        time: Time [s].
+        tick: Tick of the row.
+        objects: Pose of each object with a recorded position.
+        fingertips: Positions of the fingertips (n, 3) [m].
+        contact_position: Contact points c of touching fingers, else NaN (n, 3) [m].
+        touching: Whether each finger touches (n,).
+        states: State of each finger, one of `STATES`: "free"; "limit" if its force is saturated; "slide" or "stick"
+            with friction; otherwise "touch".
+        force: Forces of the fingers on the object (n, 3) [N]; zero for free fingers.
+        internal, external: Internal and external parts of the forces (n, 3) [N].
+        limited: Whether each force is saturated (n,).
     """
 
     time: float
@@ -71,11 +71,11 @@ class Frame:
 
 
 class Frames(Sequence[Frame]):
-    """Frames of rows, whose arrays are computed when they are asked for, all rows of one at a time.
+    """Sequence of frames. Each array is computed on first use, for all rows together.
 
     Args:
-        history: a recording, or a part of one; of a long one, `Recording.part` or `Recording.parts`.
-        apart: by how much fingers on a line are set apart across it [m], `Scenery.apart`.
+        history: Recording or part of one; use `Recording.part` or `Recording.parts` for long ones.
+        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
 
     def __init__(self, history: Recording, apart: float = 0.0) -> None:
@@ -86,7 +86,7 @@ class Frames(Sequence[Frame]):
         return len(self.history)
 
     def __getitem__(self, k: int) -> Frame:  # type: ignore[override]
-        """Give the frame of a row."""
+        """Return the frame of a row."""
         if not -len(self) <= k < len(self):
             raise IndexError(k)
         k %= len(self)
@@ -113,7 +113,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def poses(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object whose place is recorded."""
+        """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object with a recorded position."""
         poses = {}
         for name in self.layout.objects:
             pose = self._or_none(lambda name=name: self.history.described_pose(name))  # type: ignore[misc]
@@ -123,7 +123,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def fingertips(self) -> FloatArray:
-        """True positions of the fingertips, or those that devices report (N, n, 3) [m]; NaN where neither is there."""
+        """True positions of the fingertips, else those reported by devices (N, n, 3) [m]; NaN without either."""
         for name in ("true_position", "finger_position"):
             tips = self._column(name)
             if tips is not None:
@@ -132,7 +132,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def contacts(self) -> FloatArray:
-        """Contacts of the fingers that touch (N, n, 3) [m]; NaN of others."""
+        """Contact points of touching fingers (N, n, 3) [m]; NaN for others."""
         contacts = self._column("contact_position")
         if contacts is None:
             return self._nowhere()
@@ -140,15 +140,15 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def touching(self) -> BoolArray:
-        """Whether a finger exerts a force (N, n); no finger does where it is not recorded."""
+        """Whether each finger exerts a force (N, n); False if not recorded."""
         touching = self._column("touching")
         return np.zeros((len(self), len(self.layout.fingers)), dtype=bool) if touching is None else touching > 0.0
 
     @property
     def loose(self) -> dict[str, float]:
-        """Objects that none of their fingers touches in any row, with the least gap in the last one [m].
+        """Objects that no finger touches in any row, with the smallest gap in the last row [m].
 
-        The gap is NaN where it is not recorded; no object is loose where nothing says who touches.
+        The gap is NaN if it was not recorded. The result is empty if touching was not recorded.
         """
         if "touching" not in self.layout.columns or not len(self):
             return {}
@@ -161,7 +161,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def states(self) -> IntArray:
-        """States of the contacts (N, n), as places in `STATES`."""
+        """States of the contacts (N, n), as indices of `STATES`."""
         states = self.touching.astype(np.int8)
         status = self._column("status")
         if status is not None:  # 0 free, 1 stick, 2 slide
@@ -172,19 +172,19 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def limited(self) -> BoolArray | None:
-        """Whether a finger's force stands at its limit (N, n); None where nothing says so."""
+        """Whether each finger's force is saturated (N, n); None if not recorded."""
         saturated = self._column("saturated")
         return None if saturated is None else saturated > 0.0
 
     @cached_property
     def force(self) -> FloatArray | None:
-        """Forces of the fingers on the object, zero of free ones (N, n, 3) [N]."""
+        """Forces of the fingers on the object, zero for free fingers (N, n, 3) [N]."""
         force = self._column("finger_force")
         return None if force is None else self._exerted(force)
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray] | None:
-        """Internal and external parts of the forces (N, n, 3) [N]; None where the recording does not say them."""
+        """Internal and external parts of the forces (N, n, 3) [N]; None if not recorded."""
         external = self._or_none(lambda: self.history.external_force)
         if external is None or self.force is None:
             return None
@@ -193,7 +193,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def modes(self) -> dict[str, Modes]:
-        """Squeeze and push of each object that fingers touch, as `graspfx plot` has them; none where not recorded."""
+        """Squeeze and push of each object with fingers, as in `graspfx plot`; empty if not recorded."""
         contacts = self._column("contact_position")
         tips = self._column("finger_position")
         if self.parts is None or contacts is None or tips is None or not len(self):
@@ -212,7 +212,7 @@ class Frames(Sequence[Frame]):
         return self.history.array(name) if name in self.layout.columns else None
 
     def _or_none(self, quantity: Callable[[], T]) -> T | None:
-        """Give a quantity, or None where the recording leaves out what it follows from."""
+        """Return a quantity, or None if it cannot be computed from the recording."""
         try:
             return quantity()
         except RecordingError:
@@ -223,7 +223,7 @@ class Frames(Sequence[Frame]):
         return lifted(np.where(seen, force, 0.0), 3)
 
     def _spread(self, places: FloatArray) -> FloatArray:
-        """Lift places into space, and set fingers on a line apart across it."""
+        """Convert positions to 3-D, and separate fingers on a line laterally."""
         places = lifted(places, 3)
         return places + self._across[:, None] * np.array([0.0, 1.0, 0.0]) if self._across.any() else places
 
@@ -235,15 +235,15 @@ def frame_of(
     row: FloatArray, layout: Layout, header: Header, *, changes: Sequence[KeyChange] = (), tick: int = 0,
     apart: float = 0.0,
 ) -> Frame:  # fmt: skip
-    """Read one row as what is drawn.
+    """Make the frame of one row.
 
     Args:
-        row: (width,), of the recorder or of the ring.
-        layout: its columns.
-        header: of the run.
-        changes: of the run so far, with those of its split.
-        tick: of the row.
-        apart: by how much fingers on a line are set apart across it [m], `Scenery.apart`.
+        row: Row (width,) from a recording or the ring buffer.
+        layout: Columns of the row.
+        header: Header of the run.
+        changes: Changes of keys in the run so far, including those of the split.
+        tick: Tick of the row.
+        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
     return Frames(history_of(row[None], layout, header, changes=changes, tick=tick), apart)[0]
 
@@ -251,16 +251,16 @@ def frame_of(
 def history_of(
     rows: FloatArray, layout: Layout, header: Header, *, changes: Sequence[KeyChange] = (), tick: int = 0
 ) -> Recording:
-    """Name the columns of rows (r, width), the first of which is of a tick; they are not to be written to any more."""
+    """Make a history of rows (r, width) that start at `tick`; the rows must not be modified afterwards."""
     return Recording(rows, layout, header, Outcome(changes=tuple(changes)), start=tick // header.every)
 
 
 def quaternions(turn: FloatArray | None, count: int) -> FloatArray:
-    """Write turns as quaternions w, x, y, z (N, 4).
+    """Convert rotations to quaternions w, x, y, z (N, 4).
 
     Args:
-        turn: angles (N,) [rad] about z, quaternions x, y, z, w (N, 4), or None for no turn.
-        count: N.
+        turn: Angles about z (N,) [rad], quaternions x, y, z, w (N, 4), or None for no rotation.
+        count: Number of rows N.
     """
     wxyz = np.zeros((count, 4))
     if turn is None:

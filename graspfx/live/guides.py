@@ -1,4 +1,4 @@
-"""Guides of a live run: what may be led aside while it goes on, one per hand or one per finger."""
+"""Guides of a live run: handles that move a hand or a finger by an operator offset."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """A handle of a hand or of a finger.
+    """Handle of a hand or of a finger.
 
     Attributes:
-        name: of the hand, or of the finger.
-        fingers: numbers of the fingers that go along.
-        position: where it starts, the fingers' mean (d,) [m].
-        hand: the number of its hand among the guided ones.
-        place: of its finger among the hand's; None for all.
-        all_fingers: of its hand.
-        lag: of its followers [s].
+        name: Name of the hand or finger.
+        fingers: Numbers of the fingers that it moves.
+        position: Initial position, the mean of the fingers (d,) [m].
+        hand: Number of its hand among the guided hands.
+        place: Index of its finger in the hand; None for all fingers.
+        all_fingers: Numbers of all fingers of the hand.
+        lag: Time constant of its followers [s].
     """
 
     name: str
@@ -43,7 +43,7 @@ class Guide:
 
 
 def guided_scene(scene: Scene) -> Scene:
-    """Give each hand of a scene a guide that has none; a plug-in's own hand takes none."""
+    """Add a guide to each hand of a scene without one, except to hands of plug-ins."""
     changes: dict[str, Any] = {
         ".".join(map(str, (*each.at, "guide"))): {}
         for each in holdings(scene)

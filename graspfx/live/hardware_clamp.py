@@ -1,37 +1,109 @@
-"""New gains on their way to hardware: certified first, clamped to a share of their limit, or refused with a reason."""
+"""Safety of gain changes with hardware: certify new gains, then set, clamp or refuse them."""
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from graspfx.live.clamp import SHARE, lower, shortfall
+from graspfx.assembly.live import GAINS
 from graspfx.live.margins import Margins
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.stability_verdict import MarginRow, Verdict
+from graspfx.scene.keys import general
 
-PATIENCE = 20.0  # for a full certificate [s]
-ROUNDS = 4  # of clamped values whose own certificate asks for less
+SHARE = 0.9  # largest gain with hardware, as a share of its limit
+INSIDE = 1e-3  # relative distance of a clamped gain below that, because its rest has a slightly different limit
+SAME = 1e-6  # relative difference up to which gains are equal
+MODES = {key: key.split(".")[1] for key in GAINS if key.endswith("stiffness")}  # external, internal
+
+
+def shortfall(verdict: Verdict, present: Verdict) -> str:
+    """Return the reason why values are not allowed with hardware; empty if they are.
+
+    Each margin must be at least 1/0.9; a margin that is smaller now must not shrink.
+
+    Args:
+        verdict: Full result for the values.
+        present: Full result for the present values.
+    """
+    for row, needed in _short(verdict, present):
+        text = f"{row.mode} margin {row.margin:.3f}" if math.isfinite(row.margin) else row.mode
+        lost = "" if math.isnan(row.frequency) else f", unstable beyond it at {row.frequency:.3g} Hz"
+        return f"{text}, {needed:.3f} needed; limit {row.limit:.4g} N/m{lost}"
+    if not verdict.is_stable:
+        return f"not stable: spectral radius {verdict.spectral_radius:.6f}"
+    return ""
+
+
+def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
+    """Lower stiffnesses to 0.9 of their limits; None if nothing can be lowered without going below the present one.
+
+    Args:
+        values: Values by live key, which are not allowed.
+        verdict: Full result for them.
+        present: Full result for the present values.
+    """
+    less = dict(values)
+    for key, value in values.items():
+        mode = MODES.get(general(key))
+        if mode is None or not isinstance(value, int | float):
+            continue
+        rows = [row for row in present.rows if row.mode == mode]
+        now = min((row.gain for row in rows), default=0.0)
+        most = min((SHARE * row.limit for row in rows), default=math.inf)  # limit near the present values
+        if value <= max(most, now):
+            short = [row.margin / needed for row, needed in _short(verdict, present) if _grows(row, mode)]
+            if not short:
+                continue
+            most = float(value) * min(short)
+        most *= 1.0 - INSIDE
+        if value > most and not value > now >= most * (1.0 - SAME):
+            less[key] = most
+    return None if less == dict(values) else less
+
+
+def _short(verdict: Verdict, present: Verdict) -> Iterator[tuple[MarginRow, float]]:
+    """List the rows whose margin is too small, with the required margin."""
+    for row in verdict.rows:
+        before = min((each.margin for each in present.rows if _kind(each) == _kind(row)), default=math.inf)
+        needed = min(1.0 / SHARE, before * (1.0 - SAME))
+        if row.margin < needed:
+            yield row, needed
+
+
+def _kind(row: MarginRow) -> tuple[str, str]:
+    """Return the key for comparing rows; all pushing fingers have the same key."""
+    return row.name, row.mode if row.is_mode else "pushing"
+
+
+def _grows(row: MarginRow, mode: str) -> bool:
+    """Tell whether a row's gain grows with a mode's gain."""
+    return row.mode == mode or not row.mode.startswith(("external", "internal"))
+
+
+PATIENCE = 20.0  # timeout for a full certificate [s]
+ROUNDS = 4  # attempts to find values that are certified
 
 
 class Steered(Protocol):
-    """A run that takes new values."""
+    """Run whose values can be set."""
 
     def set(self, values: Mapping[str, Any]) -> Future[Any]:
-        """Set values by live key; the future ends once the loop has them, or with the reason why not."""
+        """Set values by live key; the future completes when the loop uses them, or with an exception."""
         ...
 
 
 @dataclass(frozen=True)
 class Order:
-    """An order to hardware, as it was carried out.
+    """Result of an order to hardware.
 
     Attributes:
-        request: values by live key, as they were ordered.
-        values: that were set; none where the order was refused.
-        text: what was asked, what was set, and why; empty where it was set as asked.
+        request: Requested values by live key.
+        values: Values that were set; empty if the order was refused.
+        text: Explanation of what was set instead and why; empty if the request was set.
     """
 
     request: Mapping[str, Any]
@@ -40,26 +112,25 @@ class Order:
 
     @property
     def is_refused(self) -> bool:
-        """Whether nothing was set."""
+        """Whether the order was refused."""
         return not self.values
 
 
 class HardwareClamp:
-    """A gate between sliders and a run with hardware: what is not certified does not pass.
+    """Filter between sliders and a run with hardware: only certified values pass.
 
-    Values have to leave each limit of the certificate, with all gains as they will be, a share of room (`SHARE`), or as
-    much as there is now where that is less; a larger stiffness is set to the largest that does, other values are
-    refused. Orders that come while a certificate is computed wait and become one, in which the newest value of a key
-    counts; the futures of all of them end with that.
+    With the new values, each gain must stay below a share (`SHARE`) of its limit, or at least have the margin that it
+    has now. A larger stiffness is reduced until it does; other values are refused. Orders that arrive while a
+    certificate is computed are merged into one, with the newest value of each key; all their futures complete with it.
 
     Args:
-        run: whose values change.
-        margins: of its scene; nobody else asks it.
+        run: Run whose values change.
+        margins: Certificates of its scene, used by this object only.
     """
 
     def __init__(self, run: Steered, margins: Margins) -> None:
         self._run, self._margins = run, margins
-        self._present: dict[str, Any] = {}  # that differ from the scene's
+        self._present: dict[str, Any] = {}  # values that differ from the scene's
         self._verdict: Verdict | None = None
         self._changed = threading.Condition()
         self._waiting: dict[str, Any] = {}
@@ -69,7 +140,7 @@ class HardwareClamp:
         self._thread.start()
 
     def set(self, values: Mapping[str, Any]) -> Future[Order]:
-        """Order values by live key; nothing waits here."""
+        """Order values by live key; does not block."""
         future: Future[Order] = Future()
         with self._changed:
             if self._closed:
@@ -81,7 +152,7 @@ class HardwareClamp:
         return future
 
     def close(self) -> None:
-        """End; orders that still wait are refused."""
+        """End; waiting orders are refused."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -98,7 +169,7 @@ class HardwareClamp:
                 order = _late(request) if closed else self._carry_out(request)
                 for future in futures:
                     future.set_result(order)
-            except Exception as error:  # noqa: BLE001 - raised where the order is waited for
+            except Exception as error:  # noqa: BLE001 - the caller gets it from the future
                 for future in futures:
                     future.set_exception(error)
             if closed:
@@ -107,18 +178,18 @@ class HardwareClamp:
     def _carry_out(self, request: dict[str, Any]) -> Order:
         present = self._verdict = self._verdict or self._certificate(self._present)
         if present is None or present.is_stable is None:
-            return self._refusal(request, f"there is no certificate of the values of now{_why(present)}")
+            return self._refusal(request, f"there is no certificate for the present values{_why(present)}")
         values, first = request, ""
         for _ in range(ROUNDS):
             verdict = self._certificate(self._present | values)
             if verdict is None or verdict.is_stable is None:
-                return self._refusal(request, f"there is no certificate of it{_why(verdict)}")
+                return self._refusal(request, f"there is no certificate for it{_why(verdict)}")
             why = shortfall(verdict, present)
             if not why:
                 try:
                     self._run.set(values).result()
                 except Exception:
-                    self._margins.ask(self._present, alone=True)  # a verdict on values that were not taken is none
+                    self._margins.ask(self._present, alone=True)  # the result for refused values is void
                     raise
                 self._present |= values
                 self._verdict = verdict
@@ -131,7 +202,7 @@ class HardwareClamp:
         return self._refusal(request, f"{first}; no smaller value was certified either")
 
     def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Ask for the full verdict on values, and wait for it."""
+        """Request the full result for values, and wait for it."""
         number = self._margins.ask(values, alone=True)
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
@@ -156,4 +227,4 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def _clamp_text(request: Mapping[str, Any], values: Mapping[str, Any], why: str) -> str:
-    return f"asked {_listed(request)}; set {_listed(values)}, at most {SHARE:g} of each limit: as asked, {why}"
+    return f"requested {_listed(request)}; set {_listed(values)}, at most {SHARE:g} of each limit: as requested, {why}"

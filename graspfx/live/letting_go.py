@@ -1,4 +1,4 @@
-"""Letting go: a hand withdraws along the forces of its fingers until they are free, smoothly."""
+"""Release of an object: a hand withdraws its fingers smoothly along their forces until they are free."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-CLEARANCE = 0.003  # between a finger that was let go and its object [m],
-GROWTH = 2.0  # and times that with each step after the first
-SLACK = 1.5  # times the way that a finger is estimated to go, as its object comes after it
-LAGS = 6.0  # of the follower, after which a finger that is not free yet goes on
-OFTEN = 1.0  # after a step in which each row is looked at [s],
-SELDOM = 0.05  # and between two looks from then on [s]
-SOFTEST = 1.0  # stiffness of a hand that is counted with [N/m]
+CLEARANCE = 0.003  # distance of a released finger from the object [m]
+GROWTH = 2.0  # factor of the clearance in each further step
+SLACK = 1.5  # factor of the estimated distance, because the object follows the finger
+LAGS = 6.0  # time between steps, in lags of the follower
+OFTEN = 1.0  # time after a step during which every row is checked [s]
+SELDOM = 0.05  # interval between later checks [s]
+SOFTEST = 1.0  # smallest hand stiffness used in the estimate [N/m]
 
 
 class Watched(Protocol):
-    """A run whose rows are looked at."""
+    """Run whose rows are watched."""
 
     run_number: int
 
     @property
     def state(self) -> str:
-        """Whether it runs, waits or has ended."""
+        """State of the run: "running", "paused" or "ended"."""
         ...
 
     @property
     def ticks(self) -> int:
-        """Count of ticks whose rows are there."""
+        """Number of ticks with available rows."""
         ...
 
     @property
@@ -49,7 +49,7 @@ class Watched(Protocol):
 
     @property
     def period(self) -> float:
-        """T [s]."""
+        """Sampling period T [s]."""
         ...
 
     def row(self) -> FloatArray | None:
@@ -57,21 +57,21 @@ class Watched(Protocol):
         ...
 
     def await_row(self, after: int, seconds: float) -> bool:
-        """Wait for a row that is newer."""
+        """Wait for a newer row."""
         ...
 
 
 class Release:
-    """A guide that lets go; a thread of its own looks after it until it is guided again.
+    """Release by a guide; a thread supervises it until the guide is moved again.
 
-    The first step is done at once. Where a finger still touches after some lags, as its object has come along, the next
-    one follows. Time is counted in ticks: a pause is none.
+    The first step is immediate. If a finger still touches after some lags, because the object has followed it, another
+    step follows. Time is counted in ticks, so pauses do not count.
 
     Args:
-        run: whose rows are looked at.
-        session: of the run.
-        guide: that lets go.
-        lag: of its follower [s].
+        run: Run whose rows are watched.
+        session: Session of the run.
+        guide: Guide that releases the object.
+        lag: Time constant of its follower [s].
     """
 
     def __init__(self, run: Watched, session: LiveSession, guide: Guide, lag: float) -> None:
@@ -79,12 +79,12 @@ class Release:
         self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
 
     def begin(self) -> None:
-        """Withdraw, and look after it from now on."""
+        """Withdraw the fingers, and start supervision."""
         if self._withdraw():
             Thread(target=self._watch, name="graspfx-release", daemon=True).start()
 
     def end(self) -> None:
-        """Withdraw no farther, from now on."""
+        """Stop withdrawing."""
         with self._lock:
             self._is_over = True
 
@@ -93,7 +93,7 @@ class Release:
         return range(len(self._guide.all_fingers)) if self._guide.place is None else [self._guide.place]
 
     def _withdraw(self) -> bool:
-        """Lead fingers that touch away from their objects; return whether there is one."""
+        """Move touching fingers away from their objects; return whether there are any."""
         row, goals, guide = self._run.row(), self._session.goals, self._guide
         with self._lock:
             if row is None or self._is_over:
@@ -106,7 +106,7 @@ class Release:
                     has_touched = True
                     goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
             if has_touched:
-                self._clearance *= GROWTH  # for an object that comes after it
+                self._clearance *= GROWTH  # in case the object follows
             return has_touched
 
     def _watch(self) -> None:
@@ -123,16 +123,16 @@ class Release:
 
 
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
-    """Give the way (d,) by which a finger's target goes so that the finger is free [m]; None for one that is.
+    """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
 
-    It is along the object's force on the finger: |f|/k of the hand's spring, the depth |p - c| to which the finger is
-    inside, and a clearance.
+    It is parallel to the object's force on the finger. Its length is the deflection |f|/k of the hand's spring, plus
+    the penetration depth |p - c|, plus a clearance.
 
     Args:
-        session: that runs.
-        row: of now.
-        finger: its number.
-        clearance: [m].
+        session: Running session.
+        row: Present row.
+        finger: Number of the finger.
+        clearance: Clearance [m].
     """
     columns = session.servo.layout.columns
 

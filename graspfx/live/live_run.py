@@ -1,4 +1,4 @@
-"""A scene that runs while it is looked at and steered: rows of now, values, goals of hands, pauses and recordings."""
+"""Live run of a scene: present rows, changes of values, goals of hands, pauses and recordings."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 State = Literal["running", "paused", "ended"]
 
-MARGIN = 64  # rows that may be written over while others are read
-SHORTEST, LONGEST = 0.0005, 0.002  # between two looks whether a row has come [s]
+MARGIN = 64  # rows that may be overwritten while others are read
+SHORTEST, LONGEST = 0.0005, 0.002  # range of the polling interval for rows [s]
 
 
 class LiveRun(Resource):
-    """A run of a scene on the wall's clock, in a process of its own, that any thread may look at and steer.
+    """Real-time run of a scene in its own process, which any thread may watch and control.
 
-    Nothing here waits for the servo unless its text says so. The end of the `with` block closes it.
+    No method waits for the servo unless stated. The end of the `with` block closes the run.
 
     Args:
-        scene: what is run.
-        live: keys that `set` may change; None for none.
-        out: a folder in which recording.h5 is written; None for a run that nobody records.
-        guide: "hands" gives each hand of simulated fingers a guide, "fingers" each of these fingers; None for none.
-        paused: whether it waits before the first tick.
+        scene: Scene to run.
+        live: Keys that `set` may change; None for none.
+        out: Folder of recording.h5; None to record nothing.
+        guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
+        paused: Whether the run starts paused.
 
     Attributes:
-        guides: one per hand, or per finger.
-        run_number: counts resets.
+        guides: Guides of the hands or fingers.
+        run_number: Number of resets.
 
     Raises:
-        InputError, SceneError, DeviceError, RecordingError: as of `graspfx.open`.
+        InputError, SceneError, DeviceError, RecordingError: As in `graspfx.open`.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class LiveRun(Resource):
 
     @property
     def scene(self) -> Scene:
-        """The scene with the values of now; goals of guides are no part of it."""
+        """The scene with the present values, without the goals of guides."""
         return self._session.scene
 
     @property
@@ -99,12 +99,12 @@ class LiveRun(Resource):
 
     @property
     def servo(self) -> Servo:
-        """A copy of the servo that runs, whose devices tell their features and reach; its state is not the run's."""
+        """A copy of the running servo, for its devices' features and reach; its state is not that of the run."""
         return self._session.servo
 
     @property
     def header(self) -> Header:
-        """Header that a recording of this run has."""
+        """Header of a recording of this run."""
         return self._session.header
 
     @property
@@ -119,7 +119,7 @@ class LiveRun(Resource):
 
     @property
     def has_hardware(self) -> bool:
-        """Whether a device is no simulation."""
+        """Whether any device is hardware."""
         return bool(self._session.servo.hardware)
 
     @property
@@ -139,7 +139,7 @@ class LiveRun(Resource):
 
     @property
     def state(self) -> State:
-        """Whether it runs, waits or has ended."""
+        """State of the run."""
         session = self._session
         if self._has_ended or int(session.ring.words[Word.PHASE]) >= Phase.RESTED:
             return "ended"
@@ -147,30 +147,30 @@ class LiveRun(Resource):
 
     @property
     def fault(self) -> RunFault | None:
-        """The first fault; from it on every force is zero. None so far."""
+        """The first fault, after which all forces are zero; None without a fault."""
         return self._session.fault
 
     @property
     def splits(self) -> Sequence[tuple[int, Split]]:
-        """Rules by which forces divide into internal and external ones, each from a tick on."""
+        """Rules that split forces into internal and external parts, each with its first tick."""
         return self._session.splits
 
     @property
     def cause(self) -> str:
-        """Why it ended; empty as long as it goes on, and where it was closed."""
+        """Reason why the run ended; empty while it runs, or if it was closed."""
         if self.state != "ended":
             return ""
         return str(self._session.outcome["cause"]) or ("" if self.error is None else message(self.error))
 
     @property
     def error(self) -> BaseException | None:
-        """Error that the run ended in; None without."""
+        """Exception that ended the run, or None."""
         return self._session.error
 
     def row(self) -> FloatArray | None:
         """Copy the newest row; None before the first."""
         ring = self._session.ring
-        while True:  # a row may be written over 16384 ticks later
+        while True:  # the row may be overwritten during the copy, 16384 ticks later
             head = int(ring.words[Word.HEAD])
             if not head:
                 return None
@@ -179,17 +179,17 @@ class LiveRun(Resource):
                 return row
 
     def rows(self, since: int) -> tuple[int, FloatArray]:
-        """Copy the rows of the ticks from `since` on that are still there, (r, width); give the tick of the first."""
+        """Copy the available rows from tick `since`; return the tick of the first row, and the rows (r, width)."""
         ring = self._session.ring
         head = int(ring.words[Word.HEAD])
         first = min(max(int(since), head - SLOTS + MARGIN, 0), head)
         at, end = first % SLOTS, first % SLOTS + head - first
         rows: FloatArray = np.concatenate([ring.rows[at : min(end, SLOTS)], ring.rows[: max(end - SLOTS, 0)]])
-        late = max(int(ring.words[Word.HEAD]) - SLOTS + 1 - first, 0)  # rows that may have been written over meanwhile
+        late = max(int(ring.words[Word.HEAD]) - SLOTS + 1 - first, 0)  # rows that may have been overwritten meanwhile
         return first + late, rows[late:]
 
     def await_row(self, after: int, seconds: float) -> bool:
-        """Wait until a row is there that is newer than that of tick `after`; return whether one is."""
+        """Wait for a row after tick `after`; return whether there is one."""
         words, end = self._session.ring.words, time.monotonic() + seconds
         pause = min(max(0.25 * self.period, SHORTEST), LONGEST)
         while int(words[Word.HEAD]) - 1 <= after:
@@ -197,49 +197,49 @@ class LiveRun(Resource):
             if left <= 0.0 or self.state == "ended":
                 return int(words[Word.HEAD]) - 1 > after
             time.sleep(min(pause, left))
-            words = self._session.ring.words  # of a new run, maybe
+            words = self._session.ring.words  # a reset replaces the ring
         return True
 
     # Steering -----------------------------------------------------------------------------------------------------
 
     def set(self, values: Mapping[str, Any]) -> Future[None]:
-        """Change live keys; of several values of a key that wait the newest holds.
+        """Change values of live keys; pending values of the same key are replaced by the newest.
 
         Returns:
-            The future of the change: done when the servo has taken it; it raises what `Session.set` raises.
+            Future that completes when the servo uses the values; it raises the exceptions of `Session.set`.
         """
         return self._conductor.set(values)
 
     def guide(self, number: int, offset: Any, squeeze: float | None = None) -> None:
-        """Set the goals of a guide; the servo takes them before its next tick, the newest of several.
+        """Set the goals of a guide. The servo applies the newest goals before its next tick.
 
         Args:
-            number: of the guide.
-            offset: by which its fingers go aside, (d,) [m]; None leaves it.
-            squeeze: that is added to its hand's [m]; None leaves it.
+            number: Number of the guide.
+            offset: Operator offset of its fingers (d,) [m]; None keeps the present one.
+            squeeze: Squeeze added to the hand's [m]; None keeps the present one.
 
         Raises:
-            InputError: no such guide; goals that are not finite, of another shape or too far away.
+            InputError: The guide does not exist, or a goal is not finite, has the wrong shape or is too far away.
         """
         guide = self._guide_of(number)
         self._end_release(number)
         self._session.goals.send(guide.hand, offset, squeeze, guide.place)
 
     def goal(self, number: int) -> tuple[FloatArray, float]:
-        """Give the last goals of a guide: its fingers' mean offset (d,) [m], and what is added to a squeeze [m].
+        """Return the last goals of a guide: mean offset of its fingers (d,) [m], and additional squeeze [m].
 
         Raises:
-            InputError: no such guide.
+            InputError: The guide does not exist.
         """
         guide = self._guide_of(number)
         offsets, squeeze = self._session.goals.values(guide.hand)
         return (offsets.mean(axis=0) if guide.place is None else offsets[guide.place]), squeeze
 
     def let_go(self, number: int) -> None:
-        """Withdraw a guide's fingers along their forces until they are free; they stay there until they are guided.
+        """Withdraw a guide's fingers along their forces until they are free; they stay there until moved again.
 
         Raises:
-            InputError: no such guide.
+            InputError: The guide does not exist.
         """
         guide = self._guide_of(number)
         self._end_release(number)
@@ -259,55 +259,55 @@ class LiveRun(Resource):
     # Going on -----------------------------------------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Let the coming tick wait; values and goals are taken all the same.
+        """Pause before the next tick; values and goals can still be changed.
 
         Raises:
-            InputError: a scene with hardware.
+            InputError: The scene has hardware.
         """
         self._session.require_no_hardware("pause")
         self._conductor.do(lambda: self._session.pause())
 
     def resume(self) -> None:
-        """Go on after a pause: its time is not late, and no burst of ticks follows.
+        """Continue after a pause, without catching up on the paused time.
 
         Raises:
-            InputError: a scene with hardware.
+            InputError: The scene has hardware.
         """
         self._session.require_no_hardware("resume")
         self._conductor.do(lambda: self._session.resume())
 
     def step(self, ticks: int = 1) -> None:
-        """Run that many ticks, at their pace, and pause.
+        """Run a number of ticks in real time, then pause.
 
         Raises:
-            InputError: a scene with hardware, or no whole number above zero.
+            InputError: The scene has hardware, or the number is not a positive integer.
         """
         self._session.require_no_hardware("step")
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:
-        """Begin a new run of the scene with the values of now, guides where they start; wait until it goes on.
+        """Start a new run with the present values and the guides at their initial positions; wait until it runs.
 
         Raises:
-            RecordingError, DeviceError: whatever keeps it from beginning; another reset may do it.
+            RecordingError, DeviceError: The run cannot start; another reset may succeed.
         """
         self._conductor.do(lambda: self._renew(None)).result()
 
     def record(self, folder: str | PathLike[str]) -> Path:
-        """Begin a new run that is recorded in a folder, from its first tick on; wait until it goes on.
+        """Start a new run that is recorded in a folder from its first tick; wait until it runs.
 
         Raises:
-            RecordingError: the folder has a recording already, or cannot be written.
+            RecordingError: The folder already has a recording, or cannot be written.
         """
         self._conductor.do(lambda: self._renew(folder)).result()
         assert self._out is not None
         return self._out
 
     def stop_recording(self) -> Path:
-        """End the recording, and begin a new run that is not recorded; give the recording's file.
+        """End the recording and start a new run without one; return the recording's file.
 
         Raises:
-            InputError: nothing is recorded.
+            InputError: The run is not recorded.
         """
         out = self._out
         if out is None:
@@ -316,7 +316,7 @@ class LiveRun(Resource):
         return out
 
     def _renew(self, out: str | PathLike[str] | None) -> None:
-        """Begin a new run; what the former one ended in is raised afterwards where it was recorded."""
+        """Start a new run; an exception that ended a recorded run is raised afterwards."""
         self._require_sound_hardware()
         if out is not None:
             require_vacancy_of(recording_path(out, "folder") / NAME)
@@ -326,7 +326,7 @@ class LiveRun(Resource):
         self._has_ended = True
         try:
             self._session.close()
-        except Exception as error:  # noqa: BLE001 - of any driver or disk; it was there to be seen as `error`
+        except Exception as error:  # noqa: BLE001 - from any driver or disk; also available as `error`
             failure = error
         self._scene, self._out = self._session.scene, None
         self._open(out, paused=False)
@@ -335,23 +335,23 @@ class LiveRun(Resource):
             raise failure
 
     def _require_sound_hardware(self) -> None:
-        """Require that no hardware has ended in a fault: a button of a page does not arm it again.
+        """Require that hardware has not failed: a button on a page must not arm it again.
 
         Raises:
-            InputError: it has; its recording is closed with this object.
+            InputError: The hardware has failed; the recording is closed with this object.
         """
         if not self.has_hardware or (self.fault is None and not self._session.outcome.get("cause")):
             return
         why = self.fault.message if self.fault is not None else self.cause
-        do = "see to the device, end the program, and begin anew"
+        do = "check the device, end the program, and start it again"
         raise InputError("run", f"hardware that has ended: {why}", "a run without fault", do)
 
     def rest(self) -> None:
-        """Let every force decay to zero, and stay there; wait until it is."""
+        """Let all forces decay to zero; wait until they have."""
         self._conductor.do(lambda: self._session.rest()).result()
 
     def close(self) -> None:
-        """End the run: forces are zero, the recording is whole, the process is gone; a second time nothing happens."""
+        """End the run: zero the forces, complete the recording, end the process. Closing again does nothing."""
         self._conductor.end(self._close)
 
     def _close(self) -> None:

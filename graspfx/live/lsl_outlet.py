@@ -1,4 +1,4 @@
-"""Streams of the Lab Streaming Layer: markers, and numbers of a run at a lower rate, from a thread beside it."""
+"""Lab Streaming Layer outlets: event markers, and rows of a run at a reduced rate from a separate thread."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
     from graspfx.loop.columns import Layout
 
-RATE = 100.0  # rows a second
-COLUMNS = ("finger_position", "finger_force", "touching")  # of every run
+RATE = 100.0  # default rate of rows [Hz]
+COLUMNS = ("finger_position", "finger_force", "touching")  # default columns, present in every run
 MARKERS, HAPTICS = "Markers", "Haptics"  # types of the streams
-SETTINGS = "[log]\nlevel = -1\n"  # warnings and errors alone on the terminal
-LIBRARY = "install liblsl (https://github.com/sccn/liblsl/releases), or let PYLSL_LIB name its file"
+SETTINGS = "[log]\nlevel = -1\n"  # log only warnings and errors
+LIBRARY = "install liblsl (https://github.com/sccn/liblsl/releases), or set PYLSL_LIB to its file"
 
 
 def load_lsl() -> Any:
     """Load pylsl and its library.
 
     Raises:
-        MissingPackageError: the package is not installed, or its library cannot be loaded.
+        MissingPackageError: pylsl is not installed, or its library cannot be loaded.
     """
     try:
         import pylsl
     except ImportError as error:
         raise MissingPackageError.of_extra("pylsl", "an LSL stream", "lsl") from error
-    except (RuntimeError, OSError) as error:  # it has no library for this machine, as on Linux for ARM
+    except (RuntimeError, OSError) as error:  # pylsl has no library for this machine, such as Linux on ARM
         raise MissingPackageError("liblsl", "an LSL stream", LIBRARY) from error
-    with suppress(RuntimeError):  # older libraries take no settings
+    with suppress(RuntimeError):  # older libraries do not support settings
         pylsl.set_config_content(SETTINGS)
     return pylsl
 
 
 class MarkerStream:
-    """A stream of texts at irregular times.
+    """LSL stream of texts at irregular times.
 
     Args:
-        name: of the stream.
+        name: Name of the stream.
 
     Raises:
-        MissingPackageError: no pylsl, or no library.
+        MissingPackageError: pylsl or its library is missing.
     """
 
     def __init__(self, name: str) -> None:
@@ -58,31 +58,30 @@ class MarkerStream:
         self._offset = lsl.local_clock() - _clock()
 
     def send(self, text: str, clock: float) -> None:
-        """Send a text with its time, of `time.monotonic` [s]."""
+        """Send a text with its time on the clock of `time.monotonic` [s]."""
         self._outlet.push_sample([text], clock + self._offset)
 
 
 class RowStream(RunLook):
-    """A stream of numbers of runs: the newest row of one, at a lower rate than its ticks; a watcher of runs.
+    """LSL stream of rows: the newest row of a run, at a lower rate than its ticks. Watches runs.
 
-    The time of a sample is that of its tick. A thread reads the ring of rows, as a page does: the servo knows nothing
-    of it. Other programs see the stream from the first run on. Where rows of a run have another layout, a new stream
-    takes its place.
+    A sample has the time of its tick. A separate thread reads the ring buffer, so the servo is not affected. Other
+    programs see the stream from the first run. A run with another row layout starts a new stream.
 
     Args:
-        name: of the stream.
-        rate: of samples, at most one a tick [Hz].
-        columns: of the rows, whose components are the stream's channels.
+        name: Name of the stream.
+        rate: Rate of samples [Hz], at most one per tick.
+        columns: Columns of rows; their components are the channels.
 
     Attributes:
-        rate: of the run's samples [Hz].
-        channels: their names, as `recording.to_csv` has them.
-        source: by which other programs find the stream.
-        samples: that were sent.
+        rate: Actual rate of samples [Hz].
+        channels: Names of the channels, as in `recording.to_csv`.
+        source: Source id, by which other programs find the stream.
+        samples: Number of samples sent.
 
     Raises:
-        InputError: a rate that is none; on attaching, a run without such a column.
-        MissingPackageError: no pylsl, or no library.
+        InputError: The rate is not positive; on attaching, the run lacks a column.
+        MissingPackageError: pylsl or its library is missing.
     """
 
     def __init__(self, name: str, *, rate: float = RATE, columns: Sequence[str] = COLUMNS) -> None:
@@ -136,7 +135,7 @@ class RowStream(RunLook):
         self._wall = layout.columns["wall"].where if "wall" in layout.columns else None
 
     def _look(self, run: LiveRun) -> None:
-        """Send the newest row, if it is new; a run that began anew has ticks of its own."""
+        """Send the newest row if it is new; after a reset, ticks start again."""
         if run.run_number != self._number:
             self._number, self._tick, self._zero = run.run_number, -1, float("inf")
         tick, rows = run.rows(run.tick)

@@ -1,4 +1,4 @@
-"""The certificate that follows the sliders: asked for at any rate, answered from a process of its own."""
+"""Certificates for changing values, computed in a separate process and requested at any rate."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ NO_PROCESS = "the process that computes certificates has ended"
 
 
 class Margins(Resource):
-    """Verdicts on a scene with other values, from a process that ends with this one, and takes no time from a servo.
+    """Stability results for a scene with other values, computed in a child process that does not delay the servo.
 
-    `ask` waits for nothing: of requests that come faster than answers the newest counts. Each is answered at once from
-    the last linearisation, provisionally, and in full once that is computed; a full one that was overtaken by a newer
-    request is dropped. The scene as it is counts as the first request.
+    `ask` does not block. If requests come faster than results, only the newest counts. Each request first gets a
+    provisional result from the last linearisation, then a full result. A full result is dropped if a newer request
+    exists. The unchanged scene is the first request.
 
     Args:
-        scene: that runs.
-        tell: called with each verdict as it comes, from a thread of this object; it must not raise.
+        scene: Running scene.
+        tell: Function called with each result from a thread of this object; it must not raise.
     """
 
     def __init__(self, scene: Scene, tell: Callable[[Verdict], object] | None = None) -> None:
@@ -48,15 +48,15 @@ class Margins(Resource):
 
     @property
     def pid(self) -> int | None:
-        """Number of the process; None before it has begun."""
+        """Process id; None before the process has started."""
         return None if self._process is None else self._process.pid
 
     def ask(self, values: Mapping[str, Any], *, alone: bool = False) -> int:
-        """Ask about the scene with these values, and those of earlier requests for other keys; give its number.
+        """Request a result for these values, with earlier values for other keys; return the request's number.
 
         Args:
-            values: by live key.
-            alone: other keys have the scene's own values, whatever was asked before.
+            values: Values by live key.
+            alone: Whether other keys have the scene's values instead of earlier ones.
         """
         with self._changed:
             self._values = dict(values) if alone else self._values | dict(values)
@@ -69,16 +69,16 @@ class Margins(Resource):
             return self._number
 
     def latest(self) -> Verdict | None:
-        """Give the newest verdict; None before the first."""
+        """Return the newest result; None before the first."""
         return self._latest
 
     def await_verdict(self, number: int, seconds: float, full: bool = True) -> Verdict | None:
-        """Wait for the verdict on a request, or on one after it; None if the time is over.
+        """Wait for the result of a request or of a later one; None after a timeout.
 
         Args:
-            number: as `ask` gave it; 1 for the scene as it is.
-            seconds: to wait at most.
-            full: wait for the full one.
+            number: Number from `ask`; 1 for the unchanged scene.
+            seconds: Timeout [s].
+            full: Whether to wait for a full result.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._has(number, full) or self._closed, seconds)
@@ -90,7 +90,7 @@ class Margins(Resource):
             self._closed = True
             self._changed.notify_all()
             if self._process is not None:
-                self._process.kill()  # it holds nothing that has to be put in order
+                self._process.kill()  # it has nothing to clean up
         self._thread.join()
 
     def _has(self, number: int, full: bool) -> bool:
@@ -100,7 +100,7 @@ class Margins(Resource):
         return verdict.number >= number and not (full and verdict.is_provisional)
 
     def _serve(self) -> None:
-        """Begin the process, send it requests, and end it: the system ends it with this thread."""
+        """Start the process, send it requests, and end it; the system ends it with this thread."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
             process, line = boot.spawn(CHILD)
@@ -131,13 +131,13 @@ class Margins(Resource):
                 self._sent = number
             try:
                 text = pickle.dumps((number, values))
-            except Exception as error:  # noqa: BLE001 - whatever an object raises that is no data
-                self._take(Verdict(values, False, error=f"values that are no data: {error}", number=number, stage=2))
+            except Exception as error:  # noqa: BLE001 - pickling may raise anything
+                self._take(Verdict(values, False, error=f"values cannot be pickled: {error}", number=number, stage=2))
                 continue
             line.send_bytes(text)
 
     def _listen(self, line: Connection) -> None:
-        """Take verdicts as they come."""
+        """Receive results."""
         try:
             while True:
                 self._take(line.recv())
@@ -158,7 +158,7 @@ class Margins(Resource):
             self._tell(verdict)
 
     def _fail(self, why: str) -> None:
-        """Tell that no certificate will come any more."""
+        """Report that there will be no more certificates."""
         with self._changed:
             self._failure = self._failure or why
             self._latest = verdict = self._failed()

@@ -1,4 +1,4 @@
-"""The process of `Margins`: provisional verdicts by the thread that reads requests, full ones by a second thread."""
+"""Child process of `Margins`: one thread reads requests and gives provisional results, another gives full results."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from graspfx.live.stability_verdict import Verdict
 from graspfx.system.process_end import KILL, die_with_parent
 from graspfx.system.scheduling import be_nice
 
-NICENESS = 10  # other programs, and above all the servo, come first
-SWITCH = 2e-4  # after which the two threads change [s]: a provisional verdict waits for no full one
+NICENESS = 10  # gives other programs priority, above all the servo
+SWITCH = 2e-4  # switch interval of the threads [s], so that provisional results are not delayed by full ones
 
 
 def main(line_: int) -> None:
-    """Answer requests until whoever sends them is no more.
+    """Answer requests until the parent ends.
 
     Args:
-        line_: descriptor of the line.
+        line_: Descriptor of the connection.
     """
     die_with_parent(KILL)
     be_nice(NICENESS)
     sys.setswitchinterval(SWITCH)
-    warnings.simplefilter("ignore")  # they are the run's, which has them once
+    warnings.simplefilter("ignore")  # the run reports them already
     line = Connection(line_)
     try:
         errand: Errand = line.recv()
@@ -39,11 +39,11 @@ def main(line_: int) -> None:
     except (EOFError, OSError):
         pass
     finally:
-        os._exit(0)  # also while a full verdict is computed
+        os._exit(0)  # even while a full result is computed
 
 
 class _Answers:
-    """Answers to requests on a line, of which the newest counts."""
+    """Answers requests from a connection; only the newest request counts."""
 
     def __init__(self, certifier: Certifier, line: Connection) -> None:
         self._certifier, self._line = certifier, line
@@ -66,7 +66,7 @@ class _Answers:
                 self._changed.notify_all()
 
     def _certify(self) -> None:
-        """Compute full verdicts."""
+        """Compute full results."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._number > self._done)
@@ -74,7 +74,7 @@ class _Answers:
                 self._done = number
             for verdict in self._certifier.stages(values):
                 if self._number != number:
-                    break  # its linearisation stays, for provisional verdicts
+                    break  # the linearisation is kept for provisional results
                 self._send(number, verdict)
 
     def _send(self, number: int, verdict: Verdict) -> None:

@@ -1,4 +1,4 @@
-"""A recording on a page of viser: scrubbed, played slower or faster, with the scene and the charts of a running one."""
+"""Viser page of a recording: playback at several speeds and scrubbing, with the scene and charts of a live page."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ from graspfx.resource import Resource
 if TYPE_CHECKING:
     from graspfx.recording.record import Recording
 
-FRAME = 1.0 / 30.0  # from a frame to the next [s]
-IDLE = 0.25  # between two looks for pages [s]
-CHARTS, TEXTS = 0.12, 0.3  # from a drawing of charts, and of texts and the slider, to the next [s]
-SETTLED = 0.15  # after a seek, until charts are filled with what was before [s]
-WIDTH = 340  # of the panels [pixels]
+FRAME = 1.0 / 30.0  # interval between frames [s]
+IDLE = 0.25  # interval between checks for pages [s]
+CHARTS, TEXTS = 0.12, 0.3  # update interval of charts, and of texts and the slider [s]
+SETTLED = 0.15  # delay after a seek before the charts are filled [s]
+WIDTH = 340  # width of the panels [pixels]
 SPEEDS = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
-MOST_VALUES = 12  # of the scene, listed beside
+MOST_VALUES = 12  # values of the scene listed
 
 
 class RecordingView(Resource):
-    """A page on which a recording is played; of its rows, those are read that are shown.
+    """Page that plays a recording; only the rows that are shown are read.
 
     Args:
-        recording: of a run, of any length.
-        folder: where relative paths of meshes start; that of the scene if None.
-        port: on 127.0.0.1; by default the first that is free from 8080 on, 0 for any.
+        recording: Recording of any length.
+        folder: Folder of relative mesh paths; None for the scene's folder.
+        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
 
     Attributes:
-        server: of the page.
-        time: that is shown [s].
-        playing: whether it goes on by itself.
-        speed: of playing, as a share of real time.
+        server: Server of the page.
+        time: Time shown [s].
+        playing: Whether the recording is playing.
+        speed: Playback speed relative to real time.
 
     Raises:
-        InputError: a recording without a tick, or a port in use.
-        MissingPackageError: no viser.
+        InputError: The recording has no ticks, or the port is in use.
+        MissingPackageError: viser is not installed.
     """
 
     def __init__(self, recording: Recording, *, folder: Path | None = None, port: int | None = None) -> None:
         if not len(recording):
-            raise InputError("recording", 0, "one with at least one tick")
+            raise InputError("recording", 0, "a recording with at least one tick")
         self.recording = recording
         self.time, self.playing, self.speed = 0.0, False, 1.0
         self._lock = threading.Lock()
@@ -90,7 +90,7 @@ class RecordingView(Resource):
         self._write(self._legend, words.legend(self._states, self._tree.scale.text))
 
     def close(self) -> None:
-        """Let every page go."""
+        """Close all pages."""
         self.server.stop()
 
     @property
@@ -100,7 +100,7 @@ class RecordingView(Resource):
 
     @property
     def row(self) -> int:
-        """Number of the row that is shown."""
+        """Number of the row shown."""
         return self._row_at(self.time)
 
     def go(self, time: float) -> None:
@@ -110,22 +110,22 @@ class RecordingView(Resource):
             self._sought, self._stale = now(), True
 
     def play(self) -> None:
-        """Let it go on by itself, from the beginning where it has ended."""
+        """Start playback, from the beginning if the end was reached."""
         if self.time >= self.end:
             self.go(0.0)
         self.playing = True
 
     def pause(self) -> None:
-        """Let it stand still."""
+        """Stop playback."""
         self.playing = False
 
     def step(self, steps: int) -> None:
-        """Show a time some steps of the slider away, and stand still there."""
+        """Move by some steps of the slider, and stop playback."""
         self.pause()
         self.go(round(self.time / self._step + steps) * self._step)
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
-        """Show the recording to whoever looks on, until asked to stop, or for that many seconds."""
+        """Serve the page until `stop` returns True, or for a number of seconds."""
         last = began = now()
         end = None if seconds is None else began + seconds
         charts = texts = 0.0
@@ -151,7 +151,7 @@ class RecordingView(Resource):
 
     @property
     def _step(self) -> float:
-        """Time from one place of the slider to the next: a row's, or longer where there are very many [s]."""
+        """Step of the slider: the row period, at least 1 ms [s]."""
         return max(self.recording.row_period, 1e-3)
 
     def _row_at(self, time: float) -> int:
@@ -191,7 +191,7 @@ class RecordingView(Resource):
         seconds = round(self.time, 6)
         if abs(float(self._slider.value) - seconds) > 0.5 * self._step:
             self._slider.value = min(seconds, self._slider.max)
-        state = f"plays at {self.speed:g} of real time" if self.playing else "stands still"
+        state = f"plays at {self.speed:g} × real time" if self.playing else "is paused"
         self._write(self._status, words.status(state, self.time, _remarks(self.recording, self.time)))
 
     def _write(self, html: Any, content: str) -> None:
@@ -223,7 +223,7 @@ def now() -> float:
 
 
 def _remarks(recording: Recording, time: float) -> list[str]:
-    """List what has happened in the run up to a time."""
+    """List the faults and changes of the run up to a time."""
     T = recording.period
     changes = [f"{change.key} = {change.value!r} since {change.tick * T:.3f} s" for change in recording.changes
                if change.tick * T <= time]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Looks at a run, from a thread beside it: at one run after another, as each is attached."""
+"""Base class of observers that poll the attached run from a thread."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 class RunLook(Resource):
-    """A watcher of runs with a thread that looks at the one that is attached; an error of one that ends is passed over.
+    """Observer with a thread that polls the attached run; errors of a run that is ending are ignored.
 
     Args:
-        name: of the thread.
-        pause: from one look to the next [s].
+        name: Name of the thread.
+        pause: Interval between polls [s].
     """
 
     def __init__(self, name: str, pause: float) -> None:
@@ -30,13 +30,13 @@ class RunLook(Resource):
         self._thread.start()
 
     def attach(self, run: LiveRun) -> None:
-        """Look at a run from now on."""
+        """Start observing a run."""
         with self._lock:
             self._begin(run)
             self._run = run
 
     def detach(self) -> None:
-        """Look at no run."""
+        """Stop observing."""
         with self._lock:
             self._run = None
 
@@ -47,14 +47,14 @@ class RunLook(Resource):
 
     @abstractmethod
     def _begin(self, run: LiveRun) -> None:
-        """Prepare to look at a run; no look is taken meanwhile."""
+        """Prepare for a run; the thread does not poll meanwhile."""
 
     @abstractmethod
     def _look(self, run: LiveRun) -> None:
-        """Look at a run once."""
+        """Poll a run once."""
 
     def _follow(self) -> None:
         while not self._over.wait(self._pause):
-            with self._lock, suppress(GraspFXError):  # a run that ends while it is looked at
+            with self._lock, suppress(GraspFXError):  # a run that ends during the poll
                 if self._run is not None:
                     self._look(self._run)

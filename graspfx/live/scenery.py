@@ -1,4 +1,4 @@
-"""Scenery of a scene: triangles of every shape, fingertips, and from where they are seen, all in space."""
+"""Static content of a 3-D view: triangles of all shapes, fingertips, and the camera."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Table = Mapping[str, Any]
 
-SLAB = 0.16  # thickness of what is drawn of a plane, as a share of the extent
-FIELD = 40.0  # of view, upwards [degrees]
+SLAB = 0.16  # thickness of planar objects, as a share of the extent
+FIELD = 40.0  # vertical field of view [degrees]
 AWAY = 1.75  # distance of the camera, in extents
-OBLIQUE = (0.28, 0.32, 1.0)  # towards the camera, of what happens in the plane
+OBLIQUE = (0.28, 0.32, 1.0)  # direction to the camera for planar scenes
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An object or an obstacle as triangles.
+    """Object or obstacle as triangles.
 
     Attributes:
-        name: in the scene.
-        vertices: of an object in the frame of `Frame.objects`, of an obstacle in the world (v, 3) [m].
-        faces: (f, 3), counter-clockwise seen from outside.
-        colour: as "#rrggbb".
-        object: the object with which it moves; None for an obstacle.
-        fixed: whether it cannot move.
-        endless: whether it is a piece of a plane or half-space, of which both sides are seen.
+        name: Name in the scene.
+        vertices: Vertices (v, 3) [m], in the frame of `Frame.objects` for objects, in the world for obstacles.
+        faces: Triangles (f, 3), counter-clockwise seen from outside.
+        colour: Colour as "#rrggbb".
+        object: Name of the object with which it moves; None for an obstacle.
+        fixed: Whether it cannot move.
+        endless: Whether it is a part of an infinite plane or half-space, visible from both sides.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Solid:
 
 
 class Viewpoint(NamedTuple):
-    """A camera: where it is, what it looks at, what is up (3,), and its field of view, upwards [degrees]."""
+    """Camera: position, target and up vector (3,), and vertical field of view [degrees]."""
 
     position: FloatArray
     target: FloatArray
@@ -79,20 +79,20 @@ class Viewpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Scenery:
-    """All that is drawn of a scene besides frames.
+    """Static content of a view of a scene.
 
     Attributes:
-        solids: objects and obstacles.
-        fingers: names of the fingers.
-        colours: of the fingers, as figures have them.
-        radii: at which fingertips are drawn (n,) [m].
-        is_ball: whether a fingertip is a ball of this radius, and no point (n,).
-        extent: size of what is drawn at first, endless surfaces apart [m].
-        middle: of that (3,) [m].
-        up: unit vector (3,): z in space, y of what happens in the plane or on a line.
-        apart: by how much fingers on a line are set apart across it [m], for `Frames`.
-        camera: from where it is seen well at first.
-        notes: what could not be drawn, and why.
+        solids: Objects and obstacles.
+        fingers: Names of the fingers.
+        colours: Colours of the fingers, as in figures.
+        radii: Drawn radii of the fingertips (n,) [m].
+        is_ball: Whether each fingertip is a ball of this radius rather than a point (n,).
+        extent: Initial size of the scene without infinite surfaces [m].
+        middle: Initial centre of the scene (3,) [m].
+        up: Up vector (3,): z in space, y in the plane or on a line.
+        apart: Lateral distance between fingers on a line [m], for `Frames`.
+        camera: Initial camera.
+        notes: Shapes that could not be drawn, with reasons.
     """
 
     solids: tuple[Solid, ...]
@@ -109,7 +109,7 @@ class Scenery:
 
 
 def scenery(scene: Scene) -> Scenery:
-    """Draw what a scene describes: its objects, its obstacles and its fingertips."""
+    """Make the scenery of a scene: objects, obstacles and fingertips."""
     table, folder = scene.to_dict(), scene.source.folder
     names = [each.name for each in scene.object]
     attached = scene.coupling.contact == "attached"
@@ -117,18 +117,18 @@ def scenery(scene: Scene) -> Scenery:
 
 
 def recorded_scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scenery:
-    """Draw what a recording says of its scene.
+    """Make the scenery of a recorded scene.
 
     Args:
-        header, layout: of the recording.
-        folder: where the paths of meshes start; the scene's own folder if not given.
+        header, layout: Header and layout of the recording.
+        folder: Folder of relative mesh paths; None for the scene's folder.
     """
     folder = folder or Path(header.scene_folder)
     return _scenery(header.scene_table, layout.dimensions, layout.objects, layout.fingers, not layout.gaps, folder)
 
 
 class _Outline(NamedTuple):
-    """A shape where it is at first: what a `Solid` is built of."""
+    """Shape with its initial pose, from which a `Solid` is built."""
 
     name: str
     shape: Table
@@ -183,14 +183,14 @@ def _scenery(
 
 
 def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: FloatArray, out: FloatArray) -> Viewpoint:
-    """Choose a camera: in space where contacts are seen best, of the plane before it and a little to the side.
+    """Choose a camera: in space, where contacts are seen best; for planar scenes, obliquely from the front.
 
     Args:
-        dimensions: d of the scene.
-        middle: what it looks at (3,) [m].
-        extent: size of what is drawn [m].
-        contacts: (k, 3) [m].
-        out: directions away from the object there (k, 3).
+        dimensions: Number of dimensions d of the scene.
+        middle: Target of the camera (3,) [m].
+        extent: Size of the scene [m].
+        contacts: Contact points (k, 3) [m].
+        out: Directions away from the object at the contacts (k, 3).
     """
     if dimensions == 3:
         towards = Camera(*best_view(contacts, out, extent)).axes[2]
@@ -211,13 +211,13 @@ def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[_Outline]:
 def _obstacles(table: Table, d: int, notes: list[str]) -> Iterator[_Outline]:
     for each in obstacles(table, d):
         if each.shape is None:
-            notes.append(f"{each.name} has no shape that could be drawn")
+            notes.append(f"{each.name} has no shape to draw")
             continue
         yield _Outline(each.name, each.shape, each.position, each.orientation, False, True)
 
 
 def _starts(table: Table, d: int) -> FloatArray:
-    """List where the scene says that fingers start (k, d) [m]."""
+    """List the initial positions of fingers given by the scene (k, d) [m]."""
     tables = table.get("finger", ())
     starts = [each.get("start") for each in tables if isinstance(each, Mapping)]
     places = [lifted(np.asarray(start, dtype=float), d) for start in starts if start is not None]
@@ -244,7 +244,7 @@ def _solid(each: _Outline, built: Surface, colour: str, d: int, extent: float, m
 
 
 def slab(outline: Surface, thickness: float) -> Surface:
-    """Extrude a convex outline in the plane to a slab of a thickness [m], half of it before the plane."""
+    """Extrude a convex planar outline to a slab, centred on the plane."""
     v = outline.vertices
     a, b = v, np.roll(v, -1, axis=0)
     if float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) < 0.0:

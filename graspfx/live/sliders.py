@@ -1,4 +1,4 @@
-"""Sliders of a scene: the numbers that can change while it runs, in which range, and why others cannot."""
+"""Sliders of a scene: the values that can change during a run, with their ranges, and why others cannot."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ GAIN_TEXTS = dict(zip(GAINS, (
     ("external stiffness", "k_ep", "N/m"), ("external damping", "k_ed", "N s/m"),
     ("internal stiffness", "k_ip", "N/m"), ("internal damping", "k_id", "N s/m"),
 ), strict=True))  # fmt: skip
-ABOVE = 4.0  # times the present value, where a range ends
-BEYOND = 1.5  # times a stability limit: the range shows what is beyond
-RELAXATION = 0.02  # damping over stiffness [s] up to which a damping can be chosen
-ROUGHEST = 1.5  # coefficient of friction
-STEPS = 200  # of a range, about
+ABOVE = 4.0  # end of a range relative to the present value
+BEYOND = 1.5  # end of a range relative to the stability limit
+RELAXATION = 0.02  # largest damping relative to the stiffness [s]
+ROUGHEST = 1.5  # largest coefficient of friction
+STEPS = 200  # approximate number of steps of a range
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A number of a scene that can change while it runs.
+    """Value of a scene that can change during a run.
 
     Attributes:
-        key: of the scene, live.
-        label: in words, with the paper's letter.
-        unit: of the value; empty for a coefficient.
-        least, most: ends of the range, which the present value is in.
-        step: between values.
-        value: in the scene now.
+        key: Live key of the scene.
+        label: Description with the paper's symbol.
+        unit: Unit of the value; empty for a coefficient.
+        least, most: Range, which includes the present value.
+        step: Step between values.
+        value: Present value.
     """
 
     key: str
@@ -54,9 +54,9 @@ class Slider:
 
 
 def sliders(scene: Scene) -> list[Slider]:
-    """List the sliders of a scene: gains, friction, and the viscosity and mass of its objects, where they can change.
+    """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
-    Ranges are linear, and end at 4 times the value or more; `widened` makes them reach beyond limits.
+    Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits.
     """
     result = []
     for candidate, reason in _judged(scene):
@@ -69,7 +69,7 @@ def sliders(scene: Scene) -> list[Slider]:
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Give the slider of a stiffness a range that ends at 1.5 times its limit, where it ends below the limit."""
+    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit."""
     plain = general(slider.key)
     if plain not in GAINS or not plain.endswith(".stiffness"):
         return slider
@@ -82,7 +82,7 @@ def widened(slider: Slider, verdict: Verdict) -> Slider:
 
 
 def fixed_keys(scene: Scene) -> dict[str, str]:
-    """Give the keys that a user may look for among the sliders, and why they cannot change while this scene runs."""
+    """List the keys without a slider, with the reason why they cannot change during a run."""
     return {candidate.key: reason for candidate, reason in _judged(scene) if reason}
 
 
@@ -94,7 +94,7 @@ class _Candidate:
     value: float
 
     def range(self, scene: Scene) -> tuple[float, float]:
-        """Choose the ends of the range."""
+        """Choose the range."""
         plain, value = general(self.key), self.value
         if plain.endswith(".friction"):
             return min(0.05, value), _nice_above(max(ROUGHEST, 2.0 * value))
@@ -110,20 +110,20 @@ class _Candidate:
 
 
 def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
-    """Give each candidate, and why it cannot change; no text where it can."""
+    """List the candidates, each with the reason why it cannot change; empty if it can."""
     with build(scene, engine="interpreted") as servo:
         for key, (label, unit) in _candidates(scene).items():
             value = value_of(scene, key)
             if value is None or (general(key) in ("coupling.friction", "finger.*.friction") and value == "stick"):
                 continue
             if not _is_number(value):
-                yield _Candidate(key, label, unit, math.nan), "it is no single number: a slider moves one"
+                yield _Candidate(key, label, unit, math.nan), "it is not a single number, as a slider needs"
                 continue
             yield _Candidate(key, label, unit, float(value)), _obstacle(servo, scene, key, float(value))
 
 
 def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
-    """Give label and unit by key."""
+    """Return the label and unit of each key."""
     texts = {key: (f"{words}, {letter}", unit) for key, (words, letter, unit) in GAIN_TEXTS.items()}
     texts["coupling.friction"] = ("friction, µ", "")
     for i, (finger, name) in enumerate(zip(scene.finger, scene.finger_names, strict=True)):
@@ -144,9 +144,9 @@ def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
 def _obstacle(servo: Servo, scene: Scene, key: str, value: float) -> str:
     plain = general(key)
     if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
-        return "without friction there is none to change: a contact with friction has a memory"
+        return "friction cannot be switched on during a run: a contact with friction has additional state"
     if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
-        return "an object on planes has its mass in another process"
+        return "the mass of an object on planes is in another process"
     try:
         Steering(servo, scene, [key])
     except GraspFXError as error:

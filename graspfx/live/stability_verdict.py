@@ -1,4 +1,4 @@
-"""Verdicts on the stability of a scene with some values: provisional at once, in full as they come."""
+"""Stability results of a scene with given values: first provisional, then full."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-LEAST_ROOM = 1.0  # margin below which a gain is beyond its limit
+LEAST_ROOM = 1.0  # margin below which a gain exceeds its limit
 
 
 class MarginRow(NamedTuple):
-    """The room that one gain of one object's grasp has.
+    """Stability margin of one gain of an object's grasp.
 
     Attributes:
         mode: "internal", "external", "external translation", "external rotation", "standing on ..." or "pushing with
-            ..."; of sets of fingers that push the weakest one.
-        name: of the object.
-        gain: in the scene [N/m]; nan for matrices.
-        limit: of it with the others as they are [N/m]; inf where none is too large.
-        margin: limit over gain.
-        frequency: at which stability is lost [Hz]; nan without a limit.
+            ..."; for pushing fingers, the weakest set.
+        name: Name of the object.
+        gain: Gain in the scene [N/m]; NaN for matrices.
+        limit: Stability limit with the other gains fixed [N/m]; infinite if there is none.
+        margin: Limit divided by gain.
+        frequency: Frequency at which stability is lost [Hz]; NaN without a limit.
     """
 
     mode: str
@@ -32,25 +32,25 @@ class MarginRow(NamedTuple):
 
     @property
     def is_mode(self) -> bool:
-        """Whether it is one of the whole grasp, which has to be stable; fingers that push alone may lose it."""
+        """Whether the row belongs to the whole grasp, which must be stable, and not to single pushing fingers."""
         return not self.mode.startswith("pushing with ")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A judgement of a scene's stability.
+    """Stability of a scene.
 
     Attributes:
-        values: by live key, that it is of; the scene's own for all others.
-        is_provisional: from the last linearisation, or without all of the limits: the full one follows.
-        is_stable: whether each object's loop is; None where `error` says why nobody knows.
-        spectral_radius: of the loop that is nearest to instability; nan with an error.
-        rows: limits of all objects.
-        error: why there is no certificate, in words; empty where there is one.
-        seconds: from the request to the answer.
-        number: of the request.
-        stage: 0 from the last linearisation, 1 from its own, without fingers that push; 2 in full.
-        at: where the grasp was linearised: "squeezed", or "start" where no rest was reached.
+        values: Changed values by live key; other keys have the scene's values.
+        is_provisional: Whether a full result will follow.
+        is_stable: Whether the loops of all objects are stable; None if unknown (see `error`).
+        spectral_radius: Largest spectral radius of the loops; NaN after an error.
+        rows: Limits of all objects.
+        error: Reason why there is no certificate; empty if there is one.
+        seconds: Time from the request to the result [s].
+        number: Number of the request.
+        stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.
+        at: Configuration of the linearisation: "squeezed", or "start" if no rest was reached.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """One line for a page: stable or not, provisional or not, the least margin of the whole grasp."""
+        """One-line summary: stable or not, provisional or not, smallest margin of the whole grasp."""
         if self.is_stable is None:
             return f"not judged: {self.error}" if self.error else "not judged yet"
         text = "stable" if self.is_stable else "NOT STABLE"

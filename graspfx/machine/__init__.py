@@ -1,1 +1,1 @@
-"""This machine: which hardware is plugged in, and whether a loop in real time can be on time here."""
+"""Checks of this machine: connected hardware, and fitness for real-time loops."""

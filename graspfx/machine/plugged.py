@@ -1,4 +1,4 @@
-"""Ports, libraries and services that drivers are for: names of files alone, none of which is opened."""
+"""Search for the ports, libraries and services of drivers, by file names; nothing is opened."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from graspfx.plugins import names, source_of
 
 HINTS = "hints.toml"  # beside a driver's __init__.py
 SERIAL = "dev/serial/by-id"
-BARE = ("ttyACM*", "ttyUSB*")  # in /dev: serial ports over USB
+BARE = ("ttyACM*", "ttyUSB*")  # names in /dev of serial ports over USB
 INPUT = "dev/input/by-id"
 FOLDERS = ("usr/lib", "usr/lib64", "usr/local/lib", "lib", "lib64", "opt/lib")
-PATHS = {"win32": "PATH", "darwin": "DYLD_LIBRARY_PATH"}  # variables that name folders of libraries, and
+PATHS = {"win32": "PATH", "darwin": "DYLD_LIBRARY_PATH"}  # environment variables with folders of libraries
 ELSEWHERE = "LD_LIBRARY_PATH"
-PRINTABLE = 200  # letters of a port's name
+PRINTABLE = 200  # longest name of a port that is listed
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A driver and what there is for it.
+    """Driver, and what was found for it.
 
     Attributes:
-        driver: its name.
-        sight: a port, a library or a service; what is missing, where nothing is there.
-        device: how a scene names it, as a table of TOML; empty where nothing is there.
+        driver: Name of the driver.
+        sight: Port, library or service; or what is missing.
+        device: Device table for a scene, in TOML; empty if nothing was found.
     """
 
     driver: str
@@ -39,10 +39,10 @@ class Sighting:
 
 
 def sightings(root: Path = Path("/")) -> list[Sighting]:
-    """List every driver, with each thing there is for it; then serial ports that no driver's name fits.
+    """List all drivers with what was found for each, then the serial ports that match no driver.
 
     Args:
-        root: of the files.
+        root: Root of the file system.
     """
     serial, inputs = _links(root / SERIAL), _links(root / INPUT)
     bare = [path for pattern in BARE for path in sorted((root / "dev").glob(pattern))]
@@ -56,11 +56,11 @@ def sightings(root: Path = Path("/")) -> list[Sighting]:
         matches |= set(ports)
         listing += [_port(driver, path, root) for path in ports] or list(_rest(driver, hints, root))
     others = [path for path in serial if path not in matches]
-    return listing + [Sighting("-", f"{_name(path, root)}: no driver's name fits", "") for path in others]
+    return listing + [Sighting("-", f"{_name(path, root)}: matches no driver", "") for path in others]
 
 
 def hints_of(driver: str) -> Mapping[str, object]:
-    """Read what a driver's hints.toml says it is for; nothing of a driver without one. The driver is not imported."""
+    """Read a driver's hints.toml without importing the driver; empty if there is none."""
     source = source_of("devices", driver)
     if source is None or source.name != "__init__.py":
         return {}
@@ -97,7 +97,7 @@ def _name(path: Path, root: Path) -> str:
 
 
 def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sighting]:
-    """Say what there is for a driver that has no port, or what is not."""
+    """Report what was found, or what is missing, for a driver without a port."""
     package, extra = hints.get("package"), hints.get("extra")
     if isinstance(package, str) and isinstance(extra, str) and version(package) is None:
         yield Sighting(driver, f"the package {package} is not installed: pip install 'graspfx[{extra}]'")
@@ -110,15 +110,15 @@ def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sigh
         else:
             yield Sighting(driver, str(place), f'{{ name = "{driver}" }}')
     elif isinstance(service := hints.get("service"), str):
-        yield Sighting(driver, f"a service at {service}, not asked", f'{{ name = "{driver}" }}')
+        yield Sighting(driver, f"a service at {service}, not queried", f'{{ name = "{driver}" }}')
     elif hints:
         yield Sighting(driver, "nothing plugged in")
     else:
-        yield Sighting(driver, "not looked for: the driver has no hints.toml")
+        yield Sighting(driver, "unknown: the driver has no hints.toml")
 
 
 def library_at(libraries: Sequence[str], root: Path = Path("/")) -> Path | None:
-    """Find a library by its names where this system's loader looks; it is not loaded."""
+    """Find a library by its names in the loader's folders, without loading it."""
     variable = os.environ.get(PATHS.get(sys.platform, ELSEWHERE), "")
     folders = [Path(each) for each in variable.split(os.pathsep) if each]
     for place in FOLDERS:

@@ -1,4 +1,4 @@
-"""Settings of a system for loops in real time: priority, memory, clock rate, preemption, and sharing."""
+"""Checks of system settings for real-time loops: priority, memory, clock rate, preemption, virtual machines."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 from threading import Thread
 
 from graspfx.loop.realtime.process import SERVO
-from graspfx.machine.finding import Finding
+from graspfx.machine.findings import Finding
 from graspfx.system.scheduling import most_locked, set_fifo
 
 LIMITS = "/etc/security/limits.d/graspfx.conf"
-SHARE = 0.5  # of the processor that real-time threads must be let have
+SHARE = 0.5  # processor time that real-time threads need
 GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page")
 VENDORS = {
     "QEMU": "QEMU", "VMware": "VMware", "innotek": "VirtualBox", "Xen": "Xen", "Amazon EC2": "Amazon EC2",
@@ -25,13 +25,13 @@ CONTAINERS = (".dockerenv", "run/.containerenv")
 
 
 def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
-    """Look at the system's settings, one after another.
+    """Check the settings of the system.
 
     Args:
-        root: of the files that tell them.
+        root: Root of the file system.
     """
     if not sys.platform.startswith("linux"):
-        text = f"{platform.system() or sys.platform}: priority, memory and preemption are looked at on Linux only"
+        text = f"{platform.system() or sys.platform}: priority, memory and preemption are checked on Linux only"
         yield Finding("system", text)
         return
     yield priority_finding()
@@ -44,7 +44,7 @@ def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
 
 
 def priority_finding() -> Finding:
-    """Try the priority of a servo, in a thread that ends at once."""
+    """Try the real-time priority of a servo in a short thread."""
     policies: list[str] = []
     thread = Thread(target=lambda: policies.append(set_fifo(SERVO)))
     thread.start()
@@ -56,34 +56,34 @@ def priority_finding() -> Finding:
 
 
 def memory_finding() -> Finding:
-    """See whether memory may be locked, so that none of it is fetched from disk in a tick."""
+    """Check whether memory can be locked, so that no tick waits for the disk."""
     most = most_locked()
     if most is None:
-        return Finding("memory", "not told")
+        return Finding("memory", "unknown")
     if most == float("inf"):
-        return Finding("memory", "may be locked")
+        return Finding("memory", "can be locked")
     remedy = f"add '@realtime - memlock unlimited' to {LIMITS}, and log in again"
-    return Finding("memory", f"{most // 1024:.0f} kB of it may be locked", remedy)
+    return Finding("memory", f"only {most // 1024:.0f} kB can be locked", remedy)
 
 
 def throttling_finding(root: Path) -> Finding:
-    """Read how much of the processor real-time threads may have."""
+    """Check the share of processor time for real-time threads."""
     runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _number(root / "proc/sys/kernel/sched_rt_period_us")
     if runtime is None or not period:
-        return Finding("throttling", "not told")
+        return Finding("throttling", "unknown")
     share = 1.0 if runtime < 0 else runtime / period
-    text = "none" if share >= 1.0 else f"real-time threads have at most {share:.0%} of each {1e-6 * period:g} s"
+    text = "none" if share >= 1.0 else f"real-time threads get at most {share:.0%} of each {1e-6 * period:g} s"
     remedy = "sysctl -w kernel.sched_rt_runtime_us=950000" if share < SHARE else ""
     return Finding("throttling", f"{text}; the loop sleeps most of the time", remedy)
 
 
 def governor_finding(root: Path) -> Finding:
-    """Read by what rule the clocks of the processors go."""
+    """Check the governor of the processors' clock rate."""
     files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     kinds = sorted({text for file in files if (text := _text(file))})
     if not kinds:
-        return Finding("clock rate", "no governor is told")
+        return Finding("clock rate", "governor unknown")
     slow = kinds != ["performance"]
     return Finding(
         "clock rate", f"governor {', '.join(kinds)}", "cpupower frequency-set -g performance" if slow else ""
@@ -91,13 +91,13 @@ def governor_finding(root: Path) -> Finding:
 
 
 def preemption_finding(root: Path) -> Finding:
-    """Read whether the kernel lets itself be interrupted."""
+    """Check whether the kernel is preemptible."""
     version = _text(root / "proc/version")
     if _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
-        return Finding("preemption", "PREEMPT_RT, as it should be")
+        return Finding("preemption", "PREEMPT_RT")
     match = re.search(r"PREEMPT(_DYNAMIC)?", version)
     if match is None:
-        return Finding("preemption", "none in the kernel", "boot a kernel with PREEMPT_RT, or one called lowlatency")
+        return Finding("preemption", "not in this kernel", "boot a PREEMPT_RT or lowlatency kernel")
     line = re.search(r"preempt=(\w+)", _text(root / "proc/cmdline"))
     if match[1] and line is not None and line[1] in ("none", "voluntary"):
         return Finding("preemption", f"{match[0]}, switched to {line[1]}", "boot with preempt=full")
@@ -105,30 +105,30 @@ def preemption_finding(root: Path) -> Finding:
 
 
 def clock_finding(root: Path) -> Finding:
-    """Read which clock the kernel goes by: to read some takes long."""
+    """Check the kernel's clock source: some are slow to read."""
     name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name or name in GOOD_CLOCKS:
-        return Finding("clock", name or "not told")
-    return Finding("clock", f"{name}, which is slow to read", "see why the kernel gave tsc up: dmesg | grep -i tsc")
+        return Finding("clock", name or "unknown")
+    return Finding("clock", f"{name}, which is slow to read", "find out why tsc was rejected: dmesg | grep -i tsc")
 
 
 def sharing_finding(root: Path) -> Finding:
-    """See whether other machines share this one's processors."""
+    """Check whether this is a virtual machine that shares its processors."""
     vendor = _text(root / "sys/class/dmi/id/sys_vendor") + " " + _text(root / "sys/class/dmi/id/product_name")
     name = next((kind for words, kind in VENDORS.items() if words in vendor and not _is_bare(vendor)), "")
     guest = re.search(r"^flags\s*:.*\bhypervisor\b", _text(root / "proc/cpuinfo"), re.MULTILINE) is not None
     inside = any((root / each).exists() for each in CONTAINERS)
     if guest or name:
         text = f"a virtual machine{f' ({name})' if name else ''}{', in a container' if inside else ''}"
-        return Finding("sharing", f"{text}: others take its processors away for milliseconds", NO_PLACE)
-    return Finding("sharing", "a container on a machine of its own" if inside else "a machine of its own")
+        return Finding("sharing", f"{text}: other guests can stop it for milliseconds", NO_PLACE)
+    return Finding("sharing", "a container on a physical machine" if inside else "a physical machine")
 
 
-NO_PLACE = "a shared VM is no place for hardware: run on a machine of its own"
+NO_PLACE = "do not run hardware from a shared virtual machine: use a physical machine"
 
 
 def machine_kind(root: Path = Path("/")) -> str:
-    """Name the processor, the kernel and Python: all that a report says of a machine."""
+    """Describe the machine for a report: processor, kernel and Python."""
     cpu = _text(root / "proc/cpuinfo")
     match = re.search(r"^model name\s*:\s*(.+)$", cpu, re.MULTILINE)
     model = " ".join(match[1].split()) if match else platform.machine()
@@ -137,7 +137,7 @@ def machine_kind(root: Path = Path("/")) -> str:
 
 
 def _is_bare(vendor: str) -> bool:
-    """Tell whether a maker of hypervisors has made this machine as hardware, such as a Surface."""
+    """Tell whether this is hardware of a vendor that also makes hypervisors, such as a Surface."""
     return "Microsoft Corporation" in vendor and "Virtual Machine" not in vendor
 
 

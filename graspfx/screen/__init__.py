@@ -1,1 +1,1 @@
-"""A page with which fingers on a touch screen move fingers of a scene: its server, its gate and its messages."""
+"""Servers of the touch-screen page and of streams, with access control and message formats."""

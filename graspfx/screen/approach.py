@@ -1,4 +1,4 @@
-"""A point that goes to its goal by no more than a length at a time."""
+"""Motion of a point towards a goal by bounded steps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 
 
 def approach(point: FloatArray, goal: FloatArray, most: float) -> None:
-    """Move a point (d,) to its goal (d,), or by `most` towards it [m]."""
+    """Move a point (d,) towards a goal (d,) by at most `most` [m], in place."""
     way = goal - point
     far = float(np.linalg.norm(way))
     if far <= most:

@@ -1,41 +1,83 @@
-"""A server of clients that lead things: who claims one has it, until it gives it up, leaves or falls silent."""
+"""Server whose clients claim items to control them: an item belongs to its claimant until release, exit or silence."""
 
 from __future__ import annotations
 
 import asyncio
 import socket
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
+from graspfx.screen.gate import Admission, Bucket, Gate
 from graspfx.screen.own_page import single
 from graspfx.screen.socket_thread import PATIENCE, SILENT, SocketThread, response
-from graspfx.screen.touch_claims import Claims
-from graspfx.screen.touch_gate import Admission, Bucket, Gate
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-SILENCE = 0.5  # of a client that leads something, until it counts as lost [s]
-LOOK = 0.05  # between two looks for it [s]
-TURN = 32  # orders of a client, after which others have their turn
+
+class Claims:
+    """Owners of fingers; clients are identified by numbers.
+
+    Args:
+        fingers: Number of fingers.
+    """
+
+    def __init__(self, fingers: int) -> None:
+        self._owners: list[int | None] = [None] * fingers
+
+    @property
+    def owners(self) -> Sequence[int | None]:
+        """Client of each finger; None if it is free."""
+        return tuple(self._owners)
+
+    def claim(self, finger: int, client: int) -> bool:
+        """Claim a finger for a client; return whether the client has it now."""
+        if self._owners[finger] is None:
+            self._owners[finger] = client
+        return self._owners[finger] == client
+
+    def is_of(self, finger: int, client: int) -> bool:
+        """Tell whether a client has a finger."""
+        return self._owners[finger] == client
+
+    def release(self, finger: int, client: int) -> bool:
+        """Release a finger; return whether the client had it."""
+        if self._owners[finger] != client:
+            return False
+        self._owners[finger] = None
+        return True
+
+    def fingers_of(self, client: int) -> Iterator[int]:
+        """List the fingers of a client."""
+        return (finger for finger, owner in enumerate(self.owners) if owner == client)
+
+    def bits(self, client: int) -> tuple[int, int]:
+        """Return the fingers of a client, and the fingers of all clients, as bit masks."""
+        own = sum(1 << i for i, owner in enumerate(self._owners) if owner == client)
+        return own, sum(1 << i for i, owner in enumerate(self._owners) if owner is not None)
+
+
+SILENCE = 0.5  # silence of a client after which its items are released [s]
+LOOK = 0.05  # interval between checks for silence [s]
+TURN = 32  # orders of one client before others get a turn
 MOST_CLIENTS = 16
-QUEUE = 64  # messages that wait for their turn
+QUEUE = 64  # longest queue of incoming messages
 
 
 class Terms(NamedTuple):
-    """Bounds of what clients may send.
+    """Limits for messages of clients.
 
     Attributes:
-        path: of the WebSocket.
-        longest: message, in bytes; a longer one ends the connection.
-        rate: of orders of a client [Hz].
-        burst: orders at once.
+        path: Path of the WebSocket.
+        longest: Length of the longest message in bytes; a longer one ends the connection.
+        rate: Highest rate of a client's orders [Hz].
+        burst: Largest number of orders at once.
     """
 
     path: str
@@ -48,15 +90,15 @@ class Client:
     """A client of a server.
 
     Attributes:
-        number: its own.
-        last: number of its last order.
-        silence: since the last order that was followed or could have been [s].
-        dropped: orders of it that were not followed.
-        reason: why the last of them was not.
-        turn: messages of it.
-        budget: of its orders.
-        news: whether there is something that it has not been sent.
-        has_hello: whether it was sent the newest.
+        number: Number of the client.
+        last: Number of its last order.
+        silence: Time since its last valid order [s].
+        dropped: Number of orders that were dropped.
+        reason: Reason why the last of them was dropped.
+        turn: Number of messages received.
+        budget: Rate limiter of its orders.
+        news: Event that is set while there is something new to send.
+        has_hello: Whether it was sent the newest hello message.
     """
 
     def __init__(self, number: int, budget: Bucket) -> None:
@@ -68,22 +110,21 @@ class Client:
 
 
 class ClaimServer(SocketThread):
-    """A server in a thread of its own; a context manager. A client that is slow delays nobody, and gets less news.
+    """Server in its own thread; a context manager. A slow client does not delay others, and misses some messages.
 
-    Whatever a client leads is let go when it says so, when its connection ends, and when it has said nothing for half a
-    second.
+    A client's items are released when it says so, when its connection ends, and after half a second of silence.
 
     Args:
-        line: a socket that listens; it is closed at the end.
-        name: of the thread.
-        gate: before it; silence and rates are measured on its clock.
-        terms: for clients.
-        things: how many may be led.
-        hello: a first message to every client; none while it is empty.
+        line: Listening socket; the server closes it at the end.
+        name: Name of the thread.
+        gate: Access control; silence and rates are measured on its clock.
+        terms: Limits for clients.
+        things: Number of items that can be claimed.
+        hello: First message to every client; empty for none.
 
     Attributes:
-        counts: of orders by what became of them: "taken", or why they were dropped; "fault" counts what was to be let
-            go of a client that was lost, and raised an error instead.
+        counts: Number of orders by outcome: "taken", or the reason for dropping; "fault" counts errors while items of
+            a lost client were released.
     """
 
     def __init__(self, line: socket.socket, name: str, gate: Gate, terms: Terms, things: int, hello: str = "") -> None:
@@ -97,25 +138,25 @@ class ClaimServer(SocketThread):
 
     @property
     def clients(self) -> int:
-        """How many clients there are."""
+        """Number of clients."""
         return len(self._clients)
 
     # In the server's thread: what a server adds -------------------------------------------------------------------
 
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response:
-        """Answer a request that was let in and opens no WebSocket."""
+        """Answer an admitted request that is not for the WebSocket."""
         raise NotImplementedError
 
     def _take(self, client: Client, data: bytes | str) -> str:
-        """Follow a message and give "taken", or say why not."""
+        """Execute a message; return "taken", or the reason for dropping it."""
         raise NotImplementedError
 
     def _let_go(self, thing: int, reason: str) -> None:
-        """Lead a thing no more; the reason is "" where its client says so."""
+        """Release an item; the reason is empty if its client released it."""
         raise NotImplementedError
 
     def _message(self, client: Client) -> bytes | str:
-        """Write the news for a client; nothing where there is none."""
+        """Return the next message for a client; empty for none."""
         raise NotImplementedError
 
     # In the server's thread ---------------------------------------------------------------------------------------
@@ -134,7 +175,7 @@ class ClaimServer(SocketThread):
             watch.cancel()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer a request with a page or a refusal; None lets a WebSocket through."""
+        """Answer a request with a page or a refusal; None accepts a WebSocket."""
         headers = single(request.headers)
         if headers is None:
             return response(HTTPStatus.BAD_REQUEST, b"a header stands twice\n")
@@ -162,7 +203,7 @@ class ClaimServer(SocketThread):
                 self._hear(client, data)
                 client.turn += 1
                 if client.turn % TURN == 0:
-                    await asyncio.sleep(0)  # so that others are heard while one floods
+                    await asyncio.sleep(0)  # serves other clients while one floods
         except ConnectionClosed:
             pass
         finally:
@@ -177,9 +218,9 @@ class ClaimServer(SocketThread):
             client.dropped, client.reason = client.dropped + 1, fate
 
     def _judge(self, client: Client, number: int, kind: Kind, thing: int) -> str:
-        """Claim or release what a sound order means: give "taken", or why the order is not to be followed.
+        """Claim or release the item of a valid order; return "taken", or the reason for dropping the order.
 
-        A thing is let go however many orders came before.
+        A release is never dropped because of the rate limit.
         """
         if number <= client.last:
             return "number"
@@ -198,16 +239,16 @@ class ClaimServer(SocketThread):
         return "taken" if own(thing, client.number) else "claim"
 
     def _release_all(self, client: Client, reason: str) -> None:
-        """Let go what a client has; an error of one keeps neither the others nor the watch of other clients."""
+        """Release all items of a client; an error for one item does not affect the others."""
         for thing in list(self._claims.fingers_of(client.number)):
             self._claims.release(thing, client.number)
             try:
                 self._let_go(thing, reason)
-            except Exception:  # noqa: BLE001 - whatever a run raises that ends meanwhile
+            except Exception:  # noqa: BLE001 - a run that is ending may raise anything
                 self.counts["fault"] += 1
 
     async def _watch(self) -> None:
-        """Release what silent clients have; time in which nobody listened here is no silence."""
+        """Release the items of silent clients; time during which this loop was blocked does not count."""
         before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)

@@ -1,6 +1,6 @@
-"""Memory that a touch screen's device shares with the process that serves its page: neither ever waits.
+"""Memory shared by a touch-screen device and the process that serves its page; neither side ever waits.
 
-Each half is written by one side and read by the other, behind a count that is odd while numbers change.
+One side writes each half and the other reads it. A counter in each half is odd while its numbers change.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from graspfx.system import shared_memory
 
 FloatArray = NDArray[np.float64]
 
-HEAD = 8  # numbers before those of the fingers: count, time, orders taken, dropped, lost, number of the last, screens
-OF_FINGER = 4  # whether it is touched, x, y, number of its last touch
+HEAD = 8  # numbers before the fingers': counter, time, orders taken, dropped, lost, number of the last, screens
+OF_FINGER = 4  # numbers per finger: whether it is touched, x, y, count of its touches
 HALF = HEAD + OF_FINGER * MOST_FINGERS
-TRIES = 8  # readings, of which one is whole: else the last stands
+TRIES = 8  # attempts to read consistent numbers
 
 
 class Touches(NamedTuple):
     """Fingers on the screen.
 
     Attributes:
-        time: at which the server wrote, of `time.monotonic` [s].
-        counts: orders taken, dropped and lost, number of the last, screens (5,).
-        fingers: whether each is touched, where (x, y) [m], and how many touches it has had (k, 4).
+        time: Time of the server's last write, of `time.monotonic` [s].
+        counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
+        fingers: For each finger whether it is touched, x and y [m], and the count of its touches (k, 4).
     """
 
     time: float
@@ -39,7 +39,7 @@ class Touches(NamedTuple):
 
 
 def create() -> int:
-    """Make the memory, which goes with the last process that has it; give its descriptor."""
+    """Create the shared memory; return its descriptor."""
     return shared_memory.create("graspfx-screen", 8 * 2 * HALF)
 
 
@@ -47,8 +47,8 @@ class Board:
     """The shared memory.
 
     Args:
-        file: its descriptor, from `create`.
-        fingers: of the device.
+        file: Descriptor from `create`.
+        fingers: Number of the device's fingers.
     """
 
     def __init__(self, file: int, fingers: int) -> None:
@@ -61,28 +61,28 @@ class Board:
 
     @contextmanager
     def writing(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Change the head and the fingers (k, 4) in one piece."""
+        """Change the head and the fingers (k, 4) consistently within the block."""
         half = self._orders
         half[0] += 1.0
         yield half[1:HEAD], half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers]
         half[0] += 1.0
 
     def state(self) -> tuple[float, FloatArray] | None:
-        """Read the time [s] and the fingers (k, 4) of the device: place and force; None if they change just now."""
+        """Read the time [s] and the device's fingers (k, 4), position and force; None while they change."""
         half = _read(self._state)
         return None if half is None else (float(half[1]), half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers])
 
     # The device's side --------------------------------------------------------------------------------------------
 
     def touches(self) -> Touches | None:
-        """Read what is touched; None if that changes just now."""
+        """Read the touches; None while they change."""
         half = _read(self._orders)
         if half is None:
             return None
         return Touches(float(half[1]), half[2:7], half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers])
 
     def show(self, time: float, positions: FloatArray, forces: FloatArray) -> None:
-        """Leave positions (k, 2) [m] and forces (k, 2) [N] for the page."""
+        """Write positions (k, 2) [m] and forces (k, 2) [N] for the page."""
         half = self._state
         half[0] += 1.0
         half[1] = time

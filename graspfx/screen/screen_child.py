@@ -1,4 +1,4 @@
-"""The process that serves a touch screen's page for a device: it has the sockets, and no part in the loop."""
+"""Process that serves the page of a touch-screen device, apart from the control loop."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from graspfx.screen.touch_orders import Box
 from graspfx.screen.touch_server import TouchServer
 from graspfx.system.scheduling import be_nice
 
-PICTURES = 0.016  # between two [s]
+PICTURES = 0.016  # interval between pictures [s]
 NICENESS = 5
 
 
 def main(board: int, answers: int, settings: str) -> None:
-    """Serve a page until the device closes this process's input, or is no more.
+    """Serve the page until the device closes this process's stdin or ends.
 
     Args:
-        board: descriptor of the memory that is shared with the device.
-        answers: descriptor of a pipe, to which a line says that the page is served, or why it is not.
-        settings: fingers, port, box, lan and scenery, as JSON.
+        board: Descriptor of the memory shared with the device.
+        answers: Descriptor of a pipe; one line reports that the page is served, or why not.
+        settings: Fingers, port, box, lan and scenery, as JSON.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has the device, who closes this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the device's process, which then closes this one
     be_nice(NICENESS)
     table: dict[str, Any] = json.loads(settings)
     with os.fdopen(answers, "w", encoding="utf-8") as answer:
@@ -46,7 +46,7 @@ def main(board: int, answers: int, settings: str) -> None:
 
 
 class _Screen:
-    """A page whose fingers are a device's."""
+    """Page whose fingers belong to a device."""
 
     def __init__(self, board: int, table: dict[str, Any]) -> None:
         fingers, lan = int(table["fingers"]), bool(table["lan"])
@@ -55,16 +55,16 @@ class _Screen:
         gate = gate_for(line, lan=lan)
         if lan:
             address = url(line, gate.renew())
-            print(f"{code(address)}\n{address}\ngood for one screen within ten minutes", file=sys.stderr, flush=True)
+            print(f"{code(address)}\n{address}\nvalid for one screen and ten minutes", file=sys.stderr, flush=True)
         self.server = TouchServer(line, gate, fingers, Box(*table["box"]), json.dumps(table["scenery"]), self)
         self.server.__enter__()
 
     def press(self, finger: int, place: tuple[float, float]) -> None:
-        """Note that a finger is at a place."""
+        """Write that a finger touches a position."""
         self._note(finger, 1.0, place)
 
     def lift(self, finger: int) -> None:
-        """Note that a finger went up."""
+        """Write that a finger was lifted."""
         self._note(finger, 0.0, None)
 
     def _note(self, finger: int, is_down: float, place: tuple[float, float] | None) -> None:
@@ -83,7 +83,7 @@ class _Screen:
         head[:6] = time.monotonic(), counts["taken"], dropped, counts["lost"], self.server.last, self.server.clients
 
     def serve(self) -> None:
-        """Send pictures, and be alive on the board, until the input ends."""
+        """Send pictures and signs of life until stdin ends."""
         try:
             while not select.select([sys.stdin], [], [], PICTURES)[0] or os.read(0, 1):
                 with self._lock, self.board.writing() as (head, _):
@@ -97,7 +97,7 @@ class _Screen:
 
 
 def _picture(now: float, fingers: Any, touches: Any) -> bytes:
-    """Write a picture as that of a scene: no objects, no squeeze, and of each finger its whole force."""
+    """Encode a picture in the format of scenes: no objects, no squeeze, and the total force of each finger."""
     size = float(np.linalg.norm(fingers[:, 2:4], axis=1).max())
     rows = np.zeros((len(fingers), 7))
     rows[:, 0:2], rows[:, 4:6] = fingers[:, :2], fingers[:, 2:4]

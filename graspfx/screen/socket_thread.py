@@ -1,4 +1,4 @@
-"""A thread that serves a socket, and answers to requests: what servers of pages and streams have in common."""
+"""Common parts of the servers of pages and streams: a thread that serves a socket, and HTTP responses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from graspfx.errors import DeviceError, MissingPackageError
 if TYPE_CHECKING:
     from websockets.http11 import Response
 
-PATIENCE = 5.0  # for a greeting, a farewell, and an answer to a ping [s]
+PATIENCE = 5.0  # timeout of handshakes, of closing, and of pings [s]
 SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
 HEADERS = {
     "Cache-Control": "no-store",
@@ -27,14 +27,14 @@ HEADERS = {
 
 
 class SocketThread:
-    """A server in a thread of its own, with a loop of its own; a context manager.
+    """Server in its own thread with its own event loop; a context manager.
 
     Args:
-        line: a socket that listens; it is closed at the end.
-        name: of the thread.
+        line: Listening socket; the server closes it at the end.
+        name: Name of the thread.
 
     Raises:
-        DeviceError: on entering, where it cannot be served.
+        DeviceError: On entering: the socket cannot be served.
     """
 
     def __init__(self, line: socket.socket, name: str) -> None:
@@ -57,7 +57,7 @@ class SocketThread:
         self._thread.join()
 
     def _post(self, call: Callable[..., object], *arguments: Any) -> None:
-        """Have something called in the server's thread; nothing where it has ended."""
+        """Call a function in the server's thread; do nothing if the thread has ended."""
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(call, *arguments)
 
@@ -80,7 +80,7 @@ class SocketThread:
 
 
 def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = None) -> Response:
-    """Answer a request with a text, or with whatever the headers say it is."""
+    """Make an HTTP response; the body is plain text unless `more` has another Content-Type."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 
@@ -93,10 +93,10 @@ def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = N
 
 
 def require_websockets(wanted_by: str = "a touch screen") -> None:
-    """Require the package that reads and writes WebSockets.
+    """Require the package websockets.
 
     Raises:
-        MissingPackageError: it is not installed.
+        MissingPackageError: websockets is not installed.
     """
     try:
         import websockets.asyncio.server  # noqa: F401 (whether it is there)

@@ -1,47 +1,118 @@
-"""The server of a stream: states go out, the newest to each client; goals come in, one client for each guide."""
+"""Server of a stream: sends the newest state to each client, and receives goals, from one client per guide."""
 
 from __future__ import annotations
 
+import json
+import math
 import socket
 from collections.abc import Mapping
 from http import HTTPStatus
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from graspfx.screen.claim_server import ClaimServer, Client, Terms
+from graspfx.screen.claim_server import Claims, ClaimServer, Client, Terms
+from graspfx.screen.gate import Admission, StreamGate
 from graspfx.screen.socket_thread import require_websockets, response
-from graspfx.screen.stream_gate import StreamGate
-from graspfx.screen.stream_orders import LONGEST, StreamOrder, read_stream_order
-from graspfx.screen.touch_claims import Claims
-from graspfx.screen.touch_gate import Admission
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Response
 
+LONGEST = 512  # longest order in bytes
+MOST_NUMBER = (1 << 53) - 1  # largest integer that every JSON reader represents exactly
+KEYS = {
+    "goal": {"type", "number", "guide", "offset", "squeeze"},
+    "release": {"type", "number", "guide"},
+    "alive": {"type", "number"},
+}
+
+
+class StreamOrder(NamedTuple):
+    """Valid order of a client.
+
+    Attributes:
+        kind: "goal", "release" (gives up a guide and keeps its goal) or "alive".
+        number: Number of the message; it increases within a connection.
+        guide: Number of the guide; -1 for "alive".
+        offset: Operator offset (3,) [m]; None keeps the present one.
+        squeeze: Squeeze added to the hand's [m]; None keeps the present one.
+    """
+
+    kind: str
+    number: int
+    guide: int = -1
+    offset: tuple[float, float, float] | None = None
+    squeeze: float | None = None
+
+
+def read_stream_order(data: bytes | str, guides: int, farthest: float, closest: float) -> StreamOrder | str:
+    """Parse a message; return a reason (str) if it is invalid.
+
+    Args:
+        data: Content of the message.
+        guides: Number of guides.
+        farthest: Largest component of an offset [m].
+        closest: Largest absolute squeeze [m].
+    """
+    if not isinstance(data, str) or len(data) > LONGEST:
+        return "length"
+    try:
+        table = json.loads(data, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return "json"
+    kind = table.get("type") if isinstance(table, dict) else None
+    if not isinstance(kind, str) or kind not in KEYS or not table.keys() <= KEYS[kind]:
+        return "kind"
+    number, guide = table.get("number"), table.get("guide", -1)
+    if type(number) is not int or not 0 < number <= MOST_NUMBER:
+        return "number"
+    if kind == "alive":
+        return StreamOrder(kind, number)
+    if type(guide) is not int or not 0 <= guide < guides:
+        return "guide"
+    if kind == "release":
+        return StreamOrder(kind, number, guide)
+    offset, squeeze = table.get("offset"), table.get("squeeze")
+    if offset is not None:
+        if not (isinstance(offset, list) and len(offset) == 3 and all(_is_within(each, farthest) for each in offset)):
+            return "place"
+        offset = tuple(map(float, offset))
+    if squeeze is not None and not _is_within(squeeze, closest):
+        return "place"
+    return StreamOrder(kind, number, guide, offset, None if squeeze is None else float(squeeze))
+
+
+def _is_within(value: Any, most: float) -> bool:
+    return type(value) in (int, float) and math.isfinite(value) and abs(value) <= most
+
+
+def _refuse(word: str) -> float:
+    raise ValueError(word)
+
+
 SOCKET = "/stream"
-RATE, BURST = 500.0, 200.0  # orders of a client
-UNSENT = 1 << 16  # bytes on their way to a client; what is newer replaces what waits behind them
+RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
+UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace those that wait for it
 KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims its guide, as a touch a finger
 
 
 class Led(Protocol):
-    """The hands that clients lead. It is called in the server's thread, and must not wait."""
+    """Hands that clients move. The methods are called in the server's thread and must not block."""
 
     def lead(self, order: StreamOrder) -> None:
-        """Follow a goal."""
+        """Execute a goal."""
 
     def release(self, guide: int) -> None:
-        """Lead a guide no more: its client says so, or is lost. It stays where it is."""
+        """Release a guide, because its client says so or is lost. The guide keeps its position."""
 
 
 class Bounds(NamedTuple):
-    """Bounds of what clients may ask for.
+    """Limits for goals of clients.
 
     Attributes:
-        guides: how many may be led; 0 for none.
-        farthest: that a component of an offset may be [m].
-        closest: that a squeeze may be, either way [m].
+        guides: Number of guides that can be moved; 0 for none.
+        farthest: Largest component of an offset [m].
+        closest: Largest absolute squeeze [m].
     """
 
     guides: int = 0
@@ -50,12 +121,12 @@ class Bounds(NamedTuple):
 
 
 class StreamServer(ClaimServer):
-    """A server of states and goals.
+    """Server of states and goals.
 
     Args:
-        line: a socket that listens; it is closed at the end.
-        gate: before it.
-        led: what clients lead.
+        line: Listening socket; the server closes it at the end.
+        gate: Access control.
+        led: Hands that clients move.
 
     Raises:
         MissingPackageError: websockets is not installed.
@@ -67,15 +138,15 @@ class StreamServer(ClaimServer):
         self._led, self._bounds, self._state = led, Bounds(), ""
 
     def describe(self, hello: str, bounds: Bounds) -> None:
-        """Say what streams from now on, JSON of an object: all clients are told, and lead nothing any more."""
+        """Send a new hello message, a JSON object, to all clients; they lose their claims."""
         self._post(self._begin, hello, bounds)
 
     def show(self, state: str) -> None:
-        """Send a state, JSON of an object, to every client; one that is slow is sent the newest when it can take it."""
+        """Send a state, a JSON object, to every client; a slow client gets the newest state when it is ready."""
         self._post(self._set_state, state)
 
     def conclude(self, state: str) -> None:
-        """Send the last state of what was described; nothing may be led any more."""
+        """Send the last state; guides can no longer be moved."""
         self._post(self._set_bounds, Bounds())
         if state:
             self.show(state)

@@ -1,4 +1,4 @@
-"""The address of a touch screen's page: this machine's own, or in the network with a code to be scanned."""
+"""Address of the touch-screen page: local, or in the network with a QR code."""
 
 from __future__ import annotations
 
@@ -6,55 +6,55 @@ import io
 import socket
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.screen.gate import TOKEN, Gate
 from graspfx.screen.own_page import NAMES, listen_at
-from graspfx.screen.touch_gate import TOKEN, Gate
 
-FIRST = 8765  # port to try
-ELSEWHERE = "192.0.2.1", 9  # an address of no machine (RFC 5737): the way to it tells this one's own
+FIRST = 8765  # first port to try
+ELSEWHERE = "192.0.2.1", 9  # unused address (RFC 5737); the route to it reveals this machine's address
 
 
 def listen(host: str, port: int | None = None) -> socket.socket:
-    """Bind a port of an address.
+    """Bind a port of an address, and listen.
 
     Args:
-        host: address of this machine.
-        port: to bind, 0 for any that is free; by default the first that is free from 8765 on.
+        host: Address of this machine.
+        port: Port to bind, 0 for any free one; None for the first free one from 8765.
 
     Raises:
-        InputError: it is in use, or not a program's to have.
+        InputError: The port is in use or not permitted.
     """
     return listen_at(host, port, FIRST)
 
 
 def network_address() -> str:
-    """Give this machine's address in the network, that of the interface which leads out; nothing is sent.
+    """Return this machine's address in the network, of the interface with the default route; sends nothing.
 
     Raises:
-        InputError: it is in no network.
+        InputError: The machine is not in a network.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(ELSEWHERE)
             address = str(probe.getsockname()[0])
         except OSError as error:
-            raise InputError("lan", True, "a machine that is in a network", str(error.strerror)) from error
+            raise InputError("lan", True, "a machine in a network", str(error.strerror)) from error
     return address
 
 
 def gate_for(line: socket.socket, *, lan: bool) -> Gate:
-    """Make the gate of a page at a socket that listens; through a tunnel a loopback's port may be another."""
+    """Make the access control for a listening socket; on loopback the port is not checked, because of tunnels."""
     host, port = line.getsockname()[:2]
     return Gate({host}, port, locked=True) if lan else Gate(NAMES, 0, locked=False)
 
 
 def url(line: socket.socket, token: str = "") -> str:
-    """Write the address of the page."""
+    """Return the address of the page."""
     host, port = line.getsockname()[:2]
     return f"http://{host}:{port}/{f'?{TOKEN}={token}' if token else ''}"
 
 
 def code(text: str) -> str:
-    """Draw a text as a QR code in a terminal's letters.
+    """Return a text as a QR code of terminal characters.
 
     Raises:
         MissingPackageError: segno is not installed.

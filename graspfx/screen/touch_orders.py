@@ -1,4 +1,4 @@
-"""Orders of a page: where fingers are on its screen, in messages of one length, each taken only if it is sound."""
+"""Orders of the touch-screen page: binary messages of fixed length with finger positions; invalid ones are dropped."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ MOST_NUMBER = (1 << 32) - 1
 class Kind(IntEnum):
     """Kinds of orders."""
 
-    ALIVE = 0  # the page is there, and its fingers are where they were
-    PRESS = 1  # a finger came down
+    ALIVE = 0  # sign of life; no finger has moved
+    PRESS = 1  # a finger was put down
     MOVE = 2
-    LIFT = 3  # it went up
+    LIFT = 3  # a finger was lifted
 
 
 class Order(NamedTuple):
-    """A sound order.
+    """Valid order.
 
     Attributes:
-        kind: of it.
-        finger: that is meant; of `Kind.ALIVE` none.
-        number: of the message; those of a connection rise.
-        place: on the screen (2,) [m]; of `Kind.ALIVE` and `Kind.LIFT` none.
+        kind: Kind of the order.
+        finger: Number of the finger; unused for `Kind.ALIVE`.
+        number: Number of the message; it increases within a connection.
+        place: Position on the screen (2,) [m]; unused for `Kind.ALIVE` and `Kind.LIFT`.
     """
 
     kind: Kind
@@ -38,7 +38,7 @@ class Order(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Places at which a finger may be on the screen [m]."""
+    """Area of the screen for fingers [m]."""
 
     left: float
     bottom: float
@@ -46,17 +46,17 @@ class Box(NamedTuple):
     top: float
 
     def contains(self, x: float, y: float) -> bool:
-        """Tell whether a place is inside; one that is not finite is not."""
+        """Tell whether a position is inside; NaN and infinity are not."""
         return self.left <= x <= self.right and self.bottom <= y <= self.top
 
 
 def read_order(data: bytes | str, fingers: int, box: Box) -> Order | str:
-    """Read a message; a text says why it is none.
+    """Parse a message; return a reason (str) if it is invalid.
 
     Args:
-        data: of the message.
-        fingers: how many there are.
-        box: in which places lie.
+        data: Content of the message.
+        fingers: Number of fingers.
+        box: Area of valid positions.
     """
     if isinstance(data, str) or len(data) != ORDER.size:
         return "length"

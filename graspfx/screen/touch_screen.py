@@ -1,4 +1,4 @@
-"""A touch screen as a device's driver sees it: fingers that are there or not, read without a wait."""
+"""Touch screen for device drivers: which fingers touch it and where, read without waiting."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from graspfx.system import child_process
 FloatArray = NDArray[np.float64]
 
 CHILD = "graspfx.screen.screen_child"
-PATIENCE = 10.0  # for the page to be served [s]
-FAREWELL = 1.0  # for its process to end [s]
-DEAF = 0.5  # since the server's last sign of life, after which no finger counts as on the screen [s]
-LOOK = 0.02  # between two looks whether its process is alive [s]
+PATIENCE = 10.0  # timeout for the start of the page [s]
+FAREWELL = 1.0  # timeout for the end of its process [s]
+DEAF = 0.5  # silence of the server after which no finger counts as touching [s]
+LOOK = 0.02  # interval between checks that its process is alive [s]
 COLOURS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
 INK = "#1a1a1a"
 
 
 class TouchScreen:
-    """A page on a touch screen, served by a process of its own: no socket shares this process's interpreter.
+    """Page on a touch screen, served by a separate process so that sockets do not delay this interpreter.
 
     Args:
-        fingers: how many it moves.
-        port: of the page.
-        box: in which fingers are touched [m].
-        lan: whether a tablet in the network is let in, by a code that is printed.
+        fingers: Number of fingers.
+        port: Port of the page.
+        box: Area of valid positions [m].
+        lan: Whether a tablet in the network has access, by a printed code.
 
     Attributes:
-        address: of the page, once it is open.
+        address: Address of the page while it is open.
     """
 
     def __init__(self, *, fingers: int, port: int, box: Sequence[float], lan: bool) -> None:
@@ -52,11 +52,11 @@ class TouchScreen:
         self._looked = 0.0
 
     def open(self) -> None:
-        """Serve the page, afresh if it is open.
+        """Serve the page; if it is open, restart it.
 
         Raises:
-            MissingPackageError: websockets is not installed, or segno with `lan`.
-            DeviceError: it cannot be served: another program has the port.
+            MissingPackageError: websockets is not installed, or segno for `lan`.
+            DeviceError: The page cannot be served, for example because the port is in use.
         """
         self.close()
         require_websockets()
@@ -88,10 +88,10 @@ class TouchScreen:
         self.address, self._last = line.removeprefix("yes "), None
 
     def touches(self) -> Touches:
-        """Read what is touched; nothing is while the server gives no sign of life.
+        """Read the touches; there are none while the server gives no sign of life.
 
         Raises:
-            DeviceError: its process has ended.
+            DeviceError: The process of the page has ended.
         """
         assert self._board is not None
         now = time.monotonic()
@@ -111,7 +111,7 @@ class TouchScreen:
             self._board.show(time.monotonic(), positions[:, :2], forces[:, :2])
 
     def close(self) -> None:
-        """End the page; returns also when it has ended, and twice."""
+        """Close the page; safe to call twice, and after its process has ended."""
         process, self._process, self._board = self._process, None, None
         if process is None:
             return

@@ -1,53 +1,77 @@
-"""The server of a touch screen: one page, one WebSocket, and fingers that are let go when whoever has them is lost."""
+"""Server of the touch-screen page and its WebSocket; fingers of a lost screen are released."""
 
 from __future__ import annotations
 
+import secrets
 import socket
 import struct
 from collections.abc import Callable, Mapping
+from functools import cache
 from http import HTTPStatus
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from graspfx.screen.claim_server import ClaimServer, Client, Terms
+from graspfx.screen.gate import Admission, Gate
 from graspfx.screen.socket_thread import require_websockets, response
-from graspfx.screen.touch_gate import Admission, Gate
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
-from graspfx.screen.touch_page import page_for
 
 if TYPE_CHECKING:
     from websockets.http11 import Response
 
+PAGE = "touch_page.html"
+NONCE = "@nonce@"
+
+
+@cache
+def _text() -> str:
+    return (Path(__file__).parent / PAGE).read_text("utf-8")
+
+
+def page_for(host: str) -> tuple[bytes, dict[str, str]]:
+    """Return the page and its headers for a host such as 127.0.0.1:8765; the policy lets only its own script run."""
+    nonce = secrets.token_urlsafe(16)
+    policy = (
+        f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; "
+        "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+    return _text().replace(NONCE, nonce).encode(), {
+        "Content-Type": "text/html; charset=utf-8",
+        "Content-Security-Policy": policy,
+    }
+
+
 SOCKET = "/socket"
-RATE, BURST = 1500.0, 500.0  # orders of a client
-MOST_BYTES = 2 * ORDER.size  # of a message: a longer one ends the connection
-HEAD = struct.Struct("<4d")  # last order, own fingers, all that are claimed, orders dropped
+RATE, BURST = 1500.0, 500.0  # limits for a client's orders [1/s], at once
+MOST_BYTES = 2 * ORDER.size  # longest message; a longer one ends the connection
+HEAD = struct.Struct("<4d")  # last order, own fingers, claimed fingers, dropped orders
 
 
 class Touched(Protocol):
-    """The fingers that screens move. It is called in the server's thread, and must not wait."""
+    """Fingers that screens move. The methods are called in the server's thread and must not block."""
 
     def press(self, finger: int, place: tuple[float, float]) -> None:
-        """Lead a finger to a place on the screen [m]: one came down there, or went there."""
+        """Move a finger to a position on the screen [m]."""
 
     def lift(self, finger: int) -> None:
-        """Let a finger go: it went up, or the screen is lost."""
+        """Release a finger, because it was lifted or its screen is lost."""
 
 
 class TouchServer(ClaimServer):
-    """A server of a page whose clients are screens.
+    """Server of a page whose clients are touch screens.
 
     Args:
-        line: a socket that listens; it is closed at the end.
-        gate: before the page.
-        fingers: how many there are.
-        box: in which they are touched [m].
-        scenery: what the page draws, as JSON.
-        touched: moves the fingers.
-        note: is told of every order of a sound form with its client, and whether it was followed.
+        line: Listening socket; the server closes it at the end.
+        gate: Access control of the page.
+        fingers: Number of fingers.
+        box: Area of valid positions [m].
+        scenery: Static content of the page, as JSON.
+        touched: Object that moves the fingers.
+        note: Function called with the client, every well-formed order, and its outcome.
 
     Attributes:
-        counts: also "lost", orders that never came, and how many fingers were let go of a screen that was lost.
-        last: number of the last order that came.
+        counts: Also "lost", the number of missing orders, and the number of fingers released from lost screens.
+        last: Number of the last order received.
 
     Raises:
         MissingPackageError: websockets is not installed.
@@ -64,15 +88,15 @@ class TouchServer(ClaimServer):
 
     @property
     def has_touches(self) -> bool:
-        """Whether any finger is touched."""
+        """Whether any finger is claimed."""
         return any(owner is not None for owner in self._claims.owners)
 
     def show(self, picture: bytes) -> None:
-        """Send a picture to every screen; one that is slow is sent the newest when it can take it."""
+        """Send a picture to every screen; a slow screen gets the newest one when it is ready."""
         self._post(self._set_picture, picture)
 
     def describe(self, scenery: str) -> None:
-        """Have every screen draw something else from now on, also those that come later."""
+        """Replace the static content on all screens, including later ones."""
         self._post(self._set_scenery, scenery)
 
     # In the server's thread ---------------------------------------------------------------------------------------

@@ -1,1 +1,1 @@
-"""Things that operating systems do each in their own way: a module for each, with the answer of those that cannot."""
+"""Interfaces to the operating system. Each module also defines the result on systems without the feature."""

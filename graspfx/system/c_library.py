@@ -1,4 +1,4 @@
-"""Functions of the C library that this process has loaded already."""
+"""Functions of the C library in this process."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 
 def function(name: str) -> Any:
-    """Look up a function that only Linux has; None elsewhere."""
+    """Look up a function; None except on Linux."""
     if not sys.platform.startswith("linux"):
         return None
     return getattr(ctypes.CDLL(None, use_errno=True), name, None)
 
 
 def call(name: str, *numbers: int) -> int:
-    """Call a function of whole numbers that only Linux has; -1 elsewhere."""
+    """Call a function with integer arguments; -1 except on Linux."""
     called = function(name)
     return -1 if called is None else int(called(*(ctypes.c_long(number) for number in numbers)))
 
 
 def flush_output() -> None:
-    """Write out what C code has printed."""
+    """Flush the output of C code."""
     library: Any = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("msvcrt")
     library.fflush(None)

@@ -1,4 +1,4 @@
-"""A fresh interpreter beside this one that imports this package, and never the main program."""
+"""Child processes: fresh interpreters that import this package but not the main program."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import graspfx
 from graspfx.errors import GraspFXError
 
 TEXT = "import sys; sys.path[:] = {path!r}; from {module} import main; main({arguments})"
-REFUSAL = "needs a system whose processes share memory by descriptors, such as Linux or macOS"
+REFUSAL = "needs a system whose processes can share memory by file descriptors, such as Linux or macOS"
 
 
 def is_possible() -> bool:
-    """Tell whether this system starts processes that share memory with this one."""
+    """Tell whether this system supports child processes that share memory."""
     return os.name == "posix" and bool(sys.executable)
 
 
@@ -31,18 +31,18 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start a process that calls `main` of a module.
 
-    It is in a group of its own: Ctrl-C on a terminal is for whoever began it, who passes it on.
+    The process has its own group, so Ctrl-C in a terminal reaches only the parent, which passes it on.
 
     Args:
-        module: of this package.
-        arguments: of `main`, which Python writes as it reads them.
-        descriptors: of files that both have.
-        inputs, outputs: as of `subprocess.Popen`.
-        environment: of the process; None for this one's.
+        module: Module of this package.
+        arguments: Arguments of `main`; their `repr` must be valid Python.
+        descriptors: Descriptors of shared files.
+        inputs, outputs: stdin and stdout of `subprocess.Popen`.
+        environment: Environment of the process; None for this one's.
 
     Raises:
-        GraspFXError: this system starts no such process.
-        OSError: it does not start.
+        GraspFXError: This system does not support such processes.
+        OSError: The process does not start.
     """
     if not is_possible():
         raise GraspFXError(f"{module} {REFUSAL}")

@@ -1,4 +1,4 @@
-"""Locks on files: the system holds them, and lets go when the process ends, however it ends."""
+"""Locks on files. The system releases them when the process ends, however it ends."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import sleep
 
-FAR = 1 << 62  # where Windows locks a byte: readers there could not read one that is locked
+FAR = 1 << 62  # offset of the locked byte on Windows, where locked bytes cannot be read
 BUSY = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
-PAUSE = 0.05  # between two attempts [s]
+PAUSE = 0.05  # interval between attempts [s]
 
 
 def lock(descriptor: int, *, lockless: bool = True) -> bool:
-    """Take the lock of an open file; False where another has it.
+    """Lock an open file; return False if it is locked by another.
 
     Args:
-        descriptor: of the file.
-        lockless: the answer of a system or file system without locks: it may let everyone in, where something else
-            than the lock keeps a second program out as well.
+        descriptor: Descriptor of the file.
+        lockless: Result on a system or file system without locks. True lets everyone in; use it only if something
+            else keeps a second program out.
     """
     try:
         if sys.platform == "win32":
@@ -48,11 +48,11 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
 
 @contextmanager
 def alone(folder: Path | None, name: str) -> Iterator[bool]:
-    """Do something while no other process does the same; give whether one did, so that it may be done already.
+    """Exclude other processes within the block; yield whether another one held the lock, and may have done the work.
 
     Args:
-        folder: in which all processes look for the lock; None, or one that cannot be written, lets everyone in.
-        name: of the lock.
+        folder: Folder of the lock; None, or a folder that cannot be written, excludes nobody.
+        name: Name of the lock.
     """
     descriptor = None
     if folder is not None:

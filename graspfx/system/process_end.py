@@ -1,4 +1,4 @@
-"""Ends of processes: one that goes with its parent, one that is ended, and a descriptor that tells of an end."""
+"""Ends of processes: ending with the parent, signals, and descriptors that report an end."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from subprocess import Popen
 
 from graspfx.system import c_library
 
-ASK = int(signal.SIGTERM)  # a program may put things in order
-KILL = int(getattr(signal, "SIGKILL", signal.SIGTERM))  # none may; on Windows both end it at once
+ASK = int(signal.SIGTERM)  # lets the program clean up
+KILL = int(getattr(signal, "SIGKILL", signal.SIGTERM))  # ends it at once; on Windows both do
 DEATH = 1  # PR_SET_PDEATHSIG
 
 
 def die_with_parent(number: int) -> None:
-    """Let the end of the thread that began this process send it a signal, on Linux."""
+    """Make the end of the parent's thread send this process a signal, on Linux."""
     c_library.call("prctl", DEATH, number, 0, 0, 0)
 
 
 def watched(process: Popen[bytes]) -> int:
-    """Open a descriptor that is ready to be read when a process has ended; -1 where there is none."""
+    """Open a descriptor that becomes readable when a process has ended; -1 if unsupported."""
     if hasattr(os, "pidfd_open"):
         with suppress(OSError):
             return os.pidfd_open(process.pid)
@@ -29,7 +29,7 @@ def watched(process: Popen[bytes]) -> int:
 
 
 def send(number: int, process: Popen[bytes] | None, descriptor: int) -> None:
-    """Send a signal to a process that has not ended, by the descriptor from `watched` if it is none of -1."""
+    """Send a signal to a process that has not ended, by its descriptor from `watched` unless that is -1."""
     with suppress(OSError):
         if descriptor >= 0:
             signal.pidfd_send_signal(descriptor, number)
@@ -38,7 +38,7 @@ def send(number: int, process: Popen[bytes] | None, descriptor: int) -> None:
 
 
 def is_stopped(number: int) -> bool:
-    """Tell whether a process is stopped by a signal, on Linux."""
+    """Tell whether a process is stopped by a signal; False except on Linux."""
     try:
         return Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[0] in (b"T", b"t")
     except (OSError, IndexError):
@@ -46,7 +46,7 @@ def is_stopped(number: int) -> bool:
 
 
 def ending(code: int) -> str:
-    """Say how a process ended, by its code."""
+    """Describe how a process ended, from its exit code."""
     if code < 0:
         try:
             return f"was ended by {signal.Signals(-code).name}"

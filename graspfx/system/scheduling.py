@@ -1,16 +1,20 @@
-"""Priorities of threads and processes, their processors, and memory that is not moved to disk: on Linux, in part."""
+"""Priorities, processors, timers and memory locking of threads and processes; partly on Linux only."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from graspfx.system import c_library
 
 SLACK = 29  # PR_SET_TIMERSLACK
-CURRENT, FUTURE, TOUCHED = 1, 2, 4  # of mlockall: what is not touched is not locked, and takes no time as it ends
-OTHER = "other"  # the policy without real-time priority
+CURRENT, FUTURE, TOUCHED = 1, 2, 4  # flags of mlockall; TOUCHED leaves untouched pages unlocked, which saves time
+MONOTONIC, ABSOLUTE = 1, 1  # arguments of clock_nanosleep
+OTHER = "other"  # policy without real-time priority
 
 
 def processors() -> int:
@@ -19,7 +23,7 @@ def processors() -> int:
 
 
 def memory_limit() -> str:
-    """Name the limit on the memory of this process, as a shell sets it; empty without one."""
+    """Describe the memory limit of this process; empty if there is none."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -31,16 +35,16 @@ def memory_limit() -> str:
 
 
 def be_nice(number: int) -> None:
-    """Let other programs come before this process, where there is a number for it."""
+    """Lower the priority of this process, where supported."""
     if hasattr(os, "nice"):
         with suppress(OSError):
             os.nice(number)
 
 
 def set_fifo(priority: int) -> str:
-    """Let this thread run before all others of a lower priority; name the policy that it has.
+    """Give this thread a real-time priority (SCHED_FIFO); return the resulting policy.
 
-    Threads that it starts do not come by it.
+    Threads that it starts do not inherit the priority.
     """
     fifo = getattr(os, "SCHED_FIFO", None)
     if fifo is None or not hasattr(os, "sched_setscheduler"):
@@ -49,7 +53,7 @@ def set_fifo(priority: int) -> str:
 
 
 def set_policy(policy: Any, priority: int) -> bool:
-    """Give this thread a policy and priority from `real_time_policy`; tell whether the system lets it."""
+    """Set the policy and priority of this thread, from `real_time_policy`; return whether the system allows it."""
     with suppress(OSError):
         os.sched_setscheduler(0, policy, os.sched_param(priority))
         return True
@@ -57,7 +61,7 @@ def set_policy(policy: Any, priority: int) -> bool:
 
 
 def real_time_policy() -> tuple[Any, int] | None:
-    """Give the real-time policy and priority of this thread; None without."""
+    """Return the real-time policy and priority of this thread; None if it has none."""
     if not hasattr(os, "sched_getscheduler"):
         return None
     policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
@@ -67,12 +71,12 @@ def real_time_policy() -> tuple[Any, int] | None:
 
 
 def set_exact_timers() -> bool:
-    """Let timers of this thread end when they should; tell whether the system does."""
+    """Remove the timer slack of this thread; return whether the system allows it."""
     return c_library.call("prctl", SLACK, 1, 0, 0, 0) == 0
 
 
 def most_locked() -> float | None:
-    """Count the bytes that this process may keep from being moved to disk; None where that is not told."""
+    """Return the number of bytes that this process may lock in memory; None if unknown."""
     try:
         import resource
 
@@ -83,7 +87,7 @@ def most_locked() -> float | None:
 
 
 def lock_memory() -> str:
-    """Keep this process's memory from being moved to disk: all that is to come too, where there is no limit."""
+    """Lock the memory of this process; without a limit, also future allocations."""
     most = most_locked()
     if most is None:
         return "free"
@@ -93,8 +97,28 @@ def lock_memory() -> str:
 
 
 def leave_no_core() -> None:
-    """Let a crash write no image of the memory: until that is written nobody can take the force away."""
+    """Disable core dumps: until one is written, nothing can zero the force."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+class Timespec(ctypes.Structure):
+    """The C structure timespec."""
+
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+def sleeper() -> Callable[[int], None]:
+    """Return a function that sleeps until a time of the monotonic clock [ns]; on Linux an absolute sleep."""
+    function = c_library.function("clock_nanosleep")
+    if function is None:
+        return lambda deadline: time.sleep(max(0.0, 1e-9 * (deadline - time.monotonic_ns())))
+    function.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(Timespec), ctypes.c_void_p)
+
+    def sleep(deadline: int) -> None:
+        seconds, rest = divmod(deadline, 10**9)
+        function(MONOTONIC, ABSOLUTE, ctypes.byref(Timespec(seconds, rest)), None)
+
+    return sleep

@@ -1,4 +1,4 @@
-"""Memory that two processes have, by a descriptor which the one hands to the other."""
+"""Memory shared by two processes through a file descriptor."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import tempfile
 
 
 def create(name: str, size: int) -> int:
-    """Make memory of zeros, which goes with the last process that has it; give its descriptor.
+    """Create zeroed shared memory; return its descriptor. The memory is freed with the last process that uses it.
 
-    It has no place in a folder on Linux. Elsewhere it is a file that no folder lists.
+    On Linux it has no file. On other systems it is a file without a directory entry.
 
     Args:
-        name: for whoever looks at the process.
-        size: in bytes.
+        name: Name shown by tools that inspect the process.
+        size: Size in bytes.
     """
     if hasattr(os, "memfd_create"):
         file = os.memfd_create(name, getattr(os, "MFD_CLOEXEC", 0))

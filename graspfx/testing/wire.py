@@ -30,7 +30,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.realtime.pacing import Clock as Clock
 from graspfx.loop.realtime.pacing import WallClock as WallClock
 from graspfx.resource import Resource
-from graspfx.system import pseudo_terminal
+from graspfx.system import terminal
 
 _DRIVERS = {
     "DiyWire": "haply-2diy",
@@ -296,7 +296,7 @@ class SerialWire(Wire):
             self._plug.remove()
 
     def _insert(self) -> None:
-        self._master, self._slave = pseudo_terminal.pair()  # its own end of the slave, so that the line stays
+        self._master, self._slave = terminal.pseudo_terminal()  # its own end of the slave, so that the line stays
         self._plug.lead(os.ttyname(self._slave))
 
     def _pull(self) -> None:
@@ -339,7 +339,7 @@ class SerialWire(Wire):
         with suppress(OSError, ValueError):  # pulled meanwhile
             if select.select([master], [], [], wait)[0]:
                 return os.read(master, MOST)
-            pseudo_terminal.release(self._slave)  # a dead user's claim goes with it, as a board's does
+            terminal.release_terminal(self._slave)  # a dead user's claim goes with it, as a board's does
         return b""
 
 

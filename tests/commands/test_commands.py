@@ -121,7 +121,7 @@ def test_a_word_too_many_hears_of_set_where_there_is_one(capsys: pytest.CaptureF
     assert main(["list", "scenes"]) == main(["run", "knob", "mug"]) == 2
     listing, running, _ = capsys.readouterr().err.split("\n")
     assert listing == "list: given 'scenes', expected no further argument"
-    assert running.endswith("expected no further argument; a value of --set is of the form KEY=VALUE")
+    assert running.endswith("expected no further argument; values of --set have the form KEY=VALUE")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

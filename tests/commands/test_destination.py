@@ -77,7 +77,7 @@ def test_where_there_are_no_links_a_file_names_the_latest(
 def test_a_folder_of_ones_own_called_latest_stays(capsys: pytest.CaptureFixture[str]) -> None:
     (OUT / LATEST).mkdir(parents=True)
     assert main(QUICK) == 0
-    said = "note: out/latest: cannot be made to lead to reference-1dof; a folder is in its way\n"
+    said = "note: out/latest: cannot point to reference-1dof; a folder has that name\n"
     assert capsys.readouterr().err == said
     assert (OUT / LATEST).is_dir() and not (OUT / LATEST).is_symlink()
 
@@ -95,7 +95,7 @@ def test_a_run_refuses_before_it_starts(
         assert main([*RUN, "--out", "a"]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"a/{there}: is there already") and said.count("\n") == 1
-    assert "choose another --out, or write over it with --overwrite" in said
+    assert "choose another --out, or overwrite it with --overwrite" in said
     assert files() == before
     if there == "figure.png":
         assert main([*QUICK, "--out", "a"]) == 0  # which draws none
@@ -124,7 +124,7 @@ def test_plot_picture_stability_and_bench_refuse_too(
         Path(there).write_bytes(b"mine")
         assert main(command) == 2
         said = capsys.readouterr().err
-        assert said == f"{there}: is there already; choose another --out, or write over it with --overwrite\n"
+        assert said == f"{there}: is there already; choose another --out, or overwrite it with --overwrite\n"
         assert Path(there).read_bytes() == b"mine"
         Path(there).unlink()
 
@@ -168,7 +168,7 @@ def test_a_pictures_ending_is_refused_by_the_path_that_was_typed(
 @pytest.mark.parametrize("time", ["100", "-1"])
 def test_a_picture_of_a_scene_is_of_a_time_that_it_takes(time: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["picture", "mug", "--time", time]) == 2
-    assert "a time from 0 to 2.5 s, which the scene takes; --set duration" in capsys.readouterr().err
+    assert "a time from 0 to 2.5 s, the duration of the scene; --set duration" in capsys.readouterr().err
     assert not Path("out").exists()
 
 

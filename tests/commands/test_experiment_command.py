@@ -39,7 +39,7 @@ def test_a_simulated_session_sums_up(tmp_path: Path, capsys: pytest.CaptureFixtu
     words = ["experiment", written(tmp_path, COMPARED), "--simulate", "--out", str(tmp_path / "study")]
     assert main(words) == 0
     text = capsys.readouterr().out
-    assert "internal: threshold " in text and " of 4 answers right" in text and "_beh.tsv" in text
+    assert "internal: threshold " in text and " of 4 answers correct" in text and "_beh.tsv" in text
     assert main(words) == 2
     assert "--resume goes on with it" in capsys.readouterr().err
 
@@ -49,8 +49,8 @@ def test_lines_of_input_answer_and_its_end_is_the_end(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "graspfx", "experiment", written(tmp_path, PLAIN), "--out", str(tmp_path / "study")]
     done = subprocess.run(words, input="", capture_output=True, text=True, env=dict(os.environ), check=False)
     assert done.returncode == 130, done.stderr
-    said = "ended before the first of 4 trials was done: the input that answers came from has ended; the same command"
-    assert f"{said} with --resume goes on with trial 1" in done.stdout and "has no trial yet" in done.stdout
+    said = "ended before the first of 4 trials: the input of answers has ended; the same command"
+    assert f"{said} with --resume continues with trial 1" in done.stdout and "has no trial yet" in done.stdout
     assert read_table(table_of(tmp_path / "study")) == []
 
 
@@ -71,8 +71,8 @@ def test_ctrl_c_says_what_is_done_and_how_to_go_on(
     words = ["experiment", written(tmp_path, COMPARED), "--simulate", "--out", str(tmp_path / "study")]
     assert main(words) == 130
     out = capsys.readouterr().out
-    where = "after trial 2 of 9" if done else "before the first of 9 trials was done"
-    assert f"ended {where}: it was interrupted; the same command with --resume goes on with trial {done + 1}\n" in out
+    where = "after trial 2 of 9" if done else "before the first of 9 trials"
+    assert f"ended {where}: it was interrupted; the same command with --resume continues with trial {done + 1}\n" in out
     assert len(read_table(table_of(tmp_path / "study"))) == done
     assert main([*words, "--resume"]) == 0
     assert len(read_table(table_of(tmp_path / "study"))) == 9
@@ -82,8 +82,8 @@ def test_ctrl_c_says_what_is_done_and_how_to_go_on(
     ("words", "text"),
     [
         (["stifness-jnd"], "did you mean 'stiffness-jnd'"),
-        (["stiffness-jnd", "--participant", "a b", "--simulate"], "letters and digits alone"),
-        (["stiffness-jnd", "--resume", "--simulate"], "no session to go on with"),
+        (["stiffness-jnd", "--participant", "a b", "--simulate"], "letters and digits only"),
+        (["stiffness-jnd", "--resume", "--simulate"], "there is no session to resume"),
         (["stiffness-jnd", "--run", "0", "--simulate"], "from 1 to 99"),
         (["stiffness-jnd", "--simulate", "--lsl"], "a simulated observer alone"),
     ],

@@ -23,7 +23,7 @@ def test_a_replay_to_the_bit(run: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert main(["replay", str(run)]) == 0
     said = capsys.readouterr().out
     what = "reference-1dof: 20 ticks, 10 columns replayed"
-    assert said == f"{what}; each is that of the recording to the bit: largest difference 0\n"
+    assert said == f"{what}; all are equal to the recording, bit for bit: largest difference 0\n"
     assert main(["replay", str(run), "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["identical"]
@@ -40,7 +40,7 @@ def test_one_bit_is_a_difference(run: Path, tmp_path: Path, capsys: pytest.Captu
     Recording(rows, rec.layout, rec.header, rec.outcome).save(tmp_path / "other.h5")
     assert main(["replay", str(tmp_path / "other.h5")]) == 1
     said = capsys.readouterr().out
-    assert "1 of them are not those of the recording" in said
+    assert "1 of them differ from the recording" in said
     assert "finger_force: up to " in said
     assert "from tick 7 on" in said
 
@@ -50,7 +50,7 @@ def test_overrides_are_said_to_be_an_open_loop(run: Path, tmp_path: Path, capsys
     words = ["replay", str(run), "--set", "coupling.internal.stiffness=120", "--out", str(out)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "open loop: what would have been felt on the recorded way" in said
+    assert "open loop: the forces along the recorded motion" in said
     assert "finger_force: up to " in said
     assert f"wrote {out / 'recording.h5'}" in said
     stored = Recording.load(out)

@@ -68,7 +68,7 @@ def test_ctrl_c_says_how_to_go_on(
     ("words", "text"),
     [
         (["sweep", "reference-1dof"], "--over"),
-        ([*SCENE, "--cluster", "here", "--executor", "threads:2"], "no --executor beside it"),
+        ([*SCENE, "--cluster", "here", "--executor", "threads:2"], "--cluster without --executor"),
         ([*SCENE, "--cluster", "here"], "tcp://HOST:PORT"),
         ([*SCENE, "--executor", "fibres"], "threads:N"),
         ([*SCENE, *OVER], "each key once"),

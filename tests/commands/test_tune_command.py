@@ -56,6 +56,6 @@ def test_check_over_operators(
 
 def test_options_of_operators_stand_with_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "paper-spring", "--samples", "12"]) == 2
-    assert "--samples with --operators" in capsys.readouterr().err
+    assert "--samples together with --operators" in capsys.readouterr().err
     assert main(["check", "paper-spring", "--operators", "finger.*.hand.stifness=50:60"]) == 2
     assert "did you mean 'stiffness'" in capsys.readouterr().err

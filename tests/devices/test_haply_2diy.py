@@ -274,7 +274,7 @@ def test_a_board_that_is_none_does_not_open(wire: DiyWire) -> None:
         driver("haply-2diy").quench(**wire.settings)
 
 
-@pytest.mark.parametrize(("port", "text"), [("/nowhere/port", "does not open"), (os.devnull, "no serial port")])
+@pytest.mark.parametrize(("port", "text"), [("/nowhere/port", "cannot be opened"), (os.devnull, "not a serial port")])
 def test_a_port_that_is_none_does_not_open(port: str, text: str) -> None:
     with pytest.raises(DeviceError, match=text):
         driver("haply-2diy").connect(port=port).open(PERIOD)

@@ -22,7 +22,7 @@ from graspfx.experiment.trial import Presentation, Trial
 from graspfx.experiment.trial_table import read_table
 from graspfx.live.frame import Frame
 from graspfx.live.live_run import LiveRun
-from graspfx.system.terminal_keys import terminal_keys
+from graspfx.system.terminal import terminal_keys
 from tests.support.experiments import PLAIN, experiment, table_of
 from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene
 from tests.support.waiting import wait_until

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from graspfx.errors import InputError, SceneError, UnknownNameError
-from graspfx.experiment.cell import cells
 from graspfx.experiment.experiment_file import load, names, read
+from graspfx.experiment.session_plan import cells
 from tests.support.experiments import COMPARED, PLAIN, experiment
 
 BROKEN = """name = "no-label"
@@ -39,7 +39,7 @@ def faults_of(text: str) -> list[tuple[int | None, str, str]]:
 
 def test_every_fault_at_once_with_its_line() -> None:
     faults = {(line, key.replace('"', "")): text for line, key, text in faults_of(BROKEN)}
-    assert "letters and digits alone" in faults[1, "name"]
+    assert "letters and digits only" in faults[1, "name"]
     assert "expected 'fixed', 'random'" in faults[3, "order"]
     assert "no less than 1" in faults[4, "repetitions"]
     assert "one letter or digit" in faults[8, "question.keys"]

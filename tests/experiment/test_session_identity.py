@@ -83,7 +83,7 @@ def test_a_session_of_an_earlier_form_goes_on_with_a_word(begun: Experiment, tmp
         about["Digest"] = session_identity._digest(parts)
 
     describe(tmp_path, date_back)
-    with pytest.warns(SessionWarning, match=r"did not note what is in files; .*: (firm|steady|wrist)\.py, "):
+    with pytest.warns(SessionWarning, match=r"without digests of files; .*: (firm|steady|wrist)\.py, "):
         assert resumed(begun, tmp_path) == 4
 
 
@@ -97,7 +97,7 @@ def test_a_session_of_an_earlier_form_goes_on_with_a_word(begun: Experiment, tmp
             "the scene's object.0.mass is 9.0 there, 0.1 here",
         ),
         (lambda about: about.update(Mode="simulated"), "the mode is simulated there, function here"),
-        (lambda about: about.pop("Digest"), "no session to go on with"),
+        (lambda about: about.pop("Digest"), "there is no session to resume"),
     ],
 )
 def test_others_are_refused_with_what_differs(begun: Experiment, tmp_path: Path, change: Change, text: str) -> None:

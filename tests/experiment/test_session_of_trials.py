@@ -16,8 +16,7 @@ import pytest
 import graspfx as gx
 from graspfx.errors import InputError, RecordingError
 from graspfx.experiment.experiment import Experiment
-from graspfx.experiment.staircase_of_condition import Stair
-from graspfx.experiment.thresholds import thresholds
+from graspfx.experiment.staircase import Stair, thresholds
 from graspfx.experiment.trial import Presentation
 from graspfx.experiment.trial_table import read_table
 from tests.support.experiments import COMPARED, PLAIN, experiment, table_of
@@ -67,7 +66,7 @@ def test_a_session_is_files_as_bids_names_them(tmp_path: Path) -> None:
 
 def test_nothing_is_written_over(tmp_path: Path) -> None:
     plain = experiment(PLAIN)
-    with pytest.raises(RecordingError, match="no session to go on with"):
+    with pytest.raises(RecordingError, match="there is no session to resume"):
         plain.run(tmp_path, lambda shown: "soft", resume=True)
     plain.run(tmp_path, lambda shown: "soft")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -89,7 +88,7 @@ def test_a_start_that_was_cut_short_says_what_to_do(tmp_path: Path, way: str) ->
     table = table_of(tmp_path)
     for path in (table, *table.parent.glob("*_events.*")):
         path.unlink()
-    said = r"_beh\.json: is there already, its table is not.*--resume goes on with it, --run N .*or remove this file"
+    said = r"_beh\.json: is there already, but not its table.*--resume goes on with it, --run N .*or remove this file"
     with pytest.raises(RecordingError, match=said):
         plain.run(tmp_path, lambda shown: "soft")
     if way == "remove":
@@ -134,7 +133,7 @@ def test_a_session_of_another_experiment_does_not_go_on(tmp_path: Path) -> None:
     table = table_of(tmp_path)
     text = table.read_text("utf-8")
     table.write_text(text.replace("\tlow\t", "\thigh\t", 1), encoding="utf-8")
-    with pytest.raises(RecordingError, match="is no trial of this session's order"):
+    with pytest.raises(RecordingError, match="does not match the order of this session"):
         experiment(PLAIN).run(tmp_path, resume=True)
 
 
@@ -165,7 +164,7 @@ def test_a_kill_loses_no_trial_that_was_answered(tmp_path: Path, whole: list[tup
 def test_an_answer_is_one_of_the_questions(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="one of the answers soft, hard"):
         experiment(PLAIN).run(tmp_path, lambda shown: "fluffy")
-    with pytest.raises(InputError, match="letters and digits alone"):
+    with pytest.raises(InputError, match="letters and digits only"):
         experiment(PLAIN).run(tmp_path, lambda shown: "soft", participant="../3")
 
 

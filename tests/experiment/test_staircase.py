@@ -15,7 +15,7 @@ from graspfx.errors import InputError
 from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment_table import Span, Staircase
 from graspfx.experiment.simulated_observers import physical_chance
-from graspfx.experiment.staircase_of_condition import Stair, chance, information
+from graspfx.experiment.staircase import Stair, chance, information
 from tests.support.experiments import COMPARED, experiment, table_of
 
 pytest.importorskip("questplus", reason="staircases: pip install 'graspfx[experiment]'")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from graspfx.errors import InputError
-from graspfx.experiment.trial_order import random_of, trial_order, williams_square
+from graspfx.experiment.session_plan import random_of, trial_order, williams_square
 
 
 @pytest.mark.parametrize("count", range(1, 10))

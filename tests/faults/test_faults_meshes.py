@@ -313,7 +313,7 @@ def test_a_pipe_is_no_mesh(tmp_path: Path) -> None:
     files[1].mkdir()
     files[2].symlink_to("/dev/zero")
     for each in trial.outcomes("mesh", files):
-        assert each.error == "InputError" and "that is no regular file" in each.text
+        assert each.error == "InputError" and "this is not a regular file" in each.text
 
 
 def spoilt(seed: int, count: int, folder: Path) -> list[Path]:

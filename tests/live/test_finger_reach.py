@@ -10,10 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.live.guides import guided_scene
-from graspfx.live.touch.finger_reach import FingerReach
-from graspfx.live.touch.goal_walk import GoalWalk
-from graspfx.live.touch.touch_run import SPEED, TouchRun
-from graspfx.live.touch.touched_scene import touched_scene
+from graspfx.live.touch.finger_goals import FingerReach, GoalWalk
+from graspfx.live.touch.touch_run import SPEED, TouchRun, touched_scene
 from graspfx.screen.touch_address import gate_for, listen
 from tests.support.waiting import wait_until
 

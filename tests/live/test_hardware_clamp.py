@@ -15,8 +15,7 @@ import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.live import hardware_clamp
 from graspfx.live.certifier import Certifier
-from graspfx.live.clamp import INSIDE, SHARE, lower, shortfall
-from graspfx.live.hardware_clamp import HardwareClamp, Order
+from graspfx.live.hardware_clamp import INSIDE, SHARE, HardwareClamp, Order, lower, shortfall
 from graspfx.live.live_run import LiveRun
 from graspfx.live.margins import Margins
 from graspfx.live.stability_verdict import Verdict

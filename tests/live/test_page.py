@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx.live.frame import Frames
 from graspfx.live.page.document import write_page
-from graspfx.live.page.packing import RESOLUTION
+from graspfx.live.page.story import RESOLUTION
 from graspfx.live.scenery import SLAB, recorded_scenery
 from graspfx.recording.header import KeyChange
 from graspfx.recording.record import Recording

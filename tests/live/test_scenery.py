@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.live.frame import Frames
-from graspfx.live.page.packing import with_normals
+from graspfx.live.page.story import with_normals
 from graspfx.live.scenery import SLAB, recorded_scenery, scenery, slab
 from graspfx.show.picture.surfaces import Surface
 from graspfx.show.style import EXTERNAL, INTERNAL

@@ -16,11 +16,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.experiment.lsl_markers import LslMarkers
-from graspfx.experiment.markers import Event
+from graspfx.experiment.markers import Event, LslMarkers
 from graspfx.live.live_run import LiveRun
 from graspfx.live.lsl_outlet import RowStream, load_lsl
-from graspfx.live.stream.stream_socket import stream_of
+from graspfx.live.stream.state_stream import stream_of
 from tests.support.rooms import ROOT
 from tests.support.waiting import wait_until
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.live.clamp import INSIDE, SHARE
+from graspfx.live.hardware_clamp import INSIDE, SHARE
 from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
 from tests.support.chromium import Browser

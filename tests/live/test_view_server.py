@@ -18,11 +18,9 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.live.loopback import listen
 from graspfx.live.view import page_server as module
-from graspfx.live.view.gate import LARGEST, MOST_BAD
-from graspfx.live.view.page_messages import FIELDS, message_in
-from graspfx.live.view.page_server import Server, page_server
+from graspfx.live.view.gate import FIELDS, LARGEST, MOST_BAD, message_in
+from graspfx.live.view.page_server import Server, listen, page_server
 from graspfx.screen.own_page import refusal
 from tests.support.waiting import wait_until
 

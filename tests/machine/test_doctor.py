@@ -17,9 +17,8 @@ from graspfx.commands import doctor
 from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.pacing import Lateness
-from graspfx.machine import round_trip, system_checks, wake_jitter
-from graspfx.machine.finding import Finding
-from graspfx.machine.lab_report import lab_report
+from graspfx.machine import system_checks, timing_checks
+from graspfx.machine.findings import Finding, lab_report
 from graspfx.machine.system_checks import (
     clock_finding,
     governor_finding,
@@ -43,18 +42,18 @@ GOVERNOR = "sys/devices/system/cpu/cpu{}/cpufreq/scaling_governor"
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(wake_jitter, "DURATION", 0.1)
-    monkeypatch.setattr(round_trip, "DURATION", 0.1)
+    monkeypatch.setattr(timing_checks, "WAKE_DURATION", 0.1)
+    monkeypatch.setattr(timing_checks, "TRIP_DURATION", 0.1)
 
 
 @pytest.mark.parametrize(
     ("look", "files", "text", "remedy"),
     [
-        ("throttling", {}, "not told", ""),
+        ("throttling", {}, "unknown", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "950000"}, "at most 95% of each 1 s", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "-1"}, "none", ""),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "100000"}, "at most 10%", "sysctl"),
-        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "much"}, "not told", ""),
+        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "much"}, "unknown", ""),
         ("governor", {}, "no governor", ""),
         ("governor", {GOVERNOR.format(0): "performance", GOVERNOR.format(1): "performance"}, "performance", ""),
         ("governor", {GOVERNOR.format(0): "performance", GOVERNOR.format(1): "powersave"}, "powersave", "cpupower"),
@@ -70,11 +69,11 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         ("clock", {CLOCK: "tsc"}, "tsc", ""),
         ("clock", {CLOCK: "hpet"}, "hpet, which is slow", "dmesg"),
-        ("sharing", {"proc/cpuinfo": "flags : fpu vme"}, "a machine of its own", ""),
-        ("sharing", {"proc/cpuinfo": "flags : fpu hypervisor"}, "a virtual machine", "no place for hardware"),
+        ("sharing", {"proc/cpuinfo": "flags : fpu vme"}, "a physical machine", ""),
+        ("sharing", {"proc/cpuinfo": "flags : fpu hypervisor"}, "a virtual machine", "do not run hardware"),
         ("sharing", {"sys/class/dmi/id/sys_vendor": "QEMU"}, r"a virtual machine \(QEMU\)", "no place"),
-        ("sharing", {"sys/class/dmi/id/sys_vendor": "Microsoft Corporation"}, "a machine of its own", ""),
-        ("sharing", {".dockerenv": "", "proc/cpuinfo": "flags : fpu"}, "a container on a machine of its own", ""),
+        ("sharing", {"sys/class/dmi/id/sys_vendor": "Microsoft Corporation"}, "a physical machine", ""),
+        ("sharing", {".dockerenv": "", "proc/cpuinfo": "flags : fpu"}, "a container on a physical machine", ""),
     ],
 )  # fmt: skip
 def test_each_setting_is_told_with_a_remedy_where_it_needs_one(
@@ -108,16 +107,16 @@ def counts(late: Lateness) -> np.ndarray:
 
 
 def test_jitter_is_that_of_both_loops() -> None:
-    both = wake_jitter.Jitter(0.001, 0.3)
+    both = timing_checks.Jitter(0.001, 0.3)
     assert both.ticks == 150
     assert counts(both.pacer).sum() == counts(both.bare).sum() == both.ticks
     ours, bare = both.findings()
     assert "p99" in ours.text
-    assert "left out" in bare.text
+    assert "skipped" in bare.text
 
 
 def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    both = wake_jitter.Jitter(0.001, 0.01)
+    both = timing_checks.Jitter(0.001, 0.01)
     for loop, late in ((both.pacer, 5e-5), (both.bare, 4e-5)):
         counts(loop)[:], loop.most = 0.0, 0.0
         for _ in range(1000):
@@ -135,7 +134,7 @@ def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_device_is_opened_at_zero_force_and_closed() -> None:
     fake = Fake([[0.01]])
-    findings = [*round_trip.round_trip_findings([DeviceWiring(fake, np.arange(1))], ["one"], 0.005, VirtualClock())]
+    findings = [*timing_checks.round_trip_findings([DeviceWiring(fake, np.arange(1))], ["one"], 0.005, VirtualClock())]
     assert all(each.ok for each in findings)
     assert [each.subject for each in findings] == [
         "the device of one (Fake)", "round trip", "samples of the device of one (Fake)"
@@ -151,7 +150,7 @@ def test_a_device_is_opened_at_zero_force_and_closed() -> None:
 )
 def test_hardware_that_fails_is_told_and_closed(evil: str, text: str) -> None:
     fake = Fake([[0.01]], evil=evil, at=20)
-    (*_, last) = round_trip.round_trip_findings([DeviceWiring(fake, np.arange(1))], ["one"], 0.005, VirtualClock())
+    (*_, last) = timing_checks.round_trip_findings([DeviceWiring(fake, np.arange(1))], ["one"], 0.005, VirtualClock())
     assert text in last.text
     assert not last.ok
     assert fake.log[-1][1] == "close"
@@ -162,7 +161,7 @@ def test_the_command_ends_with_1_and_the_remedy(
 ) -> None:
     good, bad = Finding("clock", "tsc"), Finding("sharing", "a virtual machine", "no place")
     monkeypatch.setattr(doctor, "system_findings", lambda: iter([good]))
-    monkeypatch.setattr(wake_jitter.Jitter, "findings", lambda self: iter([good]))
+    monkeypatch.setattr(timing_checks.Jitter, "findings", lambda self: iter([good]))
     assert main(["doctor"]) == 0
     assert capsys.readouterr().out.splitlines()[0].split() == ["ok", "clock", "tsc"]
     monkeypatch.setattr(doctor, "system_findings", lambda: iter([good, bad]))

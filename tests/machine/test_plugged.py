@@ -42,9 +42,9 @@ def test_each_driver_has_a_line_with_what_there_is_and_how_a_scene_names_it(root
     assert lines["mouse"].device == f'{{ name = "mouse", port = "/dev/input/by-id/{MOUSE}" }}'
     assert lines["gamepad"].sight == lines["haply-2diy"].sight == "nothing plugged in"
     assert lines["force-dimension"].sight.endswith("usr/lib/x86_64-linux-gnu/libdrd.so")
-    assert "not asked" in lines["haply-inverse"].sight
+    assert "not queried" in lines["haply-inverse"].sight
     assert lines["simulated"].sight == "a simulation"
-    assert lines["-"].sight == "/dev/ttyUSB3: no driver's name fits"
+    assert lines["-"].sight == "/dev/ttyUSB3: matches no driver"
     assert sum("ttyACM0" in each.sight for each in listing) == 0  # it is the rig's, by its longer name
 
 

@@ -173,5 +173,5 @@ def test_a_table_is_no_driver_and_cannot_be_imported(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").touch()
     with pytest.raises(InputError, match=r"ends in \.py"):
         plugins.find("devices", tmp_path / "scene.toml")
-    with pytest.raises(InputError, match="nothing to import"):
+    with pytest.raises(InputError, match="a TOML file cannot be imported"):
         plugins.load("scenes", tmp_path / "scene.toml")

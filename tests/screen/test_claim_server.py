@@ -10,8 +10,8 @@ import pytest
 
 from graspfx.errors import DeviceError
 from graspfx.screen.claim_server import LOOK, SILENCE, ClaimServer, Client, Terms
+from graspfx.screen.gate import Gate
 from graspfx.screen.own_page import NAMES, listen_at
-from graspfx.screen.touch_gate import Gate
 from graspfx.screen.touch_orders import Kind
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import let_pass

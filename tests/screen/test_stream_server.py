@@ -12,10 +12,9 @@ import pytest
 
 from graspfx.errors import InputError
 from graspfx.screen.claim_server import LOOK, MOST_CLIENTS, SILENCE
+from graspfx.screen.gate import StreamGate
 from graspfx.screen.own_page import NAMES, listen_at
-from graspfx.screen.stream_gate import StreamGate
-from graspfx.screen.stream_orders import LONGEST, StreamOrder, read_stream_order
-from graspfx.screen.stream_server import BURST, SOCKET, Bounds, StreamServer
+from graspfx.screen.stream_server import BURST, LONGEST, SOCKET, Bounds, StreamOrder, StreamServer, read_stream_order
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import let_pass
 from tests.support.waiting import wait_until as until

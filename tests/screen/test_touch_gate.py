@@ -6,9 +6,9 @@ from http import HTTPStatus
 
 import pytest
 
+from graspfx.screen.gate import COOKIE, LIFE, Bucket, Gate
 from graspfx.screen.own_page import NAMES
 from graspfx.screen.touch_address import code
-from graspfx.screen.touch_gate import COOKIE, LIFE, Bucket, Gate
 from tests.support.hardware import VirtualClock
 
 OPEN = Gate(NAMES, 0, locked=False)

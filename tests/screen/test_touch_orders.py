@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from graspfx.screen.touch_claims import Claims
+from graspfx.screen.claim_server import Claims
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
 
 BOX = Box(-0.15, -0.1, 0.15, 0.1)

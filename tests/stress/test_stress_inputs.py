@@ -205,7 +205,7 @@ def test_arbitrary_values(cases: int, tmp_path, monkeypatch) -> None:
 
 def test_a_stiffness_too_large_for_its_products_is_refused() -> None:
     # forces of 1e197 m on 1 N/m were NaN without a word
-    with pytest.raises(InputError, match="no more than 1e\\+40 in SI units"):
+    with pytest.raises(InputError, match="use at most 1e\\+40 in SI units"):
         gx.unilateral_force(np.eye(3), np.array([1e197, 0.0, 0.0]), [[1.0, 0.0, 0.0]], 0.5)
 
 

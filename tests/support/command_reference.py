@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from importlib import import_module
 
 from graspfx.__main__ import COMMANDS
-from graspfx.commands.loudness import add_loudness
+from graspfx.commands.output import add_loudness
 
 HEAD = """# Arguments of the commands
 

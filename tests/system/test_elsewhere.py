@@ -23,11 +23,11 @@ ROOT = Path(__file__).parents[2]
 CODE = sorted([*(ROOT / "graspfx").rglob("*.py"), *(ROOT / "devices").rglob("*.py")])
 EMULATORS = "graspfx/testing/", "emulator.py"  # of boards behind pseudo-terminals, with processes that are killed
 SEAMS = {
-    "fcntl": {"graspfx/system/file_lock.py", "graspfx/system/pseudo_terminal.py", "graspfx/serial_port.py",
+    "fcntl": {"graspfx/system/file_lock.py", "graspfx/system/terminal.py", "graspfx/serial_port.py",
               "devices/_inputs/events.py"},
-    "termios": {"graspfx/system/pseudo_terminal.py", "graspfx/system/terminal_keys.py", "graspfx/serial_port.py"},
-    "tty": {"graspfx/system/pseudo_terminal.py", "graspfx/system/terminal_keys.py", "graspfx/serial_port.py"},
-    "pty": {"graspfx/system/pseudo_terminal.py"},
+    "termios": {"graspfx/system/terminal.py", "graspfx/serial_port.py"},
+    "tty": {"graspfx/system/terminal.py", "graspfx/serial_port.py"},
+    "pty": {"graspfx/system/terminal.py"},
     "msvcrt": {"graspfx/system/file_lock.py"},
     "resource": {"graspfx/system/scheduling.py"},
     "os.nice": {"graspfx/system/scheduling.py"},
@@ -52,8 +52,7 @@ SEAMS = {
 PLATFORM = {  # who asks which system this is, and why
     "graspfx/system/c_library.py": "functions of Linux",
     "graspfx/system/file_lock.py": "which lock",
-    "graspfx/system/terminal_input.py": "lines that can be waited for",
-    "graspfx/system/terminal_keys.py": "keys that can be waited for",
+    "graspfx/system/terminal.py": "lines and keys that can be waited for",
     "graspfx/compile/cache.py": "where caches are",
     "graspfx/compile/emission.py": "names of C libraries",
     "graspfx/loop/realtime/lifecycle.py": "the loop of machine code alone",
@@ -142,7 +141,7 @@ def test_scenes_run_and_are_judged(windows: list[Any]) -> None:
 
 
 def test_the_doctor_says_what_is_not_looked_at(windows: list[Any]) -> None:
-    assert "are looked at on Linux only" in windows[2]
+    assert "are checked on Linux only" in windows[2]
 
 
 def test_hardware_is_refused_in_plain_text(windows: list[Any]) -> None:

@@ -1,1 +1,1 @@
-"""A recording as a page that stands alone: its numbers, its scenery and the script that draws them, in one file."""
+"""Standalone page of a recording: data, scenery and script in one HTML file."""

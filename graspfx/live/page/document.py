@@ -1,4 +1,4 @@
-"""A recording's page as one file of HTML, which asks for nothing and runs no script but its own."""
+"""HTML document of a recording: one file that loads nothing and runs only its own script."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SCRIPTS = ("numbers.js", "space.js", "chart.js", "page.js")  # in this order
 
 
 def page_text(recording: Recording, folder: Path | None = None) -> str:
-    """Write a recording as a page of HTML.
+    """Return a recording as an HTML page.
 
     Args:
-        recording: of a run.
-        folder: where relative paths of meshes start; that of the scene if None.
+        recording: Recording of a run.
+        folder: Folder of relative mesh paths; None for the scene's folder.
 
     Raises:
-        InputError: a recording without a tick.
+        InputError: The recording has no ticks.
     """
     story = story_of(recording, folder)
     style, script = _read("page.css"), "\n".join(['"use strict";', *map(_read, SCRIPTS)])
@@ -49,7 +49,7 @@ def page_text(recording: Recording, folder: Path | None = None) -> str:
 def write_page(
     recording: Recording, path: str | PathLike[str], *, folder: Path | None = None, overwrite: bool = False
 ) -> Path:
-    """Write a recording's page; its docstring is that of `Recording.to_html`, but for `folder`, as in `page_text`."""
+    """Write the page of a recording; see `Recording.to_html`, and `page_text` for `folder`."""
     target = require_page_name(path)
     if not overwrite:
         require_vacancy([target])
@@ -60,10 +60,10 @@ def write_page(
 
 
 def require_page_name(path: str | PathLike[str]) -> Path:
-    """Require the path of a page.
+    """Require the path of an HTML file.
 
     Raises:
-        InputError: it is none, or another kind of file.
+        InputError: The argument is not a path, or has another ending.
     """
     target = recording_path(path, "path")
     if target.suffix.lower() not in (".html", ".htm"):
@@ -72,7 +72,7 @@ def require_page_name(path: str | PathLike[str]) -> Path:
 
 
 def in_script(data: Any) -> str:
-    """Write data as JSON that ends no element of HTML, whatever text is in it."""
+    """Encode data as JSON that is safe inside an HTML element."""
     text = json.dumps(_plain(data), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for letter in "<>&\u2028\u2029":
         text = text.replace(letter, f"\\u{ord(letter):04x}")
@@ -80,7 +80,7 @@ def in_script(data: Any) -> str:
 
 
 def _plain(data: Any) -> Any:
-    """Replace numbers that JSON has not by null."""
+    """Replace non-finite numbers by null."""
     if isinstance(data, dict):
         return {key: _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -89,7 +89,7 @@ def _plain(data: Any) -> Any:
 
 
 def _policy(style: str, script: str) -> str:
-    """Write what a browser lets the page do: run its own script, and load nothing."""
+    """Return the content security policy: the page may run its own script and load nothing."""
     own = {
         f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
         for kind, text in (("style", style), ("script", script))

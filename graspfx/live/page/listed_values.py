@@ -1,4 +1,4 @@
-"""Values of a recorded scene as a page lists them: gains first, each with its unit and with when it changed."""
+"""List of a recorded scene's values for a page: gains first, with units and changes over time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from graspfx.recording.record import Recording
 
-GAINS = {  # of eq. (4), by their keys
+GAINS = {  # gains of eq. (4) by key
     "coupling.external.stiffness": ("external stiffness, kep", "N/m"),
     "coupling.internal.stiffness": ("internal stiffness, kip", "N/m"),
     "coupling.external.damping": ("external damping, ked", "N s/m"),
@@ -23,14 +23,14 @@ OBJECTS = {
 UNITS = {"stiffness": "N/m", "damping": "N s/m", "squeeze": "m", "offset": "m"} | {
     name: unit for name, (_, unit) in OBJECTS.items()
 }
-LONGEST = 60  # letters of a value
-MOST = 60  # of them, with those that change
+LONGEST = 60  # longest text of a value
+MOST = 60  # most values listed
 
 Table = Mapping[str, Any]
 
 
 def values_of(recording: Recording) -> list[dict[str, Any]]:
-    """List values: `key`, `label`, `unit`, and `values`, pairs of a time [s] from which on one holds and its text."""
+    """List values as tables of `key`, `label`, `unit` and `values`, which are pairs of start time [s] and text."""
     table = recording.header.scene_table
     rows = {key: (label, unit) for key, label, unit in _names(recording.layout.objects, table)}
     for change in recording.changes:
@@ -42,7 +42,7 @@ def values_of(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _names(objects: Sequence[str], table: Table) -> Iterator[tuple[str, str, str]]:
-    """List keys that the scene sets, with their labels and units."""
+    """List the keys that the scene sets, with labels and units."""
     for key, (label, unit) in GAINS.items():
         if value_at(table, key) is not None:
             yield key, label, unit
@@ -63,7 +63,7 @@ def _over_time(recording: Recording, key: str, table: Table) -> list[tuple[float
 
 
 def value_at(table: Any, key: str) -> Any:
-    """Find a value in nested tables and lists by its dotted key; None where there is none."""
+    """Find a value in nested tables and lists by its dotted key; None if there is none."""
     for part in key.split("."):
         if isinstance(table, list | tuple) and len(table) == 1 and not part.isdigit():
             table = table[0]
@@ -77,7 +77,7 @@ def value_at(table: Any, key: str) -> Any:
 
 
 def text_of(value: Any) -> str:
-    """Write a value short."""
+    """Format a value briefly."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list | tuple):
@@ -86,5 +86,5 @@ def text_of(value: Any) -> str:
 
 
 def shorten(text: str) -> str:
-    """Cut a text that is too long for a cell."""
+    """Shorten a text to fit into a cell."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."

@@ -1,4 +1,4 @@
-"""Motion of a recording as a page plays it: frames at 50 to 60 Hz, and charts with the envelope of all ticks."""
+"""Motion of a recording for playback: frames at 50 to 60 Hz, and charts with the envelope of all ticks."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from graspfx.recording.record import Recording
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int8]
 
-RATE = 60.0  # frames in a second, at most
-MOST = 30_000  # frames of a recording: 8 minutes and more; of a longer one there are fewer in a second
-WHOLE = 1 << 25  # bytes of rows that are looked at in one piece
+RATE = 60.0  # highest frame rate [Hz]
+MOST = 30_000  # most frames, for 8 minutes or more; longer recordings have a lower frame rate
+WHOLE = 1 << 25  # bytes of rows that are processed at once
 
 
 @dataclass
 class Motion:
-    """Every so many rows of a recording.
+    """Frames of a recording at regular intervals.
 
     Attributes:
-        rows: from a frame to the next.
-        time: (F,) [s].
-        fingertips, contacts: (F, n, 3) [m].
-        states: (F, n), places in `frame.STATES`.
-        force, internal, external: (F, n, 3) [N]; None where the recording does not say them.
-        poses: by object, positions (F, 3) [m] and quaternions w, x, y, z (F, 4).
-        squeeze: by object, the mean squeeze of a frame, and the least and the greatest up to the next (F, 3) [N].
-        push: by object, those of the push along each axis (F, 3, 3) [N].
+        rows: Number of rows per frame.
+        time: Times of the frames (F,) [s].
+        fingertips, contacts: Positions (F, n, 3) [m].
+        states: Contact states (F, n), indices of `frame.STATES`.
+        force, internal, external: Forces (F, n, 3) [N]; None if not recorded.
+        poses: Positions (F, 3) [m] and quaternions w, x, y, z (F, 4), by object.
+        squeeze: Mean squeeze at a frame, with minimum and maximum until the next frame (F, 3) [N], by object.
+        push: The same for the push along each axis (F, 3, 3) [N], by object.
     """
 
     rows: int
@@ -54,13 +54,13 @@ class Motion:
 
 @dataclass
 class Envelope:
-    """A number of each frame's first row, and the least and the greatest of all its rows, (F, ..., 3)."""
+    """Values at each frame's first row, with minimum and maximum over its rows (F, ..., 3)."""
 
     count: int
     values: dict[str, FloatArray] = field(default_factory=dict)
 
     def add(self, name: str, numbers: FloatArray, rows: NDArray[np.intp], every: int) -> None:
-        """Take values (r, ...) of rows (r,) into account, `every` of which are a frame; NaN is no value."""
+        """Add values (r, ...) of rows (r,), with `every` rows per frame; NaN is ignored."""
         whole = self.values.setdefault(name, np.full((self.count, *numbers.shape[1:], 3), np.nan))
         frames = rows // every
         starts = np.flatnonzero(np.r_[True, np.diff(frames) > 0])
@@ -71,11 +71,11 @@ class Envelope:
 
 
 def motion_of(recording: Recording, apart: float) -> Motion:
-    """Read what a page plays.
+    """Read the motion for playback.
 
     Args:
-        recording: with at least one row; read in parts where it is long.
-        apart: by how much fingers on a line are set apart [m], `Scenery.apart`.
+        recording: Recording with at least one row; a long one is read in parts.
+        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
     count = len(recording)
     rows = max(1, ceil(1.0 / (RATE * recording.row_period) - 1e-9), ceil(count / MOST))
@@ -99,7 +99,7 @@ def motion_of(recording: Recording, apart: float) -> Motion:
 
 
 def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:
-    """List what is played, as far as it is recorded."""
+    """List the recorded arrays for playback."""
     arrays: dict[str, NDArray[Any]] = {
         "time": frames.time, "fingertips": frames.fingertips, "contacts": frames.contacts, "states": frames.states,
     }  # fmt: skip
@@ -113,7 +113,7 @@ def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:
 
 
 def _parts(recording: Recording) -> Iterator[Recording]:
-    """Give the recording as it is, or a long one in parts."""
+    """Yield the recording, or its parts if it is long."""
     if 8 * recording.layout.width * len(recording) <= WHOLE:
         yield recording
     else:

@@ -1,20 +1,20 @@
-"""Data of a page: what it draws, plays and writes, as plain data that its script reads."""
+"""Data of a page for its script: scenery, motion, charts and texts as plain data, arrays as base64."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import graspfx
 from graspfx.errors import InputError
 from graspfx.live.frame import STATES
 from graspfx.live.page.listed_values import values_of
-from graspfx.live.page.packing import RESOLUTION, packed, packed_solid
 from graspfx.live.page.played_frames import Motion, motion_of
 from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
 from graspfx.recording.record import Recording
@@ -22,39 +22,88 @@ from graspfx.show.modes import Modes
 from graspfx.show.panels import pushes
 from graspfx.show.picture import painter, portrait
 from graspfx.show.picture.instant import slid
+from graspfx.show.picture.painter import corner_normals
 from graspfx.show.picture.portrait import nice
 from graspfx.show.picture.surfaces import Surface
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL, PUSHES, SQUEEZE
 
+IntArray = NDArray[np.int64]
+
+RESOLUTION = 2.0**-24  # largest relative error of a number, from rounding to 24 bits
+NORMAL = 127  # scale of unit normals as integers
+SAME = 1e-3  # difference below which normals are merged
+
+
+class Packed(NamedTuple):
+    """Triangles with one normal per vertex; vertices on creases are duplicated."""
+
+    vertices: FloatArray
+    normals: FloatArray
+    faces: IntArray
+
+
+def packed(values: ArrayLike, kind: str = "f4") -> dict[str, str]:
+    """Encode an array as base64 of little-endian numbers.
+
+    Args:
+        values: Array of any shape; the shape is not stored.
+        kind: NumPy type without byte order: "f4", "i1", "u1", "u2" or "u4".
+    """
+    array = np.asarray(values)
+    if kind == "f4":  # overflow gives infinity, underflow gives zero, and NaN is kept
+        with np.errstate(over="ignore", under="ignore"):
+            array = array.astype("<f4")
+    return {"kind": kind, "data": b64encode(np.ascontiguousarray(array, dtype=f"<{kind}").tobytes()).decode("ascii")}
+
+
+def packed_solid(solid: Solid, number: int) -> dict[str, Any]:
+    """Encode an object or an obstacle; `number` is the object with which it moves, -1 for none."""
+    mesh = with_normals(solid.vertices, solid.faces)
+    return {
+        "name": solid.name, "colour": solid.colour, "endless": solid.endless,
+        "object": number,
+        "vertices": packed(mesh.vertices), "normals": packed(np.round(NORMAL * mesh.normals), "i1"),
+        "faces": packed(mesh.faces, "u2" if len(mesh.vertices) < 1 << 16 else "u4"),
+    }  # fmt: skip
+
+
+def with_normals(vertices: FloatArray, faces: IntArray) -> Packed:
+    """Compute the vertex normals as for pictures, and merge equal vertices."""
+    normals = corner_normals(vertices, faces).reshape(-1, 3)
+    keys = np.column_stack([faces.reshape(-1), np.round(normals / SAME).astype(np.int64)])
+    _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return Packed(vertices[faces.reshape(-1)[first]], normals[first], number.reshape(-1, 3))
+
+
 FloatArray = NDArray[np.float64]
 
 WORDS = {
-    "free": "fingertip that is free",
-    "touch": "fingertip that touches",
-    "stick": "fingertip that sticks",
-    "slide": "fingertip that slides",
-    "limit": "fingertip at its largest force",
+    "free": "free fingertip",
+    "touch": "touching fingertip",
+    "stick": "sticking fingertip",
+    "slide": "sliding fingertip",
+    "limit": "fingertip at its force limit",
 }
-ARROWS = 0.2  # room for arrows about fingertips, as a share of the extent
-FAR = 10.0  # extents from the middle, beyond which what has gone astray is not looked at
-CELLS, LINES = 10.0, 10  # cells of the grid along the scene, lines on either side of its middle
-PIXELS = 4.0 / 3.0  # of CSS in a point
-THICK = 1.1  # of arrows, as a share of what pictures have, in which nothing moves
-TYPICAL = 0.995  # share of the forces whose arrows are not longer than the longest
+ARROWS = 0.2  # room for arrows around fingertips, as a share of the extent
+FAR = 10.0  # distance from the middle beyond which points are ignored, in extents
+CELLS, LINES = 10.0, 10  # grid cells along the scene; grid lines on each side of its middle
+PIXELS = 4.0 / 3.0  # CSS pixels per point
+THICK = 1.1  # thickness of arrows relative to still pictures
+TYPICAL = 0.995  # quantile of the forces that gets the longest arrow
 
 
 def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]:
-    """Read all that a page holds.
+    """Collect all data of a page.
 
     Args:
-        recording: of a run.
-        folder: where relative paths of meshes start; that of the scene if None.
+        recording: Recording of a run.
+        folder: Folder of relative mesh paths; None for the scene's folder.
 
     Raises:
-        InputError: a recording without a tick.
+        InputError: The recording has no ticks.
     """
     if not len(recording):
-        raise InputError("recording", 0, "one with at least one tick")
+        raise InputError("recording", 0, "a recording with at least one tick")
     scenery = recorded_scenery(recording.header, recording.layout, folder)
     motion = motion_of(recording, scenery.apart)
     low, high = _bounds(scenery, motion)
@@ -111,12 +160,12 @@ def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]
 
 
 def _place(name: str | None, objects: Sequence[str]) -> int:
-    """Number an object among those whose place is recorded; -1 for none of them."""
+    """Return the index of an object among those with a recorded position; -1 for none."""
     return objects.index(name) if name in objects else -1
 
 
 def _widened(solid: Solid, middle: FloatArray, factor: float) -> Solid:
-    """Widen the piece of an endless surface in space to all of the motion."""
+    """Enlarge the drawn part of an infinite surface to cover all of the motion."""
     if not solid.endless or solid.object is not None or len(solid.vertices) != 4:
         return solid
     whole = Surface(solid.vertices.mean(axis=0) + factor * (solid.vertices - solid.vertices.mean(axis=0)), solid.faces)
@@ -128,7 +177,7 @@ def _packed(values: FloatArray | None) -> dict[str, str] | None:
 
 
 def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Find the corners (3,) [m] of all that is drawn at any time, but for what has gone astray."""
+    """Compute the bounding box, two corners (3,) [m], of everything drawn at any time, without far outliers."""
     tips, room = motion.fingertips.reshape(-1, 3), ARROWS * scenery.extent
     corners = [tips - room, tips + room]
     for solid in scenery.solids:
@@ -147,7 +196,7 @@ def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def _camera(scenery: Scenery, motion: Motion, dimensions: int, middle: FloatArray, reach: float) -> dict[str, Any]:
-    """Look at all of the motion, from where contacts are seen best when most fingers touch."""
+    """Choose a camera that sees all of the motion, and the contacts best when most fingers touch."""
     k = int((motion.states > 0).sum(axis=1).argmax())
     tips = motion.fingertips[k]
     tips = tips[np.isfinite(tips).all(axis=1)]
@@ -157,7 +206,7 @@ def _camera(scenery: Scenery, motion: Motion, dimensions: int, middle: FloatArra
 
 
 def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -> dict[str, Any]:
-    """Lay a grid on the ground, or behind what happens in the plane; its cells are round."""
+    """Place a grid on the ground, or behind a planar scene, with round cell sizes."""
     cell = nice(reach / CELLS * 1.001)
     origin = np.round(middle / cell) * cell
     ground = [each.vertices[:, 2].mean() for each in scenery.solids if each.endless]
@@ -167,7 +216,7 @@ def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -
 
 
 def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
-    """Choose how long the arrow of a newton is [m/N]; 0 where no finger exerts a force."""
+    """Choose the scale of arrows [m/N]; 0 if no finger exerts a force."""
     parts = (motion.force,) if motion.internal is None else (motion.internal, motion.external)
     forces = [np.linalg.norm(each, axis=2).max(axis=1) for each in parts if each is not None]
     sizes = np.concatenate([*forces, np.zeros(1)])
@@ -176,8 +225,8 @@ def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
 
 
 def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:
-    """Choose the lines of an object's chart, as `graspfx plot` does."""
-    squeeze, push = motion.squeeze[name], motion.push[name]  # at the frame, the least, the greatest
+    """Choose the lines of an object's chart as in `graspfx plot`."""
+    squeeze, push = motion.squeeze[name], motion.push[name]  # value at the frame, minimum, maximum
     lines = []
     if np.isfinite(squeeze).any():
         lines.append(_line("squeeze", squeeze, SQUEEZE.colour, SQUEEZE.width, ()))
@@ -209,7 +258,7 @@ def _facts(recording: Recording) -> str:
 
 
 def _description(recording: Recording, title: str) -> str:
-    """Describe the picture for who does not see it."""
+    """Describe the picture for screen readers."""
     objects, fingers = ", ".join(recording.layout.objects), ", ".join(recording.layout.fingers)
     return f"{title}: the fingers {fingers} on {objects} in three dimensions, with their forces as arrows"
 
@@ -221,9 +270,9 @@ def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:
         ("recorded", header.created.replace("T", " ").replace("+00:00", " UTC")),
         ("preset", header.preset),
         ("GraspFX", header.versions.get("graspfx", graspfx.__version__)),
-        ("frames", f"{len(motion)}, one in {every} ticks, {1.0 / (motion.rows * recording.row_period):.3g} a second"),
-        ("chart", "least and greatest of every tick"),
-        ("numbers", f"as recorded, each to {RESOLUTION:.0e} of itself; straight lines between frames"),
+        ("frames", f"{len(motion)}, one in {every} ticks, {1.0 / (motion.rows * recording.row_period):.3g} per second"),
+        ("chart", "minimum and maximum over all ticks"),
+        ("numbers", f"as recorded, relative error {RESOLUTION:.0e}; linear interpolation between frames"),
     ]
     return [(name, words) for name, words in lines if words]
 
@@ -231,7 +280,7 @@ def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:
 def _notes(recording: Recording, scenery: Scenery) -> list[str]:
     notes = [str(fault) for fault in recording.faults] + list(scenery.notes)
     if not recording.outcome.complete:
-        notes.append("the run broke off, goes on, or was killed: this is what was recorded of it")
+        notes.append("the run was interrupted or killed, or is not finished: this is the recorded part")
     if recording.layout.omitted:
         notes.append(f"left out of the recording: {', '.join(recording.layout.omitted)}")
     return notes

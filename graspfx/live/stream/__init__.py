@@ -1,1 +1,1 @@
-"""A stream of a running scene for other programs: states as JSON, and goals of its guides."""
+"""Stream of a running scene for other programs: states as JSON, and goals of guides."""

@@ -1,4 +1,4 @@
-"""Messages of a stream: what is streamed, once, and states; JSON, lengths in metres, right-handed, all in space."""
+"""JSON messages of a stream: a hello message, then states; SI units, right-handed 3-D coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from graspfx.show.picture.instant import lifted
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-PROTOCOL = "graspfx-stream/1"  # counts up with each change that an older reader cannot read
+PROTOCOL = "graspfx-stream/1"  # increased with each incompatible change
 UNITS = {"length": "m", "force": "N", "time": "s"}
 
 
@@ -24,16 +24,16 @@ def hello_message(
     scene: Scene, scenery: Scenery, guides: Sequence[Guide], *, rate: float, farthest: float, closest: float,
     run: int,
 ) -> str:  # fmt: skip
-    """Write what is streamed: names, frames and units, and which guides may be led.
+    """Return the hello message: names, frames and units, and the guides that clients may move.
 
     Args:
-        scene: that runs.
-        scenery: of it.
-        guides: that clients may lead; none where they may not.
-        rate: of states, at most [Hz].
-        farthest: that a component of an offset may be [m].
-        closest: that a squeeze may be, either way [m].
-        run: counts runs of the stream.
+        scene: Running scene.
+        scenery: Scenery of the scene.
+        guides: Guides that clients may move; empty for none.
+        rate: Highest rate of states [Hz].
+        farthest: Largest component of an offset [m].
+        closest: Largest absolute squeeze [m].
+        run: Number of the run in the stream.
     """
     table = scene.to_dict()
     return _json({
@@ -71,14 +71,14 @@ def hello_message(
 
 
 def state_message(frame: Frame, number: int, run: int, state: str, fault: str) -> str:
-    """Write a state.
+    """Return a state message.
 
     Args:
-        frame: of a row.
-        number: counts states.
-        run: counts runs of the stream.
+        frame: Frame of a row.
+        number: Number of the state.
+        run: Number of the run in the stream.
         state: "running", "paused" or "ended".
-        fault: of the run, in words.
+        fault: Fault of the run; empty for none.
     """
     missing = [None] * len(frame.states)
     forces, internal, external = (
@@ -112,7 +112,7 @@ def _json(table: dict[str, Any]) -> str:
 
 
 def _triple(vector: Any) -> list[float] | None:
-    """Write a vector; None where it is not there."""
+    """Convert a vector to a list; None if it is missing or not finite."""
     if vector is None:
         return None
     numbers = [float(each) for each in vector]
@@ -125,7 +125,7 @@ def _xyzw(wxyz: Any) -> list[float] | None:
 
 
 def _shape(table: dict[str, Any], kind: str, number: int) -> Any:
-    """Give a shape as the scene has it; None for a point."""
+    """Return a shape as in the scene; None for a point."""
     entries = table.get(kind)
     entry = entries if isinstance(entries, dict) else entries[number] if entries else {}
     return entry.get("shape")

@@ -1,10 +1,11 @@
-"""A stream of a run: its newest row as a state, many times a second, and goals of clients on their way to its hands."""
+"""Stream of a run over a WebSocket: sends its newest row as a state, and applies goals of clients to its hands."""
 
 from __future__ import annotations
 
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Collection
+from contextlib import ExitStack, suppress
 from socket import socket
 from typing import TYPE_CHECKING, Self
 
@@ -15,43 +16,44 @@ from graspfx.errors import GraspFXError, InputError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.scenery import Scenery, scenery
 from graspfx.live.stream.state_message import hello_message, state_message
-from graspfx.live.touch.goal_walk import GoalWalk
+from graspfx.live.touch.finger_goals import GoalWalk
 from graspfx.recording.header import SPLIT, KeyChange
-from graspfx.screen.stream_orders import StreamOrder
-from graspfx.screen.stream_server import Bounds, StreamServer
+from graspfx.screen.gate import TOKEN, StreamGate
+from graspfx.screen.own_page import HOST, NAMES, listen_at
+from graspfx.screen.stream_server import SOCKET, Bounds, StreamOrder, StreamServer
+from graspfx.screen.touch_address import network_address
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
-    from graspfx.screen.stream_gate import StreamGate
+    from graspfx.screen.gate import StreamGate
 
 FloatArray = NDArray[np.float64]
 
-RATE, FASTEST = 60.0, 120.0  # of states [Hz]
-SPEED = 0.5  # of a goal, the largest [m/s]
-STEP = 0.004  # between two steps of goals [s]
-REACH = 2.0  # of an offset's component, in extents of the scene
-CLOSEST = 0.3  # of a squeeze, in extents
+RATE, FASTEST = 60.0, 120.0  # default and highest rate of states [Hz]
+SPEED = 0.5  # highest speed of a goal [m/s]
+STEP = 0.004  # interval between steps of goals [s]
+REACH = 2.0  # largest component of an offset, in extents of the scene
+CLOSEST = 0.3  # largest squeeze, in extents
 
 
 class StateStream:
-    """A stream on a socket, in threads of its own; a context manager. It looks at one run after another.
+    """Stream on a socket with its own threads; a context manager. Runs are attached one after the other.
 
-    Goals go the way that every goal goes: bounded in distance, no faster than `SPEED`, and behind the follower of the
-    guide, into the recording with their ticks. Where a client leaves, or says nothing for half a second, the goal stays
-    where it has come.
+    Goals are limited in distance and in speed (`SPEED`), pass through the follower of the guide, and are recorded with
+    their ticks. If a client leaves, or is silent for half a second, the goal stays where it is.
 
     Args:
-        line: a socket that listens.
-        gate: before it.
-        rate: of states [Hz].
-        goals: whether clients may lead the guides of a run; never of one with hardware.
+        line: Listening socket.
+        gate: Access control.
+        rate: Rate of states [Hz].
+        goals: Whether clients may move the guides of a run; never with hardware.
 
     Attributes:
-        server: of the socket.
-        states: that were written.
+        server: Server of the socket.
+        states: Number of states sent.
 
     Raises:
-        InputError: a rate above 120 Hz, or none.
+        InputError: The rate is not from 1 to 120 Hz.
         MissingPackageError: websockets is not installed.
     """
 
@@ -80,14 +82,14 @@ class StateStream:
         self.server.__exit__()
 
     def attach(self, run: LiveRun) -> None:
-        """Stream a run from now on.
+        """Start streaming a run.
 
         Raises:
-            InputError: clients may lead guides, and the run has hardware.
+            InputError: Clients may move guides, and the run has hardware.
         """
         if self._goals and run.has_hardware:
-            do = "stream it without goals: where a person's hand is, nobody else leads"
-            raise InputError("goals", "a run with hardware", "simulated fingers alone", do)
+            do = "stream it without goals: clients must not move a finger that a person holds"
+            raise InputError("goals", "a run with hardware", "simulated fingers only", do)
         with self._lock, self._writing:
             self._runs += 1
             guides = list(run.guides) if self._goals else []
@@ -102,7 +104,7 @@ class StateStream:
             self.server.describe(hello, Bounds(len(guides), far, near))
 
     def detach(self) -> None:
-        """Stream no run: its last state, and no goal comes in any more."""
+        """Stop streaming: send the last state, and accept no more goals."""
         with self._lock:
             run, self._run = self._run, None
         with self._writing, suppress(GraspFXError):
@@ -112,13 +114,13 @@ class StateStream:
     # Goals: in the server's thread --------------------------------------------------------------------------------
 
     def lead(self, order: StreamOrder) -> None:
-        """Lead a guide towards a goal."""
+        """Move a guide towards a goal."""
         with self._lock:
             if self._run is None or order.guide >= len(self._walks):
                 return
             now = time.monotonic()
             walk, closing = self._walks[order.guide]
-            if not (walk.is_led or closing.is_led):  # from where it was left
+            if not (walk.is_led or closing.is_led):  # start from the last goal
                 place, near = self._run.goal(order.guide)
                 self._goal[order.guide] = place.copy(), np.array([near])
             offset, squeeze = self._goal[order.guide]
@@ -130,7 +132,7 @@ class StateStream:
             self._send(order.guide)
 
     def release(self, guide: int) -> None:
-        """Lead a guide no farther: its goal stays where it has come."""
+        """Release a guide; its goal stays where it is."""
         with self._lock:
             if guide < len(self._walks):
                 for walk in self._walks[guide]:
@@ -140,7 +142,7 @@ class StateStream:
         run = self._run
         if run is not None and run.state != "ended":
             offset, squeeze = self._goal[guide]
-            with suppress(GraspFXError):  # a run that ends meanwhile
+            with suppress(GraspFXError):  # the run may end meanwhile
                 run.guide(guide, offset, float(squeeze[0]) if run.guides[guide].place is None else None)
 
     # States: in a thread of its own -------------------------------------------------------------------------------
@@ -152,7 +154,7 @@ class StateStream:
             now = time.monotonic()
             if now < self._next or not self.server.clients:
                 continue
-            with self._writing, suppress(GraspFXError):  # a run that ends while it is looked at
+            with self._writing, suppress(GraspFXError):  # the run may end meanwhile
                 run = self._run
                 if run is None:
                     continue
@@ -172,7 +174,7 @@ class StateStream:
                 self._send(guide)
 
     def _message(self, run: LiveRun, state: str) -> str | None:
-        """Write the newest row; None where there is none, or none that is new."""
+        """Return the newest row as a message; None without a new row."""
         tick, rows = run.rows(run.tick)
         if not len(rows) or self._scenery is None:
             return None
@@ -185,3 +187,32 @@ class StateStream:
         fault = run.fault
         text = str(fault.message) if fault is not None else run.cause
         return state_message(frames[0], self._number, self._runs, state, text)
+
+
+FIRST = 8770  # first port to try
+
+
+def stream_of(
+    stack: ExitStack, *, rate: float = RATE, goals: bool = False, port: int | None = None, lan: bool = False,
+    token: str | None = None, origins: Collection[str] = (),
+) -> tuple[StateStream, str]:  # fmt: skip
+    """Open a stream; return it and its address with the token. The stack closes the stream.
+
+    Args:
+        stack: Exit stack that closes the stream.
+        rate: Rate of states [Hz].
+        goals: Whether clients may move guides.
+        port: Port; None for the first free one from 8770, 0 for any.
+        lan: Whether other machines in the network have access.
+        token: Token of clients; None for a new one.
+        origins: Origins of web pages that may open the stream.
+
+    Raises:
+        InputError: The port is in use, the token is too short, the machine is not in a network, or the rate is invalid.
+        MissingPackageError: websockets is not installed.
+    """
+    line = stack.enter_context(listen_at(network_address() if lan else HOST, port, FIRST, "--port"))
+    host, number = line.getsockname()[:2]
+    gate = StreamGate({host} if lan else NAMES, number if lan else 0, token, origins)
+    stream = stack.enter_context(StateStream(line, gate, rate=rate, goals=goals))
+    return stream, f"ws://{host}:{number}{SOCKET}?{TOKEN}={gate.token}"

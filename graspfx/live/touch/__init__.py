@@ -1,1 +1,1 @@
-"""Fingers of a running scene led by fingers on a touch screen: their goals, what the screen shows, and the log."""
+"""Running scenes controlled by a touch screen: goals of fingers, pictures, and the log of orders."""

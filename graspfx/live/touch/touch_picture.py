@@ -1,4 +1,4 @@
-"""Pictures of a touch screen, of scenes in the plane or on a line: outlines once, a row of numbers for each picture."""
+"""Content of the touch-screen page for planar scenes: a static description, and binary pictures of the state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-WIDE, HIGH = 2.1, 1.4  # half sides of the box, in extents of the scene
+WIDE, HIGH = 2.1, 1.4  # half width and height of the touchable area, in extents of the scene
 CAVEAT = "The force is shown here, not felt."
 LEGEND = (
     ("squeeze (internal force)", INTERNAL, True),
@@ -34,22 +34,22 @@ LEGEND = (
 
 
 def box_of(scenery: Scenery) -> Box:
-    """Choose where the scene may be touched: around its middle, wide enough to carry its objects about."""
+    """Choose the touchable area: around the scene's middle, with room to move objects."""
     x, y = float(scenery.middle[0]), float(scenery.middle[1])
     half, high = WIDE * scenery.extent, HIGH * scenery.extent
     return Box(x - half, y - high, x + half, y + high)
 
 
 def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable: int, box: Box, fault: str = "") -> str:
-    """Write what the page draws besides its pictures, as JSON.
+    """Return the static content of the page, as JSON.
 
     Args:
-        scenery: of the scene.
-        title: over the page.
-        fingers: numbers of the fingers in the order of the page.
-        touchable: how many of them, the first ones, can be touched.
-        box: in which they can.
-        fault: of the run; none if empty.
+        scenery: Scenery of the scene.
+        title: Title of the page.
+        fingers: Numbers of the fingers in the order of the page.
+        touchable: Number of fingers that can be touched; they come first.
+        box: Touchable area.
+        fault: Fault of the run; empty for none.
     """
     objects = [each for each in scenery.solids if each.object is not None]
     most = "one finger" if touchable == 1 else f"up to {touchable} fingers"
@@ -73,9 +73,9 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
 
 
 def picture(frames: Frames, scenery: Scenery, fingers: Sequence[int]) -> bytes:
-    """Write the last of some frames: tick, time, squeeze, push, poses (x, y, angle), and seven numbers of each finger.
+    """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
 
-    Those are place, internal force, external force and state. Numbers that are not there are NaN.
+    The seven numbers are position, internal force, external force and state. Missing numbers are NaN.
     """
     frame = frames[-1]
     squeeze, push = _modes(frames.modes)
@@ -90,12 +90,12 @@ def picture(frames: Frames, scenery: Scenery, fingers: Sequence[int]) -> bytes:
 
 
 def fingertips(frame: Frame, dimensions: int) -> FloatArray:
-    """Give where fingertips are (n, d) [m]."""
+    """Return the positions of the fingertips (n, d) [m]."""
     return frame.fingertips[:, :dimensions]
 
 
 def _shape(solid: Solid) -> dict[str, Any]:
-    """Give the outline of a slab: its corners before the plane, which come first."""
+    """Return the outline of a slab: its front vertices, which come first."""
     outline = solid.vertices[: len(solid.vertices) // 2, :2]
     return {"name": solid.name, "colour": solid.colour, "loops": [outline.round(9).tolist()]}
 
@@ -112,7 +112,7 @@ def _planar(values: FloatArray | None, i: int) -> list[float]:
 
 
 def _modes(modes: Mapping[str, Modes]) -> tuple[float, float]:
-    """Give the squeeze and the size of the push of the object that is squeezed most, or else pushed most [N]."""
+    """Return the largest squeeze and the largest push of any object [N]; NaN if unknown."""
     values = [(float(each.mean_squeeze[-1]), float(np.linalg.norm(each.push[-1]))) for each in modes.values()]
     squeezes = [squeeze for squeeze, _ in values if math.isfinite(squeeze)]
     pushes = [push for _, push in values if math.isfinite(push)]

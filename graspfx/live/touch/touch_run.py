@@ -1,4 +1,4 @@
-"""A scene that runs and whose fingers a touch screen leads: orders become goals, rows become pictures."""
+"""Live run controlled by a touch screen: orders become goals of fingers, rows become pictures, orders are logged."""
 
 from __future__ import annotations
 
@@ -9,54 +9,149 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.hands import holdings
 from graspfx.errors import GraspFXError, InputError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.live_run import LiveRun
 from graspfx.live.scenery import scenery
-from graspfx.live.touch.finger_reach import FingerReach
-from graspfx.live.touch.goal_walk import GoalWalk
-from graspfx.live.touch.touch_log import TouchLog
+from graspfx.live.touch.finger_goals import FingerReach, GoalWalk
 from graspfx.live.touch.touch_picture import box_of, description, fingertips, picture
-from graspfx.live.touch.touched_scene import touched_scene
-from graspfx.screen.touch_orders import MOST_FINGERS, Order
+from graspfx.scene.model import Scene
+from graspfx.screen.touch_orders import MOST_FINGERS, Kind, Order
 from graspfx.screen.touch_server import TouchServer
 
 if TYPE_CHECKING:
+    from graspfx.assembly.hands import Holding
     from graspfx.scene.model import Scene
-    from graspfx.screen.touch_gate import Gate
+    from graspfx.screen.gate import Gate
+
+HEADER = "client,number,kind,finger,x,y,tick,fate"
+NAME = "touches.csv"
+
+
+class Entry(NamedTuple):
+    """Order of a client, with the newest tick at its arrival and its outcome."""
+
+    client: int
+    order: Order
+    tick: int
+    fate: str
+
+
+class TouchLog:
+    """Log of orders in memory; `save` writes it beside a recording.
+
+    Args:
+        is_on: Whether orders are logged.
+    """
+
+    def __init__(self, *, is_on: bool) -> None:
+        self.is_on = is_on
+        self.entries: list[Entry] = []
+
+    def note(self, client: int, order: Order, tick: int, fate: str) -> None:
+        """Log an order."""
+        if self.is_on:
+            self.entries.append(Entry(client, order, tick, fate))
+
+    def fates(self) -> list[str]:
+        """List the outcome of each order.
+
+        An outcome is "applied", "superseded" if another order for the finger came before the next tick, or the reason
+        for dropping the order.
+        """
+        fates, newest = [each.fate for each in self.entries], dict[int, int]()
+        for k, each in enumerate(self.entries):
+            if each.fate != "taken" or each.order.kind == Kind.ALIVE:
+                continue
+            before = newest.get(each.order.finger)
+            if before is not None and self.entries[before].tick == each.tick:
+                fates[before] = "superseded"
+            newest[each.order.finger], fates[k] = k, "applied"
+        return ["applied" if fate == "taken" else fate for fate in fates]
+
+    def save(self, folder: Path) -> Path:
+        """Write the log as CSV; return the file."""
+        lines = [HEADER]
+        for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
+            x, y = order.place
+            lines.append(f"{client},{order.number},{order.kind.name.lower()},{order.finger},{x!r},{y!r},{tick},{fate}")
+        file = folder / NAME
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return file
+
+
+OWN = ("motion", "turn", "squeeze", "squeeze_ramp", "rest")  # keys of a hand's own motion
+
+
+def touched_scene(scene: Scene) -> Scene:
+    """Remove the motions, rotations and squeezes of a scene's hands, so that fingers stay at their initial positions.
+
+    Raises:
+        InputError: The scene is three-dimensional, or has no hand that can be moved.
+    """
+    if scene.dimensions > 2:
+        raise InputError(
+            "scene", scene.title or scene.source.name, "a scene on a line or in the plane",
+            "a touch screen has no depth; `graspfx view` moves hands in space",
+        )  # fmt: skip
+    if not any(_is_led(each) for each in holdings(scene)):
+        raise InputError(
+            "scene", scene.title or scene.source.name, "a scene with a simulated finger held by a spring hand",
+            "give a finger a table `hand = { stiffness = 60.0, damping = 1.0 }`",
+        )  # fmt: skip
+    table = scene.to_dict()
+    for each in holdings(scene):
+        if _is_led(each):
+            own = _at(table, each.at)
+            for key in OWN:
+                own.pop(key, None)
+    return Scene(scene.source, **table)
+
+
+def _is_led(holding: Holding) -> bool:
+    return holding.table is not None and holding.table.form != "made"
+
+
+def _at(table: Any, place: tuple[str | int, ...]) -> dict[str, Any]:
+    for key in place:
+        table = table[key]
+    own: dict[str, Any] = table
+    return own
+
 
 FloatArray = NDArray[np.float64]
 
-SPEED = 0.5  # of a goal, the largest [m/s]
-QUICK, SLOW = 0.004, 0.033  # between two pictures while fingers are touched, and else [s]
-STEP = 0.002  # between two steps of goals [s]
-AGAIN = 0.25  # after which a finger that was let go and still touches withdraws further [s]
-PAUSE = 2.0  # with the reason of its end shown, before a scene begins anew [s]
+SPEED = 0.5  # highest speed of a goal [m/s]
+QUICK, SLOW = 0.004, 0.033  # interval between pictures while fingers are touched, and otherwise [s]
+STEP = 0.002  # interval between steps of goals [s]
+AGAIN = 0.25  # time after which a released finger that still touches withdraws further [s]
+PAUSE = 2.0  # time during which a fault is shown before the scene restarts [s]
 
 
 class TouchRun:
-    """A scene that runs while a touch screen leads its fingers; a context manager.
+    """Live run whose fingers follow a touch screen; a context manager.
 
     Args:
-        scene: on a line or in the plane, of simulated fingers that hands hold.
-        line: a socket that listens.
-        gate: before the page.
-        speed: the largest of a goal [m/s].
-        out: a folder for the recording and the log of orders; None for neither.
-        overwrite: whether they may be written over others.
+        scene: Scene on a line or in the plane, with simulated fingers held by hands.
+        line: Listening socket.
+        gate: Access control of the page.
+        speed: Highest speed of a goal [m/s].
+        out: Folder of the recording and the log of orders; None for neither.
+        overwrite: Whether existing files may be overwritten.
 
     Attributes:
-        run: the run.
-        server: of the page.
-        log: of orders.
+        run: Live run.
+        server: Server of the page.
+        log: Log of orders.
 
     Raises:
-        InputError: a scene in space, or without a finger that could be led.
+        InputError: The scene is three-dimensional, or has no finger that can be moved.
         MissingPackageError: websockets is not installed.
     """
 
@@ -75,12 +170,12 @@ class TouchRun:
         try:
             guides = self.run.guides
             if not 0 < len(guides) <= MOST_FINGERS:
-                raise InputError("scene", still.title, f"one to {MOST_FINGERS} fingers that a hand of springs holds")
+                raise InputError("scene", still.title, f"one to {MOST_FINGERS} fingers held by a spring hand")
             led = [guide.fingers[0] for guide in guides]
             self._fingers = [*led, *(i for i in range(len(self.run.layout.fingers)) if i not in led)]
             self._walks = [GoalWalk(speed) for _ in guides]
             self._reaches = [FingerReach(self.run.servo, finger, speed) for finger in led]
-            self._released = [0.0] * len(guides)  # when a finger that may still touch was let go last; 0: none such
+            self._released = [0.0] * len(guides)  # time of the last release of a finger that may still touch, else 0
             self._lock = threading.Lock()
             self._tips = np.array([guide.position for guide in guides])
             self._dimensions = self._tips.shape[1]
@@ -105,7 +200,7 @@ class TouchRun:
         self.close()
 
     def close(self) -> None:
-        """End the page and the run, and write the log of orders; a second time nothing happens."""
+        """Close the page and the run, and write the log of orders; closing again does nothing."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -117,19 +212,19 @@ class TouchRun:
             self.log.save(self._out)
 
     def wait(self, look: Callable[[], bool]) -> None:
-        """Wait until `look` is true, or the run has ended for good."""
+        """Wait until `look` returns True or the run has ended."""
         while not look() and not self._is_over.wait(0.1):
             pass
 
     @property
     def fault(self) -> str:
-        """Why the run has ended; nothing while it goes on."""
+        """Reason why the run has ended; empty while it runs."""
         return self._fault
 
     # Orders: in the server's thread -------------------------------------------------------------------------------
 
     def press(self, finger: int, place: tuple[float, float]) -> None:
-        """Lead a finger to a place."""
+        """Move a finger to a position."""
         now = time.monotonic()
         with self._lock:
             self._released[finger] = 0.0
@@ -137,7 +232,7 @@ class TouchRun:
             self._send(finger, self._walks[finger].aim(aim, self._tips[finger], now))
 
     def lift(self, finger: int) -> None:
-        """Let a finger go."""
+        """Release a finger."""
         with self._lock:
             self._walks[finger].end()
             self._let_go(finger)
@@ -158,7 +253,7 @@ class TouchRun:
     # Pictures: in a thread of its own -----------------------------------------------------------------------------
 
     def _follow(self) -> None:
-        """Step goals and send pictures, until the end."""
+        """Step the goals and send pictures until the end."""
         tick, pictured = -1, 0.0
         while not self._is_over.is_set():
             if self.run.state == "ended" or self.run.fault is not None:
@@ -199,7 +294,7 @@ class TouchRun:
                     self._send(finger, goal)
 
     def _begin_anew(self) -> bool:
-        """Say on the page why the run ended, and begin anew; with a recording, or hardware, it has ended for good."""
+        """Show why the run ended, and restart it; a run with a recording or hardware is not restarted."""
         self._fault = str(self.run.fault or self.run.error or "the run has ended")
         self.server.describe(self._described())
         with self._lock:

@@ -1,1 +1,1 @@
-"""The page of a running scene, in a browser: what it shows, and what it lets its user change."""
+"""Browser page of a running scene: display and controls."""

@@ -1,4 +1,4 @@
-"""The certificate beside the sliders: begun with the first page, asked at each order, a gate to hardware."""
+"""Certificate beside the sliders: updated with each order, and required for orders to hardware."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Values = Mapping[str, Any]
 
 
 class CertificatePanel:
-    """Verdicts on the run's values, and orders that change them.
+    """Stability results for the run's values, and orders that change the values.
 
     Args:
-        run: whose values change.
-        wake: called as a verdict or a value has come.
+        run: Run whose values change.
+        wake: Function called after each new result or value.
     """
 
     def __init__(self, run: LiveRun, wake: Callable[[], None]) -> None:
@@ -35,13 +35,13 @@ class CertificatePanel:
         self._request: dict[str, Any] = {}  # values of the newest request, by key
 
     def start(self) -> None:
-        """Begin to compute, where this has not begun."""
+        """Start computing, unless already started."""
         if self._margins is None:
             self._margins = Margins(self._run.scene, self._take)
             self._clamp = HardwareClamp(self._run, self._margins) if self._run.has_hardware else None
 
     def order(self, values: Values) -> Future[Order]:
-        """Set live keys; with hardware only what is certified."""
+        """Set live keys; with hardware, only certified values."""
         self.start()
         assert self._margins is not None
         if self._clamp is not None:
@@ -57,18 +57,18 @@ class CertificatePanel:
         return order
 
     def latest(self) -> Verdict | None:
-        """Give the newest verdict; None before the first."""
+        """Return the newest result; None before the first."""
         return None if self._margins is None else self._margins.latest()
 
     def has_news(self) -> bool:
-        """Tell whether a verdict has come since the last call."""
+        """Tell whether there was a new result since the last call."""
         news, self._news = self._news, False
         return news
 
     def close(self) -> None:
-        """End its process."""
+        """End the process that computes certificates."""
         if self._margins is not None:
-            self._margins.close()  # first: orders to hardware wait for its verdicts
+            self._margins.close()  # first, because orders to hardware wait for its results
         if self._clamp is not None:
             self._clamp.close()
 
@@ -77,7 +77,7 @@ class CertificatePanel:
         self._wake()
 
     def _finish(self, order: Future[Order], values: Values, done: Future[None]) -> None:
-        """End an order as the run has taken it, or not."""
+        """Complete an order with the result of the run."""
         try:
             self._ask_for_now()
         finally:
@@ -88,10 +88,10 @@ class CertificatePanel:
                 order.set_exception(error)
 
     def _ask_for_now(self) -> None:
-        """Ask for a verdict on the run's values after the last order on its way, where the newest is on others.
+        """After the last pending order, request a result for the run's values if the newest request was for others.
 
-        A verdict on values that the run has not taken is none on the run; of orders that fail, each another one may
-        have been asked for last.
+        A result for values that the run has not accepted does not describe the run. If orders fail, the newest request
+        may be for such values.
         """
         with self._lock:
             self._waiting -= 1

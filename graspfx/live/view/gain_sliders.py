@@ -1,4 +1,4 @@
-"""Sliders of the numbers that can change while a scene runs: each order with what became of it."""
+"""Sliders of the page for values that can change during a run, with feedback about each order."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ SHORT = {"external stiffness": "external", "internal stiffness": "internal",
 
 
 class GainSliders:
-    """Sliders of a scene.
+    """Sliders on the page.
 
     Args:
-        server: of the page.
-        sliders: of the scene.
-        order: sets values by live key; its future ends with what was set, or with an error.
-        remark: shows a sentence to whoever looks on; an empty one takes it away.
+        server: Server of the page.
+        sliders: Sliders of the scene.
+        order: Function that sets values by live key; its future gives what was set, or an exception.
+        remark: Function that shows a message; an empty message removes it.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class GainSliders:
         self._sliders = list(sliders)
 
     def _mover(self, key: str) -> Callable[[Any], Any]:
-        async def move(event: Any) -> None:  # on the page's own thread: orders stay in their order
+        async def move(event: Any) -> None:  # on the page's thread, which keeps the order of events
             if event.client_id is not None:
                 self.set(key, float(event.target.value))
 
         return move
 
     def widen(self, verdict: Verdict) -> None:
-        """Let ranges reach beyond the limits of a verdict in full."""
+        """Extend the ranges beyond the limits of a full result."""
         if verdict.is_provisional:
             return
         for i, slider in enumerate(self._sliders):
@@ -67,7 +67,7 @@ class GainSliders:
                 self._handles[slider.key].max, self._handles[slider.key].step = wide.most, wide.step
 
     def set(self, key: str, value: float) -> None:
-        """Order a value; a slider whose order was changed or refused goes where the number is."""
+        """Order a value; if the order is clamped or refused, the slider moves to the actual value."""
         if self._handles[key].value != value:
             self._handles[key].value = value
         with self._lock:
@@ -76,7 +76,7 @@ class GainSliders:
         self._order({key: value}).add_done_callback(lambda future: self._settle(key, number, value, future))
 
     def _settle(self, key: str, number: int, order_value: float, future: Future[Order]) -> None:
-        """Take what has become of an order; a newer one on its way has the last word."""
+        """Process the result of an order; a newer pending order takes precedence."""
         error = future.exception()
         order = None if error is not None else future.result()
         with self._lock:
@@ -92,8 +92,8 @@ class GainSliders:
 
 
 def label(slider: Slider) -> str:
-    """Shorten a label to a line: letter, what it is of, and unit."""
+    """Shorten a label to one line: name, symbol and unit."""
     words, _, letter = slider.label.rpartition(", ")
     text = f"{SHORT.get(words, words)} {letter}".strip()
-    unit = slider.unit.replace("/", "\u2215").replace(" ", "\u00a0")  # stays in one line
+    unit = slider.unit.replace("/", "\u2215").replace(" ", "\u00a0")  # prevents a line break
     return f"{text} [{unit}]" if unit else text

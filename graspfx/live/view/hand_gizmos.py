@@ -1,4 +1,4 @@
-"""Gizmos: one per hand, or per finger of a scene without hands, that lead it aside, and its squeeze as a slider."""
+"""Gizmos and squeeze sliders that move the hands of a run, or its fingers in a scene without hands."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from graspfx.live.guides import Guide
     from graspfx.live.live_run import LiveRun
 
-REACH = 2.0  # of a goal from where it starts, in extents
-SIZE = 0.34  # of a gizmo, as a share of the extent
-CLOSEST, WIDEST = 0.3, 0.15  # that a hand is squeezed or opened further, as shares of the extent
+REACH = 2.0  # farthest goal from its initial position, in extents
+SIZE = 0.34  # size of a gizmo, as a share of the extent
+CLOSEST, WIDEST = 0.3, 0.15  # largest additional squeeze and opening of a hand, as shares of the extent
 PREFIX = "/hands/"
 
 
 class HandGizmos:
-    """Gizmos and sliders that lead the hands of a run.
+    """Gizmos and sliders that move the hands of a run.
 
     Args:
-        server: of the page.
-        scenery: of the scene.
-        run: whose guides are led.
-        wake: called after each order, so that the page shows what follows from it.
+        server: Server of the page.
+        scenery: Scenery of the scene.
+        run: Run whose guides are moved.
+        wake: Function called after each order, so that the page shows its effect.
     """
 
     def __init__(self, server: viser.ViserServer, scenery: Scenery, run: LiveRun, wake: Callable[[], None]) -> None:
@@ -56,25 +56,25 @@ class HandGizmos:
                 least, most = (float(50.0 * step * round(share * size / (50.0 * step))) for share in (-WIDEST, CLOSEST))
                 slider = server.gui.add_slider(
                     label, least, most, float(step), 0.0,
-                    hint="further in towards the object than the scene's own squeeze, or out of it",
+                    hint="squeeze in addition to the scene's; negative values open the hand",
                 )  # fmt: skip
                 slider.on_update(self._squeezer(number))
                 self._squeezes.append(slider)
 
     def show(self, visible: bool) -> None:
-        """Show or hide the gizmos, as while a recording is replayed."""
+        """Show or hide the gizmos, for example during a replay."""
         for gizmo in self._gizmos:
             gizmo.visible = visible
 
     def restart(self) -> None:
-        """Put the gizmos where their hands start, as a new run does with the hands."""
+        """Move the gizmos to the initial positions of their hands."""
         for gizmo, start in zip(self._gizmos, self._starts, strict=True):
             gizmo.position = start
         for slider in self._squeezes:
             slider.value = 0.0
 
     def fits(self, message: dict[str, Any]) -> bool:
-        """Tell whether a gizmo of a message is one of these, and where it goes within reach."""
+        """Tell whether a message is for one of these gizmos, and its position within reach."""
         name = message["name"]
         if not name.startswith(PREFIX) or not name[len(PREFIX) :].isdecimal():
             return False
@@ -87,7 +87,7 @@ class HandGizmos:
         return bool(np.abs(away).max() <= REACH * self._extent)
 
     def _leader(self, number: int) -> Callable[[Any], Any]:
-        async def lead(event: Any) -> None:  # on the page's own thread: orders stay in their order
+        async def lead(event: Any) -> None:  # on the page's thread, which keeps the order of events
             if event.phase == "update" and event.client_id is not None:
                 offset = np.asarray(event.target.position, dtype=float) - self._starts[number]
                 self._run.guide(number, offset[: self._dimensions])
@@ -105,7 +105,7 @@ class HandGizmos:
 
 
 def _squeezes(guide: Guide) -> bool:
-    """Tell whether a guide is a whole hand's, which can squeeze."""
+    """Tell whether a guide moves a whole hand, which can squeeze."""
     return guide.place is None
 
 

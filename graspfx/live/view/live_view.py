@@ -1,4 +1,4 @@
-"""The page of a running scene: its frames while somebody looks on, and the orders that come from it."""
+"""Page of a running scene: frames, charts and texts while a page is open, and the user's orders."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ from graspfx.live.view import words_on_page as words
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.gain_sliders import GainSliders
 from graspfx.live.view.hand_gizmos import HandGizmos
-from graspfx.live.view.pace_of_run import Pace
 from graspfx.live.view.page_server import Server, page_server
-from graspfx.live.view.replay_on_page import ReplayOnPage
+from graspfx.live.view.replay_on_page import Pace, ReplayOnPage
 from graspfx.live.view.scene_tree import SceneTree
 from graspfx.live.view.strip_charts import StripCharts
 from graspfx.recording.header import SPLIT, KeyChange
@@ -28,24 +27,24 @@ if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import Slider
 
-FRAME = 1.0 / 30.0  # from a frame to the next while nobody gives orders [s]
-SHORTEST = 0.008  # from a frame to the next after an order [s]
-CHARTS, TEXTS = 0.12, 0.5  # from a drawing of charts, and of texts, to the next [s]
-IDLE = 0.25  # between two looks for pages [s]
-EFFECT = 2  # ticks after an order until a row follows from it
-WIDTH = 340  # of the panels [pixels]
-STEP = 10  # ticks of a press of Step
+FRAME = 1.0 / 30.0  # interval between frames without orders [s]
+SHORTEST = 0.008  # shortest interval between frames after an order [s]
+CHARTS, TEXTS = 0.12, 0.5  # update interval of charts and of texts [s]
+IDLE = 0.25  # interval between checks for pages [s]
+EFFECT = 2  # ticks from an order to the first row that shows its effect
+WIDTH = 340  # width of the panels [pixels]
+STEP = 10  # ticks per press of Step
 
 
 class LiveView(Resource):
-    """A page on which a run is seen and steered.
+    """Page that shows and controls a run.
 
     Args:
-        run: of the scene.
-        sliders: of the scene's numbers that can change.
-        new_folder: makes the folder of a recording.
-        port: on 127.0.0.1; by default the first that is free from 8080 on.
-        tell: shows a line on the terminal.
+        run: Live run.
+        sliders: Sliders of the scene.
+        new_folder: Function that makes the folder of a recording.
+        port: Port on 127.0.0.1; None for the first free one from 8080.
+        tell: Function that prints a line on the terminal.
     """
 
     def __init__(
@@ -82,13 +81,13 @@ class LiveView(Resource):
         self._write(self._legend, words.legend(self._states(), self._tree.scale.text))
 
     def close(self) -> None:
-        """Let every page go, and end what computes for them; the run goes on."""
+        """Close all pages and end their computations; the run continues."""
         self.server.stop()
         self._executor.shutdown(wait=True, cancel_futures=True)
         self.certificate.close()
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
-        """Show the run to whoever looks on, until asked to stop, or for that many seconds."""
+        """Serve the page until `stop` returns True, or for a number of seconds."""
         end = None if seconds is None else time.monotonic() + seconds
         next_charts = next_texts = 0.0
         while not stop() and (end is None or time.monotonic() < end):
@@ -100,7 +99,7 @@ class LiveView(Resource):
             self.certificate.start()
             try:
                 frames = self._frames()
-            except GraspFXError as error:  # as of a run that begins anew while it is looked at
+            except GraspFXError as error:  # such as during a reset of the run
                 frames = None
                 self._say(str(error))
             if frames is not None:
@@ -116,7 +115,7 @@ class LiveView(Resource):
     # Frames -------------------------------------------------------------------------------------------------------
 
     def _sleep(self, began: float) -> None:
-        """Wait for the next frame, or for an order and the row that follows from it."""
+        """Wait for the next frame, or for an order and the row that shows its effect."""
         left = FRAME - (time.monotonic() - began)
         if not self._wake.wait(max(0.0, left)):
             return
@@ -125,12 +124,12 @@ class LiveView(Resource):
         self.run.await_row(self._awaited, FRAME)
 
     def _changed(self) -> None:
-        """Let the next frame come with the row that follows from an order."""
+        """Show the next frame with the row that shows the effect of an order."""
         self._awaited = self.run.tick + EFFECT
         self._wake.set()
 
     def _frames(self) -> Frames | None:
-        replay = self._replay  # buttons take it away in a thread of their own
+        replay = self._replay  # another thread may remove it
         if replay is not None:
             return replay.frames()
         tick, rows = self.run.rows(self.run.tick)
@@ -159,11 +158,11 @@ class LiveView(Resource):
         if self.run.has_hardware:
             lines.append("HARDWARE IS ARMED: gains stay within the certificate")
         if self._recording is not None:
-            lines.append(f"● is recorded in {self._recording}")
+            lines.append(f"● recording to {self._recording}")
         elif self._last is not None:
             lines.append(f"recorded in {self._last}")
         if replay is not None:
-            lines.append(f"{replay.file}; the run goes on meanwhile")
+            lines.append(f"{replay.file}; the run continues meanwhile")
         seconds = float(frames.time[-1]) if frames is not None else self.run.time
         self._write(self._status, words.status(state, seconds, lines))
         self._write(self._note, words.message(self._remark))
@@ -178,12 +177,12 @@ class LiveView(Resource):
         self._write(self._banner, words.banner(text, panel=bool(text)))
 
     def _loose(self) -> dict[str, float]:
-        """Find the objects that nobody has held in the run's last moments, as `Frames.loose`."""
+        """Find the objects that no finger has touched recently, as in `Frames.loose`."""
         _, rows = self.run.rows(self.run.tick - int(TEXTS / self.run.period))
         return Frames(history_of(rows, self.run.layout, self.run.header)).loose
 
     def _watch(self) -> None:
-        """Notice faults and new runs, with or without a page; a fault is told on the terminal, too."""
+        """Detect faults and resets, with or without a page; print faults on the terminal."""
         if self.run.run_number != self._runs:
             self._runs, self._fault = self.run.run_number, ""
             self._hands.restart()
@@ -237,13 +236,13 @@ class LiveView(Resource):
         return press
 
     def _do(self, action: Callable[[], object]) -> None:
-        """Carry out what a button says; why it could not be is shown."""
+        """Execute a button's action; show errors on the page."""
         try:
             action()
             self._say("")
         except (GraspFXError, OSError) as error:
             self._say(str(error))
-        except Exception as error:  # noqa: BLE001 - nobody waits for it: it is shown instead
+        except Exception as error:  # noqa: BLE001 - no caller could handle it; the page shows it
             self._say(f"{type(error).__name__}: {error}")
         self._changed()
 

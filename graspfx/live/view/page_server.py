@@ -1,4 +1,4 @@
-"""The server of the page: viser's, on a port of 127.0.0.1 only, behind the gate, without its tunnel to the world."""
+"""Page server: viser on 127.0.0.1 only, behind access control and without its public tunnel."""
 
 from __future__ import annotations
 
@@ -13,27 +13,41 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log
 from graspfx.errors import GraspFXError, MissingPackageError, installation
-from graspfx.live.loopback import listen
 from graspfx.live.view.gate import LARGEST, Gate
-from graspfx.screen.own_page import HOST
+from graspfx.screen.own_page import HOST, listen_at
 
 if TYPE_CHECKING:
     import viser
 
-LOGGER = "graspfx page"  # of the sockets: heard by who listens to it, else silent
+FIRST = 8080  # first port to try
+
+
+def listen(port: int | None = None) -> socket.socket:
+    """Bind a port of 127.0.0.1, and listen.
+
+    Args:
+        port: Port to bind; None for the first free one from 8080.
+
+    Raises:
+        InputError: The port is in use or not permitted.
+    """
+    return listen_at(HOST, port, FIRST, "--port")
+
+
+LOGGER = "graspfx page"  # logger of the sockets, silent by default
 
 
 def page_server(label: str, port: int | None = None, *, fits: Callable[[dict[str, Any]], bool] | None = None) -> Server:
-    """Start the server of a page; its controls are made through `.viser`.
+    """Start the server of a page; add controls through its attribute `viser`.
 
     Args:
-        label: above the page's controls.
-        port: on 127.0.0.1; by default the first that is free from 8080 on, 0 for any.
-        fits: a further condition on messages from the page, as of a goal out of reach.
+        label: Label above the page's controls.
+        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
+        fits: Additional check of messages from the page, for example whether a goal is within reach.
 
     Raises:
-        MissingPackageError: no viser.
-        InputError: the port is in use.
+        MissingPackageError: viser is not installed.
+        InputError: The port is in use.
     """
     require_viser()
     import viser
@@ -42,28 +56,28 @@ def page_server(label: str, port: int | None = None, *, fits: Callable[[dict[str
 
 
 def require_viser() -> None:
-    """Require that viser is installed, without loading it.
+    """Require that viser is installed, without importing it.
 
     Raises:
-        MissingPackageError: it is not.
+        MissingPackageError: viser is not installed.
     """
     if find_spec("viser") is None:
         raise MissingPackageError.of_extra("viser", "a scene in a browser", "view")
 
 
 class Server:
-    """A page's server.
+    """Server of a page.
 
     Args:
-        package: viser.
-        line: the socket that listens.
-        label: above the page's controls.
-        fits: a further condition on messages from the page.
+        package: The package viser.
+        line: Listening socket.
+        label: Label above the page's controls.
+        fits: Additional check of messages from the page.
 
     Attributes:
-        viser: the server of viser, by which the page is made.
-        gate: through which the page's messages come.
-        url: of the page.
+        viser: Server of viser, to which controls are added.
+        gate: Access control of the page.
+        url: Address of the page.
     """
 
     def __init__(
@@ -85,17 +99,17 @@ class Server:
 
     @property
     def pages(self) -> int:
-        """Count the pages that look on."""
+        """Number of open pages."""
         return self.gate.pages
 
     def stop(self) -> None:
-        """Let every page go, and free the port."""
+        """Close all pages, and free the port."""
         with _silent():
             self.viser.stop()
         self._line.close()
 
     def _accepts(self, message: dict[str, Any]) -> bool:
-        """Tell whether a message is for a control that there is, and within its range."""
+        """Tell whether a message is for an existing control and within its range."""
         kind = message["type"]
         if kind == "GuiUpdateMessage":
             return self._is_in_range(message["uuid"], message["updates"]["value"])
@@ -105,7 +119,7 @@ class Server:
         return True
 
     def _is_in_range(self, uuid: str, value: bool | float | str) -> bool:
-        """Tell whether a control takes a value: a button group one of its options, a slider what is on it."""
+        """Tell whether a value is valid for a control: an option of a button group, or in the range of a slider."""
         handle: Any = self.viser.gui._gui_input_handle_from_uuid.get(uuid)
         match type(handle).__name__:
             case "GuiButtonGroupHandle":
@@ -116,7 +130,7 @@ class Server:
 
     @contextmanager
     def _in_front(self, package: Any) -> Iterator[list[bool]]:
-        """Put the gate, and the socket that listens, where viser's server looks for those of `websockets`."""
+        """Make viser's server use the access control and the listening socket, by replacing its `websockets`."""
         import websockets
         from websockets.asyncio.server import serve as original
 
@@ -150,7 +164,7 @@ class Server:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Let viser print nothing on the terminal."""
+    """Keep viser from printing on the terminal."""
     import rich
 
     console = rich.get_console()

@@ -1,8 +1,9 @@
-"""A recording that is replayed on the page, at the wall's pace or where its slider stands, while the run goes on."""
+"""Replay of a recording on a live page, in real time or by a slider; and the pace of a run for its status."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,16 +13,42 @@ from graspfx.recording.record import Recording
 if TYPE_CHECKING:
     import viser
 
-REFRESH = 0.1  # between two moves of the slider [s]
+TEXTS = 12  # number of samples over which the pace is measured
+SHORTEST, LONGEST = 1.0, 3.0  # shortest time for a reliable pace; longest gap between samples [s]
+
+
+class Pace:
+    """Pace of a run relative to real time.
+
+    Args:
+        period: Sampling period T [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._counts: deque[tuple[int, float]] = deque(maxlen=TEXTS)
+
+    def text(self, tick: int, now: float, *, is_running: bool) -> str:
+        """Return the pace as a text; empty until it is reliable."""
+        if not is_running or (self._counts and (tick < self._counts[-1][0] or now > self._counts[-1][1] + LONGEST)):
+            self._counts.clear()
+        if not is_running:
+            return ""
+        self._counts.append((tick, now))
+        before, began = self._counts[0]
+        return f"{(tick - before) * self._period / (now - began):.3f} of real time" if now > began + SHORTEST else ""
+
+
+REFRESH = 0.1  # update interval of the slider [s]
 
 
 class ReplayOnPage:
-    """A recording, and where in it the page is.
+    """Recording with its playback position.
 
     Args:
-        server: of the page.
-        file: of the recording.
-        apart: by how much fingers on a line are set apart [m].
+        server: Server of the page.
+        file: File of the recording.
+        apart: Lateral distance between fingers on a line [m].
     """
 
     def __init__(self, server: viser.ViserServer, file: Path, apart: float) -> None:
@@ -34,7 +61,7 @@ class ReplayOnPage:
         self._slider.on_update(self._seek)
 
     def frames(self) -> Frames:
-        """Give the row of now."""
+        """Return the present row."""
         now = time.perf_counter()
         if self._playing:
             self._at += now - self._wall
@@ -52,5 +79,5 @@ class ReplayOnPage:
             self._playing, self._at = False, float(event.target.value)
 
     def close(self) -> None:
-        """Take its slider from the page."""
+        """Remove the slider from the page."""
         self._slider.remove()

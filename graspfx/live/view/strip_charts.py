@@ -1,4 +1,4 @@
-"""Strip charts of the last seconds: squeeze and push, and how deep the fingers are."""
+"""Strip charts of the last seconds: squeeze and push, and penetration depth of the fingers."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-SECONDS = 6.0  # shown
-EVERY = 0.02  # from a point to the next [s]
+SECONDS = 6.0  # time shown [s]
+EVERY = 0.02  # interval between points [s]
 COUNT = int(SECONDS / EVERY)
-DASHES: tuple[list[int] | None, ...] = (None, [6, 3], [2, 2])  # of x, y and z, as figures have them
-HEIGHT = 190  # of a chart [pixels]
+DASHES: tuple[list[int] | None, ...] = (None, [6, 3], [2, 2])  # line styles of x, y and z, as in figures
+HEIGHT = 190  # height of a chart [pixels]
 
 
 class StripCharts:
-    """Charts whose right edge is now.
+    """Strip charts; the right edge is the present time.
 
     Args:
-        server: of the page.
-        fingers: their names.
-        dimensions: d of the scene.
-        has_depth: whether rows say how deep fingers are.
+        server: Server of the page.
+        fingers: Names of the fingers.
+        dimensions: Number of dimensions d of the scene.
+        has_depth: Whether rows contain the penetration depth.
     """
 
     def __init__(self, server: viser.ViserServer, fingers: tuple[str, ...], dimensions: int, has_depth: bool) -> None:
@@ -50,17 +50,17 @@ class StripCharts:
         self._next = -np.inf
 
     def clear(self) -> None:
-        """Begin anew, as with a run."""
+        """Clear the charts, for example for a new run."""
         self._forces[:], self._depths[:], self._next = 0.0, 0.0, -np.inf
 
     def wants(self, time: float) -> bool:
-        """Tell whether a row of this time [s] is a further point."""
+        """Tell whether a row at this time [s] adds a point."""
         return time < self._next - 1.0 or time >= self._next
 
     def add(self, frames: Frames) -> None:
-        """Add the last row of some as a point."""
+        """Add the last frame as a point."""
         time = float(frames.time[-1])
-        if time < self._next - 1.0:  # a run before, or back in a recording
+        if time < self._next - 1.0:  # a new run, or an earlier time of a recording
             self.clear()
         steps = 1 if not np.isfinite(self._next) else 1 + min(COUNT - 1, int((time - self._next) / EVERY))
         self._next = time + EVERY if not np.isfinite(self._next) else self._next + steps * EVERY
@@ -75,7 +75,7 @@ class StripCharts:
             _shift(self._depths, 1e3 * np.maximum(0.0, -np.nan_to_num(gap)), steps)
 
     def draw(self) -> None:
-        """Send the charts to the page, whose abscissa is the run's own time."""
+        """Send the charts to the page; the abscissa is the run's time."""
         time = self._time + (self._next - EVERY if np.isfinite(self._next) else 0.0)
         self._force_chart.data = (time, *self._forces.copy())
         if self._depth_chart is not None:

@@ -1,4 +1,4 @@
-"""Small pieces of HTML on the page: the legend, the state of the run, the margins as bars, and banners."""
+"""HTML fragments of the page: legend, status of the run, stability margins as bars, banners and messages."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from graspfx.show.style import CONTACTS, EXTERNAL, GRID, INK, INTERNAL
 if TYPE_CHECKING:
     from graspfx.live.stability_verdict import MarginRow, Verdict
 
-RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # of verdicts; forces have colours of their own
-GREY = "#616161"  # instead of green, of what nobody holds
+RED, AMBER, GREEN = "#b3001b", "#b26a00", "#2e7d32"  # colours of stability results
+GREY = "#616161"  # replaces green for objects that are not held
 STATES = {
     "free": "free", "touch": "touches", "stick": "sticks", "slide": "slides", "limit": "at its force limit",
 }  # fmt: skip
@@ -26,12 +26,12 @@ PAGE_STYLE = (
     ".gfx .bar i{position:absolute;left:0;top:0;bottom:0;border-radius:5px}.gfx .bar u{position:absolute;top:-2px;"
     "bottom:-2px;width:2px;background:#1a1a1a}.gfx .row{display:flex;justify-content:space-between}</style>"
 )
-FULL_BAR = 10.0  # margin at which a bar is full; bars are logarithmic, and a margin of 1 is at the mark
+FULL_BAR = 10.0  # margin of a full bar; bars are logarithmic, and the mark is a margin of 1
 EMPTY_BAR = 0.5
 
 
 def legend(states: Sequence[str], scale: str) -> str:
-    """Explain colours and arrows."""
+    """Return the legend of colours and arrows."""
     dots = " &nbsp; ".join(
         f"<span style='white-space:nowrap'><span class=dot style='background:{CONTACTS[state]}'></span>"
         f"{STATES[state]}</span>" for state in states
@@ -47,19 +47,19 @@ def legend(states: Sequence[str], scale: str) -> str:
 
 
 def status(state: str, time: float, remarks: Sequence[str]) -> str:
-    """Say how the run goes on."""
-    words = {"running": "runs in real time", "paused": "is paused", "ended": "has ended", "replay": "is replayed"}
+    """Return the status of the run."""
+    words = {"running": "running in real time", "paused": "paused", "ended": "ended", "replay": "replay"}
     lines = "".join(f"<div class=note>{escape(each)}</div>" for each in remarks)
     head = f"<div class=row><b>{words.get(state, escape(state))}</b><span>{time:.1f} s</span></div>"
     return f"<div class=gfx>{head}{lines}</div>"
 
 
 def margins(verdict: Verdict | None, loose: Mapping[str, float]) -> str:
-    """Draw a verdict: in words, and each margin as a bar, on which a mark says where stability ends.
+    """Return a stability result: a summary, and each margin as a bar with a mark at the stability limit.
 
     Args:
-        verdict: on the grasp as its hands hold it; None before the first.
-        loose: objects that nobody holds, with the nearest finger's gap, as of `Frames.loose`: of them nothing is green.
+        verdict: Result for the grasp as held by its hands; None before the first.
+        loose: Objects that are not held, with the gap to the nearest finger, from `Frames.loose`; they are never green.
     """
     alarm = _box(AMBER, f"NOT HELD: no finger touches {', '.join(_apart(*each) for each in loose.items())}") * bool(
         loose
@@ -71,7 +71,7 @@ def margins(verdict: Verdict | None, loose: Mapping[str, float]) -> str:
         return f"<div class=gfx>{alarm}<b>Stability is not known</b><div class=note>{why}</div></div>"
     colour = RED if not verdict.is_stable else GREY if loose else GREEN
     word = "UNSTABLE: it will shake" if not verdict.is_stable else "stable once it is held" if loose else "stable"
-    how = "provisional, the full one is being computed" if verdict.is_provisional else "full"
+    how = "provisional, the full result is being computed" if verdict.is_provisional else "full"
     head = _box(colour, word, f"{how}; spectral radius {verdict.spectral_radius:.5f}")
     opacity = ";opacity:.55" if verdict.is_provisional else ""
     rows = "".join(_row(row, GREY if row.name in loose else GREEN) for row in verdict.rows)
@@ -85,7 +85,7 @@ def _box(colour: str, words: str, note: str = "") -> str:
 
 
 def _apart(name: str, gap: float) -> str:
-    """Name an object, and say how far away [m] the nearest finger is where that is known."""
+    """Return the name of an object, with the distance of the nearest finger [m] if known."""
     away = f"{gap:.3g} m" if gap >= 1.0 else f"{1e3 * max(gap, 0.0):.3g} mm"
     return escape(name) + (f" (the nearest is {away} away)" if math.isfinite(gap) else "")
 
@@ -111,10 +111,10 @@ def _share(margin: float) -> float:
 
 
 def banner(text: str, *, panel: bool) -> str:
-    """Lay a red banner over the top of the page, and redden its panels if asked for; nothing without a text."""
+    """Return a red banner at the top of the page, with red panels if `panel`; empty without a text."""
     if not text:
         return "<div></div>"
-    words = "".join(each if each.isprintable() else " " for each in text)  # a form feed ends a text of a style, too
+    words = "".join(each if each.isprintable() else " " for each in text)  # a form feed would end a CSS string
     words = words.replace("\\", "").replace("'", "’").replace("<", "‹")[:300]
     style = (
         f"body::before{{content:'{words}';position:fixed;top:0;left:0;right:0;z-index:99999;background:{RED};"
@@ -127,13 +127,13 @@ def banner(text: str, *, panel: bool) -> str:
 
 
 def message(text: str, colour: str = AMBER) -> str:
-    """Show a sentence, as of a refusal."""
+    """Return a message, such as a refusal."""
     if not text:
         return "<div></div>"
     return f"<div class=gfx style='color:{colour}'>{escape(text)}</div>"
 
 
 def heading(text: str) -> str:
-    """Head a part of the panel."""
+    """Return the heading of a section of the panel."""
     style = f"color:{INK};border-top:1px solid {GRID};padding-top:6px"
     return f"<div class=gfx style='{style}'><b>{escape(text)}</b></div>"

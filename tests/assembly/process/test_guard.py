@@ -256,7 +256,7 @@ def test_what_the_process_raises_is_raised_here(tmp_path: Path) -> None:
     """A board that is not there, and one whose `open` is an error of its own: the words of a run in this process."""
     with board() as wire:
         scene = boards_scene([wire], PATIENT, **{"finger.0.device.port": str(tmp_path / "none")})
-        with pytest.raises(DeviceError, match=r"the device of finger0 \(Haply2Diy\): .*none does not open: No such"):
+        with pytest.raises(DeviceError, match=r"the device of finger0 \(Haply2Diy\): .*none cannot be opened: No such"):
             gx.run(scene, real_time=True, out=tmp_path / "out")
         wire.place(np.array([160.0, 20.0]))
         inside = {"object.0.position": [0.0, 0.04]}

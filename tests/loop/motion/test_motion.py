@@ -202,7 +202,7 @@ def test_faults_of_a_file_name_their_line(tmp_path, text, said):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="there is none at"):
+    with pytest.raises(InputError, match="there is no file"):
         Path.read(tmp_path / "no.csv")
 
 

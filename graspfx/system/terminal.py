@@ -1,4 +1,4 @@
-"""Keys of a terminal, each as it is pressed; or the first letters of lines, where input comes from elsewhere."""
+"""Terminals: keys as they are pressed, lines that a user types, and pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-LOOK = 0.1  # between two looks whether it is over [s]
-STEP = 0.005  # between two looks for a key, where a system cannot wait for one [s]
+from graspfx.errors import GraspFXError
+
+LOOK = 0.1  # interval between checks for the end [s]
+STEP = 0.005  # interval between checks for a key, on systems that cannot wait for one [s]
 READY = "\n"
 
 
 @contextmanager
 def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> Iterator[None]:
-    """Tell of keys until the block ends, in a thread of its own; the terminal shows none of them meanwhile.
+    """Report keys within the block, from a separate thread; the terminal does not echo them.
 
     Args:
-        press: is called with each key; an empty line of input from elsewhere is Enter.
-        end: is called once where input ends, as where a terminal is closed; no key comes after it.
+        press: Function called with each key. Of input from a file or pipe, each line counts as its first letter, and
+            an empty line as Enter.
+        end: Function called once when the input ends, such as when the terminal is closed.
     """
     over = threading.Event()
     stream = sys.stdin
@@ -31,7 +34,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
         return
     try:
         file, is_open = stream.fileno(), stream.isatty()
-    except (OSError, ValueError):  # as where a test stands in for it
+    except (OSError, ValueError):  # stdin is not a file, as in tests
         yield
         return
     if sys.platform == "win32" and is_open:
@@ -50,7 +53,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
 
 
 def _quiet(file: int) -> Any:
-    """Let a terminal tell each key at once, and show none; Ctrl-C stays what it is."""
+    """Make a terminal report each key at once without echo; Ctrl-C works as before."""
     with suppress(ImportError):
         import termios
         import tty
@@ -65,7 +68,7 @@ def _restore(file: int, before: Any) -> None:
     if before is not None:
         import termios
 
-        with suppress(termios.error):  # a terminal that was closed has nothing to restore
+        with suppress(termios.error):  # the terminal may be closed
             termios.tcsetattr(file, termios.TCSADRAIN, before)
 
 
@@ -82,7 +85,7 @@ def _keys(file: int, over: threading.Event, press: Callable[[str], object], end:
 
 
 def _read(file: int, most: int) -> bytes:
-    """Read what is there; nothing where there is no more to come, as from a terminal that was closed."""
+    """Read the available input; empty at its end, such as after the terminal was closed."""
     try:
         return os.read(file, most)
     except OSError:
@@ -112,3 +115,37 @@ def _windows(file: int, over: threading.Event, press: Callable[[str], object], e
             press(console.getwch().replace("\r", READY))
         else:
             time.sleep(STEP)
+
+
+def is_watched() -> bool:
+    """Tell whether stdin is a terminal whose lines can be polled; False on Windows."""
+    return sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
+
+
+def takes_line() -> bool:
+    """Read a line if one was typed, without waiting; return whether there was one."""
+    return bool(select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline())
+
+
+def pseudo_terminal() -> tuple[int, int]:
+    """Open a raw pseudo-terminal; return the descriptors of the program's end and of the line's end.
+
+    Raises:
+        GraspFXError: This system has no pseudo-terminals.
+    """
+    try:
+        import pty
+        import tty
+    except ImportError as error:
+        raise GraspFXError("a board on a serial line is emulated on Linux and macOS only") from error
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    return master, slave
+
+
+def release_terminal(line: int) -> None:
+    """Release the exclusive access of a dead program to the line."""
+    import fcntl
+    import termios
+
+    fcntl.ioctl(line, termios.TIOCNXCL)
