@@ -104,7 +104,7 @@ def run(
     file = None
     with ExitStack() as stack, plugins.unchanged():
         if out is not None:
-            from graspfx.recording.recorder import FileSink
+            from graspfx.recording.sink import FileSink
         pace = pace_of(stack, parts, layout, ticks, real_time=real_time)
         header = pace.header
         sinks: list[Sink] = []

@@ -32,7 +32,8 @@ from graspfx.loop.update import Update
 from graspfx.numeric import number
 from graspfx.recording.files import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.recording.header import SPLIT, Header
-from graspfx.recording.record import Recording, by_name
+from graspfx.recording.history import by_name
+from graspfx.recording.record import Recording
 from graspfx.recording.recorder import Recorder, Sink
 from graspfx.recording.split import RowSplit, Split
 
@@ -109,7 +110,7 @@ class Session(Carded):
             whole = self.servo.layout
             selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
             if out is not None:
-                from graspfx.recording.recorder import FileSink
+                from graspfx.recording.sink import FileSink
 
                 sinks.append(
                     FileSink(

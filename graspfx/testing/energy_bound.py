@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from graspfx.objects import integrators as body
 
 if TYPE_CHECKING:
-    from graspfx.recording.record import ObjectMotion, Recording
+    from graspfx.recording.history import ObjectMotion
+    from graspfx.recording.record import Recording
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
