@@ -34,7 +34,8 @@ from graspfx.loop.servo import Update
 from graspfx.numeric import number
 from graspfx.recording.files import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.recording.header import SPLIT, Header
-from graspfx.recording.record import Recording, by_name
+from graspfx.recording.history import by_name
+from graspfx.recording.record import Recording
 from graspfx.recording.recorder import Recorder, Sink
 from graspfx.recording.split import RowSplit, Split
 
@@ -122,7 +123,7 @@ class Session(Carded):
             header, sinks = self._start(stack, parts, keys), list[Sink]()
             self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
             if out is not None:
-                from graspfx.recording.recorder import FileSink
+                from graspfx.recording.sink import FileSink
 
                 file, packed = make_folder(out) / NAME, scene.record.compression
                 sinks.append(FileSink(file, layout, header, overwrite=overwrite, compression=packed))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.loop.columns import WIDTHS
 from graspfx.loop.drive import Drive, drive
+from graspfx.recording.history import History
 from graspfx.recording.octaves import (
     LEAST_GROWTH,
     ORDER,
@@ -29,7 +30,6 @@ from graspfx.recording.octaves import (
     rises,
     touches,
 )
-from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class Growth:
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
-def losses(recording: Recording) -> list[dict[str, Any]]:
+def losses(recording: History) -> list[dict[str, Any]]:
     """List the growths of a recording for its summary: numbers, the certificate's word if there is one, and a sentence.
 
     Nothing is certified unless something grows.
@@ -100,7 +100,7 @@ def losses(recording: Recording) -> list[dict[str, Any]]:
     return tables
 
 
-def growths(recording: Recording) -> list[Growth]:
+def growths(recording: History) -> list[Growth]:
     """Find the strongest loss of stability of each object that fingers touch; none where a run looks stable.
 
     A stretch of a run counts as growth if, in an octave of frequency, the fingers' displacement against the object
@@ -272,7 +272,7 @@ class GraspView:
         rows: how many count: up to a fault.
     """
 
-    recording: Recording
+    recording: History
     name: str
     number: int
     fingers: NDArray[np.intp]
@@ -338,7 +338,7 @@ class GraspView:
         return values if len(self.fingers) == values.shape[1] else values[:, self.fingers]  # all, as they stand
 
 
-def grasps(recording: Recording) -> Iterator[GraspView]:
+def grasps(recording: History) -> Iterator[GraspView]:
     """List each object with its fingers, up to a fault."""
     layout = recording.layout
     rows = min([len(recording), *(recording.header.rows_before(fault.tick) for fault in recording.faults)])

@@ -1,26 +1,20 @@
-"""A recording: what happened in a run, tick by tick, under its names; its summary, and its way to a file and back."""
+"""A recording: what happened in a run, its summary, and its way to a file and back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, Self, TypeVar, overload
-from weakref import WeakValueDictionary
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted, listed
-from graspfx.errors import InputError, RecordingError, UnknownNameError, closest
-from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
+from graspfx.errors import InputError, closest
 from graspfx.recording.files import NAME
-from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcome
-from graspfx.recording.rows import MemoryRows, RowStore, Window
-from graspfx.recording.split import RowSplit, splits_of, work
-from graspfx.spatial import Quaternion, Vector, rotate
+from graspfx.recording.history import History
 
 if TYPE_CHECKING:
     import pandas
@@ -81,75 +75,7 @@ class Drawing(Protocol):
         """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
-class Event(NamedTuple):
-    """An event of a run: its tick, "fault", "change" of a key or "rest", and its text."""
-
-    tick: int
-    kind: str
-    text: str
-
-    def __str__(self) -> str:
-        return f"tick {self.tick}: {self.kind}, {self.text}"
-
-
-class Named(Mapping[str, T]):
-    """Parts by their names, made whenever they are asked for; an unknown name is told with those that there are.
-
-    Args:
-        kind: of a part, for the error.
-        keys: by name, what each is made from.
-        make: makes it.
-    """
-
-    def __init__(self, kind: str, keys: Mapping[str, Any], make: Callable[[Any], T]) -> None:
-        self._kind, self._keys, self._make = kind, keys, make
-
-    def __getitem__(self, name: str) -> T:
-        if name not in self._keys:
-            raise UnknownNameError(self._kind, str(name), self._keys)
-        return self._make(self._keys[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._keys)
-
-    def __len__(self) -> int:
-        return len(self._keys)
-
-    def __repr__(self) -> str:
-        return repr(dict(self))
-
-
-def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
-    """Make a mapping that cannot be changed, and that raises UnknownNameError, a KeyError, with the names it has."""
-    return Named(kind, parts, lambda part: part)
-
-
-class Stored(Generic[Typed]):
-    """A column of the table as an attribute: its numbers of the kind that it has, or None in a scene without it."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        own = [each for each in (*OF_FINGERS, *OF_OBJECTS) if each.name == name]
-        shapes = " or ".join(f"({', '.join(['N', *each.dimensions.split()])}) [{each.unit}]" for each in own)
-        meaning = " or ".join(each.meaning for each in own)
-        absent = "" if own[0].when in ("", "always") else "; None in a scene without it"
-        self._name, self.__doc__ = name, f"{shapes}: {meaning}{absent}."
-
-    @overload
-    def __get__(self, noun: None, owner: type) -> Self: ...
-
-    @overload
-    def __get__(self, noun: object, owner: type) -> Typed: ...
-
-    def __get__(self, noun: Any, owner: type) -> Any:
-        if noun is None:
-            return self
-        values = noun.typed(self._name)
-        if values is not None and values.dtype != np.float64:  # a copy, of a byte each mostly
-            noun.__dict__[self._name] = values
-        return values
-
-
-class Recording(Carded):
+class Recording(Carded, History):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
@@ -167,24 +93,6 @@ class Recording(Carded):
             raise InputError("Recording", rows, "the rows of a run", remedy)
         return super().__new__(cls)
 
-    def __init__(
-        self,
-        rows: FloatArray | RowStore,
-        layout: Layout,
-        header: Header,
-        outcome: Outcome | None = None,
-        *,
-        start: int = 0,
-    ) -> None:
-        if isinstance(rows, np.ndarray):
-            if rows.ndim != 2 or rows.shape[1] != layout.width:
-                raise RecordingError(f"rows of shape {rows.shape} do not fit a layout of {layout.width} columns")
-            rows = MemoryRows(rows)
-        self.store, self.start = rows, start
-        self._arrays: WeakValueDictionary[str, FloatArray] = WeakValueDictionary()
-        self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
-        self._beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
-
     if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
 
         def __getattr__(self, name: str) -> Any:
@@ -201,340 +109,10 @@ class Recording(Carded):
         """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
-    def __len__(self) -> int:
-        return len(self.store)
-
     def _card(self) -> Card:
         header = self.header
         name = f"{header.scene or 'a scene'}{f': {header.title}' if header.title else ''}"
         return Card(f"Recording of {name}", [*_card_rows(self)], CALLS)
-
-    # Rows and columns -------------------------------------------------------------------------------------------------
-
-    @property
-    def rows(self) -> FloatArray:
-        """All rows, (N, width), read-only; those on a disk are read each time, all of them."""
-        return self.store.read(0, len(self), slice(0, self.layout.width))
-
-    @property
-    def is_stored(self) -> bool:
-        """True where the rows are on a disk."""
-        return not isinstance(self.store, MemoryRows)
-
-    def part(self, first: int, stop: int) -> Self:
-        """Give the rows from one up to another as a recording; its columns are read when they are asked for."""
-        rows = Window(self.store, first, stop) if self.is_stored else self.rows[first:stop]
-        return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
-
-    def parts(self) -> Iterator[Self]:
-        """Give the recording in parts of a few MB, in order."""
-        step = self.store.step
-        yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
-
-    def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Give a column of the layout in the rows from one up to another."""
-        values = self.store.read(first, stop, self.layout.columns[column].where)
-        return values.reshape(len(values), *self.layout.columns[column].shape)
-
-    def array(self, column: str) -> FloatArray:
-        """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).
-
-        Raises:
-            UnknownNameError: the recording has no such column.
-        """
-        entry = self.layout.columns.get(str(column))
-        if entry is None:
-            derived = [each.name for each in self.layout.derived]
-            if column in derived:
-                return np.asarray(getattr(self, column))
-            self.require(str(column))
-            raise UnknownNameError("column", str(column), [*self.layout.columns, *derived])
-        values = self._arrays.get(entry.name)
-        if values is None:
-            values = self._arrays[entry.name] = self.read(entry.name, 0, len(self))
-        return values
-
-    def optional(self, column: str) -> FloatArray | None:
-        """View a column; None if the scene has no such quantity.
-
-        Raises:
-            RecordingError: it has, and its `record` leaves the column out.
-        """
-        self.require(column)
-        return self.array(column) if column in self.layout.columns else None
-
-    def typed(self, column: str) -> NDArray[Any] | None:
-        """Give a column as `optional` does, with numbers of its own kind: truth values and whole numbers as such."""
-        values = self.optional(column)
-        return None if values is None else self.layout.columns[column].typed(values)
-
-    def whole_numbers(self, column: str) -> NDArray[np.int8] | None:
-        """Give a column of whole numbers; None if the scene has no such quantity."""
-        values = self.optional(column)
-        return None if values is None else values.astype(np.int8)
-
-    def require(self, *columns: str) -> None:
-        """Require that columns, if the scene has them, are recorded.
-
-        Raises:
-            RecordingError: with the names of those that the scene's `record` leaves out.
-        """
-        missing = [column for column in columns if column in self.layout.omitted]
-        if missing:
-            raise RecordingError(
-                f"{', '.join(missing)}: not in this recording, as the scene's record.columns leave it out; "
-                "add the name there and run the scene again"
-            )
-
-    @cached_property
-    def time(self) -> FloatArray:
-        """Times of the rows, (N,) [s]: tick x T."""
-        return self.header.every * np.arange(self.start, self.start + len(self), dtype=np.float64) * self.header.period
-
-    finger_position = Stored[FloatArray]()
-    finger_velocity = Stored[FloatArray]()
-    contact_position = Stored[FloatArray]()
-    finger_force = Stored[FloatArray]()
-    law_force = Stored[FloatArray | None]()
-    saturated = Stored[BoolArray | None]()
-    finger_moment = Stored[FloatArray | None]()
-    touching = Stored[BoolArray]()
-    status = Stored[NDArray[np.int8] | None]()
-    gap = Stored[FloatArray | None]()
-    true_position = Stored[FloatArray | None]()
-    device_energy = Stored[FloatArray]()
-    wall = Stored[FloatArray | None]()
-    late = Stored[FloatArray | None]()
-    io = Stored[FloatArray | None]()
-    skipped = Stored[IntArray | None]()
-    fresh = Stored[BoolArray | None]()
-    largest_force = Stored[FloatArray | None]()
-    switches = Stored[IntArray | None]()
-
-    @property
-    def raw(self) -> Mapping[str, IntArray | FloatArray]:
-        """Raw numbers that came over the wire, by the device's first finger, (N, m); of devices that show them."""
-        columns = {name: f"raw/{name}" for name, *_ in self.layout.raw if f"raw/{name}" not in self.layout.omitted}
-        return Named("device with raw numbers", columns, lambda column: np.asarray(self.typed(column)))
-
-    # What follows from columns ----------------------------------------------------------------------------------------
-
-    @cached_property
-    def displayed_force(self) -> FloatArray:
-        """On the operator, after every limit that the framework knows, before output delay, (N, n, d) [N].
-
-        The negative of `finger_force`, since the object receives what was displayed.
-        """
-        values = self.optional("displayed_force")
-        return -self.finger_force if values is None else values
-
-    @cached_property
-    def external_force(self) -> FloatArray:
-        """P f of each finger's force f on the object, which moves the object, (N, n, d) [N].
-
-        Raises:
-            RecordingError: a recording of an earlier format, which does not say what P is made of.
-        """
-        return np.asarray(self._divided("external_force"))
-
-    @cached_property
-    def internal_force(self) -> FloatArray:
-        """Rest f - P f of each finger's force on the object, which squeezes it, (N, n, d) [N]; as `external_force`."""
-        return np.asarray(self._divided("internal_force"))
-
-    @cached_property
-    def external_moment(self) -> FloatArray | None:
-        """Moment on the object that goes with `external_force`, (N, n, 3) [N m]; None for fingers that exert none."""
-        return self._divided("external_moment")
-
-    @cached_property
-    def internal_moment(self) -> FloatArray | None:
-        """Moment on the object that goes with `internal_force`, (N, n, 3) [N m]; None for fingers that exert none."""
-        return self._divided("internal_moment")
-
-    @cached_property
-    def external_displacement(self) -> FloatArray:
-        """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
-        return np.asarray(self._divided("external_displacement"))
-
-    @cached_property
-    def internal_displacement(self) -> FloatArray:
-        """Rest of e = p - c, by which the fingers squeeze, (N, n, d) [m]; as `external_force`."""
-        return self.finger_position - self.contact_position - self.external_displacement
-
-    def _divided(self, name: str) -> FloatArray | None:
-        """Read a variable that stands beside the rows of a file, or compute it part by part; None without moments."""
-        self.require(*self.layout.sources_of(name))
-        splits = splits_of(self.header, self.outcome.changes)  # which says so where the recording does not tell
-        column = next((each for each in self.layout.derived if each.name == name), None)
-        values = self.store.beside(name, 0, len(self))
-        if values is not None or column is None:
-            return values
-        return self._gathered(column.shape, lambda part: part._row_split(splits).derived([name])[name])
-
-    def _gathered(self, shape: Sequence[int], compute: Callable[[Self], FloatArray]) -> FloatArray:
-        """Put what is computed of the parts into one array, which is all that stays in memory."""
-        values, first = np.empty((len(self), *shape)), 0
-        for each in self.parts():
-            values[first : first + len(each)] = compute(each)
-            first += len(each)
-        return values
-
-    def _row_split(self, splits: Any) -> RowSplit:
-        return RowSplit(self.store, self.layout, splits, self.start)
-
-    @cached_property
-    def external_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the external part of `displayed_force`, (N, n) [J].
-
-        With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
-        displayed; where it is not, as in recordings of old, of what is displayed.
-        """
-        return self._work(lambda part: part._external_display)
-
-    @cached_property
-    def internal_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
-        return self._work(lambda part: part.displayed_force - part._external_display)
-
-    def _work(self, force: Callable[[Self], FloatArray]) -> FloatArray:
-        """Add up the work of a part of the displayed force."""
-        if (every := self.header.every) > 1:
-            text = f"added up from every tick, and this recording has one row in {every}: set record.every = 1"
-            raise RecordingError(f"the work of each force is {text}, or read device_energy, which the ticks add up")
-        tips = "true_position" if self.layout.simulated else "finger_position"
-        self.require(tips, "device_energy")
-        works = np.zeros((len(self), len(self.layout.fingers)))
-        for each in self.parts():  # with the row before, of which the first step is
-            stop, first = each.start - self.start + len(each), max(each.start - self.start - 1, 0)
-            rows, start = self.part(first, stop), works[first : first + 1] if first < each.start - self.start else None
-            tip, energy, number = rows.array(tips), rows.device_energy, rows.start
-            works[first:stop] = work(force(rows), tip, energy, self.faults, number, start)
-        return works
-
-    @property
-    def _external_display(self) -> FloatArray:
-        if np.array_equal(self.displayed_force, -self.finger_force, equal_nan=True):
-            return -self.external_force
-        force = np.moveaxis(self.displayed_force, 0, -1)
-        split = self._row_split(splits_of(self.header, self.outcome.changes))
-        return np.moveaxis(split.external_forces(force)[0], -1, 0)
-
-    # Objects, energies, events ----------------------------------------------------------------------------------------
-
-    @cached_property
-    def objects(self) -> Mapping[str, ObjectMotion]:
-        """Each object's motion, by its name; another name raises UnknownNameError, a KeyError."""
-        return by_name("object", {name: ObjectMotion(self, name) for name in self.layout.objects})
-
-    @cached_property
-    def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
-        """The ledger of each object, by its name: quantities (N, 3) by mode (internal, translation, rotation) or (N,).
-
-        Empty unless the scene asks for it (`coupling.passivity`). The names are those of `graspfx.loop.columns`.
-        """
-        ledgers: dict[str, dict[str, str]] = {}
-        for column in self.layout.columns:
-            thing, mark, name = column.removeprefix("objects/").rpartition("/energy/")
-            if mark:
-                ledgers.setdefault(thing, {})[name] = column
-        books = {thing: Named("energy", names, self.array) for thing, names in ledgers.items()}
-        return by_name("object with a ledger (coupling.passivity asks for one)", books)
-
-    def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
-
-        Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
-        the principal axes. Of any other shape both are the same.
-
-        Raises:
-            UnknownNameError: there is no such object.
-        """
-        if name not in self.layout.objects:
-            raise UnknownNameError("object", str(name), self.layout.objects)
-        return described_pose(self.objects[name], self.header.frames.get(name))
-
-    @property
-    def object_position(self) -> FloatArray:
-        """The first object's, (N, d) [m]."""
-        return self._first_object.position
-
-    @property
-    def object_velocity(self) -> FloatArray:
-        """The first object's, (N, d) [m/s]."""
-        return self._first_object.velocity
-
-    @property
-    def object_orientation(self) -> FloatArray | None:
-        """The first object's: (N,), (N, 4) or None."""
-        return self._first_object.orientation
-
-    @property
-    def wrench(self) -> FloatArray:
-        """On the first object, (N, w) [N, N m]."""
-        return self._first_object.wrench
-
-    @property
-    def _first_object(self) -> ObjectMotion:
-        return self.objects[self.layout.objects[0]]
-
-    @property
-    def rest(self) -> int | None:
-        """The tick from which forces decay as the run ends; None where they end at once."""
-        return next((change.tick for change in self.outcome.changes if change.key == REST), None)
-
-    @property
-    def events(self) -> tuple[Event, ...]:
-        """Faults, changes of keys, marks and the rest in the order of their ticks."""
-        kinds = {REST: "rest", MARK: "mark"}
-        events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
-        events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
-        for kind in kinds:
-            own = (change for change in self.outcome.changes if change.key == kind)
-            events += [Event(change.tick, kinds[kind], str(change.value)) for change in own]
-        return tuple(sorted(events, key=lambda event: event.tick))
-
-    @property
-    def period(self) -> float:
-        """T of the ticks [s]."""
-        return self.header.period
-
-    @property
-    def row_period(self) -> float:
-        """Time from one row to the next [s]: T, or `every` T where the scene's `record` has fewer rows than ticks."""
-        return self.header.period * self.header.every
-
-    @property
-    def ticks(self) -> int:
-        """How many ticks were run."""
-        return self.outcome.ticks or len(self) * self.header.every
-
-    @property
-    def end(self) -> float:
-        """Time at which the run ended [s]."""
-        return self.ticks * self.header.period
-
-    @property
-    def faults(self) -> tuple[RunFault, ...]:
-        """Faults by tick."""
-        return self.outcome.faults
-
-    @property
-    def changes(self) -> tuple[KeyChange, ...]:
-        """Values of the scene that were replaced in mid-run: tick, key and value; the scene's table is the start's."""
-        return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
-
-    @property
-    def wall_time(self) -> float | None:
-        """That the run took [s]; None if it broke off."""
-        return self.outcome.wall_time
-
-    @property
-    def scene_text(self) -> str:
-        """The scene file, verbatim."""
-        return self.header.scene_text
-
-    # Summary, figures, files ------------------------------------------------------------------------------------------
 
     def summary(self) -> dict[str, Any]:
         """Summarise the run in SI units; the keys are those of `graspfx.recording.summary.summarise`."""
@@ -616,7 +194,7 @@ class Recording(Carded):
             InputError: no such compression.
             RecordingError: the file is there already, or cannot be written.
         """
-        from graspfx.recording.recorder import save
+        from graspfx.recording.sink import save
 
         if compression not in ("none", "lzf", "gzip"):
             raise InputError("compression", compression, '"none", "lzf" or "gzip"')
@@ -698,70 +276,6 @@ class Recording(Carded):
         from graspfx.recording.file import read
 
         return cls(*read(path))
-
-
-MEASURES = (  # of an object's motion, on its card
-    ("position", "m"),
-    ("velocity", "m/s"),
-    ("orientation", "rad or x y z w"),
-    ("angular_velocity", "rad/s"),
-    ("wrench", "N, N m"),
-    ("law", "0 Coulomb's, 1 associated"),
-    ("residual", "N"),
-)
-
-
-class ObjectMotion(Carded):
-    """One object over time."""
-
-    def __init__(self, recording: Recording, name: str) -> None:
-        self._recording, self._at = recording, f"objects/{name}/"
-
-    def typed(self, column: str) -> NDArray[Any] | None:
-        """Give one of the object's columns, None if the scene has no such quantity."""
-        return self._recording.typed(self._at + column)
-
-    position = Stored[FloatArray]()
-    velocity = Stored[FloatArray]()
-    orientation = Stored[FloatArray | None]()
-    angular_velocity = Stored[FloatArray | None]()
-    wrench = Stored[FloatArray]()
-    law = Stored[NDArray[np.int8] | None]()
-    residual = Stored[FloatArray | None]()
-    scale = Stored[FloatArray | None]()
-    tank = Stored[FloatArray | None]()
-
-    def _card(self) -> Card:
-        rows = []
-        for name, unit in MEASURES:
-            values = getattr(self, name)
-            if values is not None:
-                rows.append((name, f"{values.shape} [{unit}]{_ends(values)}"))
-        return Card(f"Motion of an object over {counted(len(self.position), 'tick')}", rows)
-
-
-def _ends(values: np.ndarray[Any, Any]) -> str:
-    if not len(values):
-        return ""
-    first, last = (np.array2string(np.round(end, 6) + 0.0, separator=", ") for end in (values[0], values[-1]))
-    return f", {first} at first, {last} at last"
-
-
-def described_pose(
-    motion: ObjectMotion, frame: Mapping[str, Sequence[float]] | None
-) -> tuple[FloatArray, FloatArray | None]:
-    """Compute the pose of the frame that a scene describes an object's shape in: position (N, d) [m], orientation.
-
-    Args:
-        motion: of the object.
-        frame: the pose of a mesh file's frame in the recorded one; None for any other shape.
-    """
-    if frame is None or motion.orientation is None:
-        return motion.position, motion.orientation
-    q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
-    offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
-    columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
-    return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)
 
 
 def _card_rows(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.recording.record import Recording
+from graspfx.recording.history import History
 from graspfx.recording.split import GraspRows, RowSplit, splits_of
 from graspfx.recording.vibration import Vibration
 
@@ -20,7 +20,7 @@ MICROSECONDS = 1e6
 TOGETHER = 8192  # rows that are summed up together: they stay in the processor's cache
 
 
-def summarise(recording: Recording, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Summarise a run in SI units, in one pass over its rows; a value is None where this run does not have it.
 
     Keys:
@@ -152,7 +152,7 @@ class Tally:
         recording: the whole.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: History) -> None:
         layout = recording.layout
         self.recording, self.layout = recording, layout
         self.divided = bool(recording.header.split) and bool(layout.forces) and self.has("touching", "finger_force")

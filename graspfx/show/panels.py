@@ -15,7 +15,8 @@ from graspfx.show.modes import Modes, directions, mean, modes
 from graspfx.show.style import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:
-    from graspfx.recording.record import ObjectMotion, Recording
+    from graspfx.recording.history import ObjectMotion
+    from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from graspfx.loop.columns import Layout
     from graspfx.loop.device import Device
     from graspfx.loop.servo import Servo
-    from graspfx.recording.record import ObjectMotion, Recording
+    from graspfx.recording.history import ObjectMotion
+    from graspfx.recording.record import Recording
     from graspfx.recording.recorder import Recorder
     from graspfx.scene.model import Scene
 

@@ -25,6 +25,7 @@ from graspfx.loop.realtime import lifecycle
 from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.servo import Servo
 from graspfx.recording import recorder as recorders
+from graspfx.recording import sink
 from tests.support import foreign_parts
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
@@ -78,7 +79,7 @@ def test_the_order_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     noting(hardware, "look_again", "arm")
     noting(Servo, "run", "run")
     noting(Servo, "rest", "rest")
-    noting(recorders.FileSink, "close", "files")
+    noting(sink.FileSink, "close", "files")
     noting(Fake, "close", "close")
     gx.run(cart(file), real_time=True, out=tmp_path / "out")
     assert events == ["programs", "rehearsal", "open", "settle", "arm", "run", "rest", "files", "close"]
@@ -385,18 +386,18 @@ def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytes
     """The error of the disk ends the run; by then every device had been stopped."""
     file, stops = driver(tmp_path), list[int]()
 
-    def write(self: recorders.FileSink, *arguments: Any) -> None:
+    def write(self: sink.FileSink, *arguments: Any) -> None:
         raise RecordingError("no space left on the disk")
 
-    whole = recorders.FileSink.close
+    whole = sink.FileSink.close
 
-    def close(self: recorders.FileSink, outcome: Any) -> None:
+    def close(self: sink.FileSink, outcome: Any) -> None:
         stops.append(fakes(file)[-1].index("stop"))
         whole(self, outcome)
 
     monkeypatch.setattr(recorders, "SECOND", 0.0)
-    monkeypatch.setattr(recorders.FileSink, "write", write)
-    monkeypatch.setattr(recorders.FileSink, "close", close)
+    monkeypatch.setattr(sink.FileSink, "write", write)
+    monkeypatch.setattr(sink.FileSink, "close", close)
     with pytest.raises(RecordingError, match="no space left"):
         gx.run(cart(file, -0.0245), real_time=True, out=tmp_path / "out")
     assert stops

@@ -235,7 +235,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
 
 INTERRUPTED = """
 import os, signal, sys, time, weakref
-import graspfx.recording.recorder as file
+import graspfx.recording.sink as file
 from graspfx.__main__ import main
 
 class Sink(file.FileSink):

@@ -11,7 +11,8 @@ import graspfx as gx
 from graspfx.recording.files import NAME, part_of
 from graspfx.recording.header import KeyChange, Outcome
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink, Recorder
+from graspfx.recording.recorder import Recorder
+from graspfx.recording.sink import FileSink
 from graspfx.show.summary_table import MOST_CHANGES, print_summary
 from tests.support.recordings import header, layout, put, rows, waving
 

@@ -21,7 +21,7 @@ from graspfx.recording.files import NAME
 from graspfx.recording.header import Outcome
 from graspfx.recording.part import PartWriter
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from tests.support.families import efforts
 from tests.support.parts import POSIX, made, script, values, write_part
 from tests.support.recordings import header
@@ -88,7 +88,7 @@ from tests.support.recordings import header, layout, rows
 from graspfx.errors import RecordingError
 from graspfx.recording.header import Outcome
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from graspfx.recording.file import Stream
 made = layout(3, 2)
 values = rows(made, 1100)
@@ -134,7 +134,7 @@ import json, os, signal, sys
 from tests.support.recordings import header, layout, rows
 from graspfx.recording.header import Outcome
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from graspfx.recording.file import Stream
 signal.signal(signal.SIGINT, signal.default_int_handler)
 made = layout(3, 2)

@@ -22,7 +22,7 @@ from graspfx.recording import header as headers
 from graspfx.recording.files import LENGTH, NAME
 from graspfx.recording.header import FORMAT, Outcome
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from tests.support.families import efforts
 from tests.support.recordings import header, layout, rows
 

@@ -22,7 +22,7 @@ from graspfx.recording.file import read
 from graspfx.recording.files import NAME, part_of
 from graspfx.recording.header import Outcome
 from graspfx.recording.record import Recording
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from tests.support.families import efforts
 from tests.support.parts import POSIX, ROOT, abandon, made, script, values, write_part
 from tests.support.recordings import header
@@ -287,7 +287,7 @@ def test_the_lock_of_a_process_that_was_killed_is_gone(tmp_path: Path) -> None:
 import sys, time
 sys.path.insert(0, {str(ROOT)!r})
 from tests.support.recordings import header, layout, rows
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 sink = FileSink({str(tmp_path / NAME)!r}, layout(), header())
 sink.write(rows(layout(), 100), [])
 print("ready", flush=True)

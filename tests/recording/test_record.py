@@ -23,7 +23,8 @@ from graspfx.errors import RecordingError
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.recording.header import Outcome, machine, versions
 from graspfx.recording.record import Recording, from_bytes, to_bytes
-from graspfx.recording.recorder import FileSink, Recorder
+from graspfx.recording.recorder import Recorder
+from graspfx.recording.sink import FileSink
 from tests.support.recordings import PERIOD, header, layout, put, recording, rows
 
 ROOT = Path(__file__).parents[2]
@@ -229,7 +230,7 @@ KILLED = """
 import sys, time
 sys.path.insert(0, {root!r})
 from tests.support.recordings import header, layout, put, rows
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from graspfx.recording.recorder import Recorder
 made = layout()
 values = rows(made, 1000)

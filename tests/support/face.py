@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import graspfx as gx
-from graspfx.recording.record import Stored
+from graspfx.recording.history import Stored
 from graspfx.testing import wire
 
 HEAD = """# The Python face

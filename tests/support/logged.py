@@ -94,7 +94,7 @@ import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it starts beside itself
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and this one under `nohup`
 import graspfx.recording.recorder as recorders
-import graspfx.recording.recorder as sinks
+import graspfx.recording.sink as sinks
 from graspfx.__main__ import main
 
 folder = sys.argv[1]

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from graspfx.loop.columns import RunFault
-from graspfx.recording.recorder import FileSink
+from graspfx.recording.sink import FileSink
 from tests.support.recordings import header, layout, rows
 
 ROOT = Path(__file__).parents[2]

@@ -26,6 +26,7 @@ from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop.realtime.readings import MOST_STILL, WATCHDOGS
 from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.recording import recorder as recorders
+from graspfx.recording import sink
 from graspfx.recording.record import Recording
 from tests.support.hardware import VirtualClock, driver
 from tests.support.logged import LoggedRun, write_logged
@@ -47,17 +48,17 @@ def require_quenched(folder: Path) -> float:
 
     The disk hangs until they are.
     """
-    whole = recorders.FileSink.write
+    whole = sink.FileSink.write
 
     def are_silent() -> bool:
         return not left.torque.any() and not right.torque.any()
 
-    def write(self: recorders.FileSink, *arguments: Any) -> None:
+    def write(self: sink.FileSink, *arguments: Any) -> None:
         wait_until(lambda: assault.time and are_silent())
         whole(self, *arguments)
 
     with board() as left, board() as right, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recorders.FileSink, "write", write)
+        patch.setattr(sink.FileSink, "write", write)
         patch.setattr(recorders, "SECOND", 0.0)
         scene, assault = boards_scene([left, right], PATIENT, **BUSY), Assault([left, right], kill)
         rec = settled(partial(gx.run, scene, real_time=True, stop=assault, out=folder))
@@ -197,19 +198,19 @@ def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytes
     """The error of the disk comes when both boards have been told zero."""
     silent: list[bool] = []
 
-    def write(self: recorders.FileSink, *arguments: Any) -> None:
+    def write(self: sink.FileSink, *arguments: Any) -> None:
         if strike.time:
             raise RecordingError("no space left on the disk")
 
-    def close(self: recorders.FileSink, outcome: Any) -> None:
+    def close(self: sink.FileSink, outcome: Any) -> None:
         wait_until(lambda: not left.torque.any() and not right.torque.any())
         silent.append(True)
         whole(self, outcome)
 
-    whole = recorders.FileSink.close
+    whole = sink.FileSink.close
     monkeypatch.setattr(recorders, "SECOND", 0.0)
-    monkeypatch.setattr(recorders.FileSink, "write", write)
-    monkeypatch.setattr(recorders.FileSink, "close", close)
+    monkeypatch.setattr(sink.FileSink, "write", write)
+    monkeypatch.setattr(sink.FileSink, "close", close)
     with board() as left, board() as right:
         strike, scene = Assault([left, right], lambda servo: None), boards_scene([left, right], PATIENT, **BUSY)
         with pytest.raises(RecordingError, match="no space left"):

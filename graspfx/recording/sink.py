@@ -1,0 +1,206 @@
+"""A run's file: rows go into a part while it goes on, and from there into the recording when it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError
+from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording.files import NAME, claim, part_of, recording_path, release, require_vacancy_of, stands_at
+from graspfx.recording.header import Header, KeyChange, Outcome
+from graspfx.recording.part import PartWriter
+from graspfx.recording.rows import RowStore
+
+FloatArray = NDArray[np.float64]
+
+FAILURES = OSError, RuntimeError, ValueError, TypeError, MemoryError  # of a disk, and of texts that HDF5 does not take
+
+
+@contextmanager
+def hold_signals() -> Iterator[None]:
+    """Hold back the handlers of all signals until the block ends, and call them then.
+
+    Signals that end the process by themselves still do. Python calls handlers in the main thread only: in others there
+    is nothing to hold back.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        queue.append((number, frame))
+
+    queue: list[tuple[int, FrameType | None]] = []
+    handlers = {int(each): handler for each in signal.valid_signals() if callable(handler := signal.getsignal(each))}
+    try:
+        for number in handlers:
+            signal.signal(number, keep)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in queue:
+            handlers[number](number, frame)
+
+
+class FileSink:
+    """Writes blocks of rows as they come, so that what was written can be read after the run was killed.
+
+    Until the recording was written and read back they stand in a part beside its place, which this process locks.
+
+    Args:
+        path: of the recording.
+        layout: the columns.
+        header: of the recording.
+        overwrite: whether a recording, or the part of a run that was killed, may be there already.
+        compression: of the recording: "none", "lzf" or "gzip".
+
+    Raises:
+        RecordingError: a file is there, another run is writing there, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        layout: Layout,
+        header: Header,
+        *,
+        overwrite: bool = False,
+        compression: str = "none",
+    ) -> None:
+        self._place = recording_path(path)
+        self._home = self._place.absolute().parent
+        if not overwrite:
+            require_vacancy_of(self._place)
+        self._part = PartWriter(part_of(self._place), layout, header)
+        self._layout, self._header, self._compression = layout, header, compression
+        self._faults: list[RunFault] = []
+        self._changes: list[KeyChange] = []
+        self._failure: RecordingError | None = None
+
+    @hold_signals()
+    def write(
+        self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()
+    ) -> None:  # fmt: skip
+        """Add rows (r, width), faults, and changes of keys before the rows that they hold in.
+
+        Raises:
+            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+        """
+        if self._failure is not None:
+            raise self._failure
+        self._faults += faults
+        self._changes += changes
+        try:
+            self._part.write(rows, faults, changes)
+        except OSError as error:
+            self._fail(f"{self._part.path}: cannot be written; {error.strerror}; {self._readable()}", error)
+        except BaseException:  # whether these rows are there is not known, so none may follow
+            self._failure = RecordingError(f"{self._part.path}: could not be written; {self._readable()}")
+            raise
+        if not stands_at(self._part.file, self._part.path):
+            self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))
+
+    @hold_signals()
+    def close(self, outcome: Outcome) -> None:
+        """Note how the run went, and give the recording its name; nothing after a failure, which `write` has told.
+
+        Raises:
+            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+        """
+        if self._failure is not None:
+            self._part.file.close()
+            return
+        part = self._part.path
+        try:
+            self._part.conclude(outcome)
+        except OSError as error:
+            self._fail(f"{part}: cannot be written; {error.strerror}; {self._readable()}", error)
+        if not stands_at(self._part.file, part):
+            self._rescue(outcome)
+        try:
+            self._convert(self._place, outcome)
+        except (*FAILURES, RecordingError) as error:
+            self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is whole in {part}", error)
+        release(self._part.file, part)
+
+    def _convert(self, place: Path, outcome: Outcome) -> None:
+        from graspfx.recording.file import write_recording
+
+        rows, how = self._part.stored(), self._compression
+        write_recording(place, rows, self._layout, self._header, outcome, how, sync=self._part.is_synced)
+
+    def _readable(self) -> str:
+        rows = self._part.rows
+        return f"the {rows} rows before that can be read there" if rows else "no row was written"
+
+    def _rescue(self, outcome: Outcome) -> None:
+        """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
+        from tempfile import gettempdir, mkdtemp
+
+        text = f"{self._home}: was removed or moved while a run wrote there"
+        roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
+        for root in (*roots, Path(gettempdir())):
+            with suppress(*FAILURES):
+                place = Path(mkdtemp(prefix=f"{self._home.name}-", dir=root)) / NAME
+                self._convert(place, outcome)
+                break
+        else:
+            self._fail(f"{text}, and its rows fit nowhere else")
+        self._fail(f"{text}; its {self._part.rows} rows so far are in {place}")
+
+    def _fail(self, text: str, error: Exception | None = None) -> None:
+        self._failure = RecordingError(text)
+        if self._part.rows:
+            self._part.file.close()
+        else:
+            release(self._part.file, self._part.path)
+        raise self._failure from error
+
+
+def _why(error: Exception) -> str:
+    """Write the system's message, or HDF5's, on one line."""
+    return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
+
+
+@hold_signals()
+def save(
+    path: str | PathLike[str],
+    rows: RowStore,
+    layout: Layout,
+    header: Header,
+    outcome: Outcome,
+    *,
+    overwrite: bool,
+    compression: str = "none",
+) -> None:
+    """Write a recording at once.
+
+    Raises:
+        RecordingError: a file is there, another run is writing there, or it cannot be written.
+    """
+    from graspfx.recording.file import write_recording
+
+    place = recording_path(path)
+    if not overwrite:
+        require_vacancy_of(place)
+    try:
+        lock = claim(part_of(place))
+    except OSError as error:
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
+    try:
+        write_recording(place, rows, layout, header, outcome, compression)
+    except FAILURES as error:
+        raise RecordingError(f"{place}: cannot be written; {_why(error)}") from error
+    finally:
+        release(lock, part_of(place))
