@@ -100,13 +100,15 @@ def certify(
         finger touches, not even with the hands closed, is not stable: its `gap` says how far away the nearest is.
 
     Raises:
-        InputError: both `quick` and a recording, a recording of another scene, or a device that does not tell its mass
-            or friction.
+        InputError: a `quick` that is neither True nor False, or True with a recording; a recording of another scene; a
+            device that does not tell its mass or friction.
         NoRestError: a grasp for which no rest is found, or a recording that ends without one.
         SceneError: of a scene that is loaded.
         RecordingError: a path that leads to no recording.
     """
     scene_ = to_scene(scene)
+    if not isinstance(quick, bool):
+        raise InputError("quick", quick, "True or False", "values of keys go in with the scene: gx.load(scene, values)")
     if quick and recording is not None:
         raise InputError("quick", True, "False with a recording", "a recording has its rest, and none is sought")
     if recording is not None:

@@ -67,7 +67,7 @@ class Judgement:
         force: of the finger that presses most, at rest [N]; nan without a rest.
         displayed: stiffness of the squeeze at rest, pads in series: |f_i|^2/(f_i.e), e from contact to fingertip [N/m];
             nan without a rest.
-        at: "squeezed"; "start" where a finger does not touch at rest, "" where no rest was found, "apart" where no
+        at: "squeezed"; "start" where hardware may be led to the object, "" where no rest was found, "apart" where no
             finger touches an object.
         assumed: what the certificates take for granted.
         scene: with the values.
@@ -141,11 +141,10 @@ class Judge:
         self.count += 1
         try:
             scene, loops = self.loops(values)
-        except NotGraspingError as error:
-            why, scene = (str(error),), self.scene.replace(values)
-            return Judgement(dict(values), False, math.inf, (), grip=0.0, at="apart", assumed=why, scene=scene)
-        except NoRestError as error:
-            return Judgement(dict(values), False, math.inf, (), at="", assumed=(" ".join(str(error).split()),))
+        except (NotGraspingError, NoRestError) as error:
+            apart, why = isinstance(error, NotGraspingError), (" ".join(str(error).split()),)
+            grip, at, scene = 0.0 if apart else math.nan, "apart" if apart else "", self.scene.replace(values)
+            return Judgement(dict(values), False, math.inf, (), grip=grip, at=at, assumed=why, scene=scene)
         rows, pushes, radius = [], [], 0.0
         for loop in loops:
             name = loop.objects[0]

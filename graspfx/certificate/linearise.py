@@ -111,8 +111,8 @@ def linearise(
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
-    meet the object at first, without any force; it stands in where a finger does not touch at rest, and `assumed` says
-    so.
+    meet the object at first, without any force; it stands in where a finger on hardware, which may be led anywhere,
+    does not touch at rest, and `assumed` says so.
     "provisional" is squeezed by one linear step from the start, "recorded" the last row of a recording. A contact that
     touches counts as sticking wherever it has slid to, also on the edge of its friction cone.
 

@@ -145,12 +145,12 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
-    """Bring the grip to rest; the place has no stiffness, and says why, where a finger does not touch there.
+    """Bring the grip to rest; the place has no stiffness, and says why, where a finger on hardware does not touch.
 
     Hands that grip makes stiffer are as stiff as the forces at rest make them, which is looked for by repetition.
 
     Raises:
-        NoRestError: none was found.
+        NoRestError: none was found, or one without all fingers.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     place = _squeezed(parts, index, grip, fingers, force)
@@ -211,7 +211,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result.slid.any():
         place.assumed.append(SLID)
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(scene, grip, fingers))
+        return unforced(parts, index, grip, fingers, place)
     return about(name, grip, place)
 
 
@@ -245,7 +245,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
     if not grip.grasped.touching.all():
-        return unforced(place, untouching(parts.scene, grip, fingers))
+        return unforced(parts, index, grip, fingers, place)
     return about(name, grip, place)
 
 
@@ -257,8 +257,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     Raises:
         NotGraspingError: none touches on the way.
     """
-    led = {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
-    if parts.scene.coupling.contact == "attached" or led.intersection(fingers.tolist()):
+    if parts.scene.coupling.contact == "attached" or led(parts).intersection(fingers.tolist()):
         return
     course = load_of(parts, index, grip, fingers, Place("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
@@ -269,10 +268,9 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     raise NotGraspingError(parts.objects[index].name, float(gaps.min()), "hands closed and still")
 
 
-def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
-    """Say which fingers do not touch although the hands are closed."""
-    apart = ", ".join(scene.finger_names[i] for i in fingers[grip.grasped.touching == 0.0])
-    return f"with the hands closed {apart} do not touch the object"
+def led(parts: Parts) -> set[int]:
+    """Give the fingers on hardware, which may be led anywhere."""
+    return {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
 
 
 def about(name: str, grip: Grip, place: Place) -> Place:
@@ -286,15 +284,30 @@ def about(name: str, grip: Grip, place: Place) -> Place:
     return place
 
 
-def restless(name: str, why: str) -> NoRestError:
+def restless(name: str, why: str, do: str = "run the scene until it rests, and certify its recording") -> NoRestError:
     """Make the error of an object's grasp that has no rest: no other state stands in for it."""
-    do = f"{why}; run the scene until it rests, and certify its recording"
-    return NoRestError("object", name, "a grasp that comes to rest", do)
+    return NoRestError("object", name, "a grasp that comes to rest", f"{why}; {do}")
 
 
-def unforced(place: Place, why: str) -> Place:
-    """Give the start instead of a place, and why."""
-    return Place("start", None, np.full_like(place.margins, np.nan), [*place.assumed, UNFORCED + why])
+def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> NoRestError:
+    """Make the error of a grasp that rests without some of its fingers."""
+    names = ", ".join(scene.finger_names[i] for i in apart)
+    does = "does" if len(apart) == 1 else "do"
+    why = f"{when} {names} {does} not touch the object"
+    return restless(scene.object[index].name, why, "bring such fingers nearer, or leave them out to judge the others")
+
+
+def unforced(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place) -> Place:
+    """Give the start instead of a place where fingers that do not touch are on hardware.
+
+    Raises:
+        NoRestError: hands that are simulated leave a finger away from the object.
+    """
+    apart = fingers[grip.grasped.touching == 0.0]
+    if not led(parts).issuperset(apart.tolist()):
+        raise incomplete(parts.scene, index, apart, "with the hands closed")
+    why = f"{UNFORCED}{', '.join(parts.scene.finger_names[i] for i in apart)} may be led to the object"
+    return Place("start", None, np.full_like(place.margins, np.nan), [*place.assumed, why])
 
 
 # The search for the rest ---------------------------------------------------------------------------------------------
