@@ -119,7 +119,8 @@ def test_a_finger_that_stays_away_leaves_a_grasp_not_judged() -> None:
     assert "leave them out" in report.verdict and not report.ok and report.certificates == ()
     recording = gx.run(scene)
     assert recording.touching[-1].tolist() == [True, True, False]
-    for how in ({}, {"quick": True}, {"recording": recording}):
+    ways: list[dict[str, Any]] = [{}, {"quick": True}, {"recording": recording}]
+    for how in ways:
         with pytest.raises(gx.errors.NoRestError, match=r"finger2 does not touch the object; .*leave them out"):
             gx.certify(scene, **how)
     (two,) = gx.certify(spare(170.0, 250.0, 2))
