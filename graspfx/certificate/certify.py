@@ -101,13 +101,15 @@ def certify(
         finger touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
 
     Raises:
-        InputError: Both `quick` and a recording are given, the recording is of another scene, or a device does not
-            state its mass or friction.
+        InputError: `quick` is neither True nor False, or True with a recording; the recording is of another scene, or a
+            device does not state its mass or friction.
         NoRestError: No rest of a grasp is found, or the recording ends without one.
         SceneError: A scene that is loaded has faults.
         RecordingError: The path leads to no recording.
     """
     scene_ = to_scene(scene)
+    if not isinstance(quick, bool):
+        raise InputError("quick", quick, "True or False", "values of keys go in with the scene: gx.load(scene, values)")
     if quick and recording is not None:
         raise InputError("quick", True, "False with a recording", "the rest is that of the recording")
     if recording is not None:

@@ -125,8 +125,7 @@ class OperatorCertificate(Carded):
         """Answer to "stable in whose hands?" in one sentence."""
         row = self.worst.worst
         has = f"has {'no gain' if row is None else row.text}"
-        if self.worst.at == "apart":
-            has = "brings no finger to an object"
+        has = {"apart": "brings no finger to an object", "": "comes to no rest"}.get(self.worst.at, has)
         worst = f"the worst operator ({numbers(self.worst.values)}) {has}"
         if self.stable:
             sure = "by passivity" if self.is_passive else f"at least {100 * self.share.low:.3g} % of the population"
@@ -170,7 +169,8 @@ class OperatorCertificate(Carded):
         yield f"in whose hands? {self.sentence}"
         yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
         own = self.own.worst
-        stable = STABLE if self.own.stable else NOT_GRASPING if self.own.at == "apart" else NOT_STABLE
+        known = STABLE if self.own.stable else NOT_STABLE
+        stable = {"apart": NOT_GRASPING, "": "no rest"}.get(self.own.at, known)
         yield f"  the scene's own: {stable}, {'no gain' if own is None else own.text}"
         yield f"  stable: {self.share.count} of {self.share.total} drawn, {self.share.text}"
         for mode in self.modes:
@@ -184,7 +184,7 @@ class OperatorCertificate(Carded):
             yield f"  in the worst hands, {weakest.text}"
         loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
         if loose:
-            yield f"  {loose} of {self.share.total} rest without touching: judged at the start"
+            yield f"  {loose} of {self.share.total} may be led to the object: judged at the start"
         if restless:
             yield f"  {restless} of {self.share.total} come to no rest: they count as not stable"
         if apart:
@@ -260,7 +260,7 @@ def certify_operators(
     population = []
     with judge.session():
         own = judge.judge({})
-        passive = [each.passive for each in certificates(scene_)]
+        passive = [each.passive for each in certificates(scene_)] if own.at else []
         with waiting("judging operators", samples, "operators") as wait:
             for values in set_.population(samples, seed):
                 population.append(judge.judge(values))

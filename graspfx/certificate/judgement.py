@@ -67,8 +67,8 @@ class Judgement:
         force: Largest force of a finger at rest [N]; nan without a rest.
         displayed: Stiffness of the squeeze at rest, with pads in series: |f_i|^2/(f_i.e), e from contact to fingertip
             [N/m]; nan without a rest.
-        at: "squeezed"; "start" if a finger does not touch at rest, "" if no rest was found, "apart" if no finger
-            touches an object.
+        at: "squeezed"; "start" if a finger on hardware does not touch at rest, "" if no rest was found, "apart" if no
+            finger touches an object.
         assumed: Assumptions of the certificates.
         scene: Scene with the values.
     """
@@ -141,11 +141,10 @@ class Judge:
         self.count += 1
         try:
             scene, loops = self.loops(values)
-        except NotGraspingError as error:
-            why, scene = (str(error),), self.scene.replace(values)
-            return Judgement(dict(values), False, math.inf, (), grip=0.0, at="apart", assumed=why, scene=scene)
-        except NoRestError as error:
-            return Judgement(dict(values), False, math.inf, (), at="", assumed=(" ".join(str(error).split()),))
+        except (NotGraspingError, NoRestError) as error:
+            apart, why = isinstance(error, NotGraspingError), (" ".join(str(error).split()),)
+            grip, at, scene = 0.0 if apart else math.nan, "apart" if apart else "", self.scene.replace(values)
+            return Judgement(dict(values), False, math.inf, (), grip=grip, at=at, assumed=why, scene=scene)
         rows, pushes, radius = [], [], 0.0
         for loop in loops:
             name = loop.objects[0]

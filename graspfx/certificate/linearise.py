@@ -111,8 +111,8 @@ def linearise(
 
     "squeezed" is the rest to which hands that neither move nor rotate, closed to their largest squeeze, bring the
     object against the coupling. It is found with the contacts, split and cones of a run, and with gravity. "start" is
-    where the fingers first meet the object, without force; it replaces the rest if a finger does not touch there, as
-    `assumed` reports.
+    where the fingers first meet the object, without force; it replaces the rest if a finger on hardware, which may be
+    moved anywhere, does not touch there, as `assumed` reports.
     "provisional" is one linear step of squeezing from the start, and "recorded" is the last row of a recording. A
     touching contact counts as sticking where it is, even if it has slid there or lies on the edge of its friction cone.
 

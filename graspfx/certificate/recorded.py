@@ -11,7 +11,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
 from graspfx.assembly.mechanics import Mechanics
 from graspfx.certificate.grip import Grip, Ground, bearers
-from graspfx.certificate.rest import NotGraspingError, OperatingPoint, no_rest_error, operating_point
+from graspfx.certificate.rest import NotGraspingError, OperatingPoint, incomplete, no_rest_error, operating_point
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
@@ -73,8 +73,8 @@ def recorded(
             "at the end of the recording",
         )
     if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
-        apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
-        raise no_rest_error(name, f"at the end of the recording {apart} do not touch")
+        apart = fingers[~recording.touching[-1, fingers]]
+        raise incomplete(scene, index, apart, "at the end of the recording")
     set_pose(grip, recording, name)
     set_contacts(grip, recording, fingers)
     if g.soft:

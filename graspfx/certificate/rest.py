@@ -150,12 +150,12 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Bring the grip to rest; if a finger does not touch there, the result has no stiffness and states why.
+    """Bring the grip to rest; if a finger on hardware does not touch there, the result has no stiffness and states why.
 
     For hands that stiffen with the grip, the stiffness that belongs to the forces at rest is found by iteration.
 
     Raises:
-        NoRestError: No rest is found.
+        NoRestError: No rest is found, or one without all fingers.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     point = _squeezed(parts, index, grip, fingers, force)
@@ -218,7 +218,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result.slid.any():
         point.assumed.append(SLID)
     if not grip.grasped.touching.all():
-        return at_start(point, untouching(scene, grip, fingers))
+        return at_start(parts, index, grip, fingers, point)
     return operating_point(name, grip, point)
 
 
@@ -252,7 +252,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
     if not grip.grasped.touching.all():
-        return at_start(point, untouching(parts.scene, grip, fingers))
+        return at_start(parts, index, grip, fingers, point)
     return operating_point(name, grip, point)
 
 
@@ -264,8 +264,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     Raises:
         NotGraspingError: No finger touches on the way.
     """
-    led = {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
-    if parts.scene.coupling.contact == "attached" or led.intersection(fingers.tolist()):
+    if parts.scene.coupling.contact == "attached" or led(parts).intersection(fingers.tolist()):
         return
     course = load_of(parts, index, grip, fingers, OperatingPoint("start", None, np.empty(0))).course
     gaps = grip.grasped.array(FingerState.gap)
@@ -276,10 +275,9 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     raise NotGraspingError(parts.objects[index].name, float(gaps.min()), "hands closed and still")
 
 
-def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
-    """Return a sentence about fingers that do not touch although the hands are closed."""
-    apart = ", ".join(scene.finger_names[i] for i in fingers[grip.grasped.touching == 0.0])
-    return f"with the hands closed {apart} do not touch the object"
+def led(parts: Parts) -> set[int]:
+    """Return the fingers on hardware, which may be moved anywhere."""
+    return {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
 
 
 def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPoint:
@@ -293,15 +291,34 @@ def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPo
     return point
 
 
-def no_rest_error(name: str, why: str) -> NoRestError:
+def no_rest_error(
+    name: str, why: str, do: str = "run the scene until it rests, and certify its recording"
+) -> NoRestError:
     """Return the error of a grasp without a rest, for which no other state is substituted."""
-    do = f"{why}; run the scene until it rests, and certify its recording"
-    return NoRestError("object", name, "a grasp that comes to rest", do)
+    return NoRestError("object", name, "a grasp that comes to rest", f"{why}; {do}")
 
 
-def at_start(point: OperatingPoint, why: str) -> OperatingPoint:
-    """Return the start as the state, with the reason."""
-    return OperatingPoint("start", None, np.full_like(point.margins, np.nan), [*point.assumed, UNFORCED + why])
+def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> NoRestError:
+    """Return the error of a grasp that rests without some of its fingers."""
+    names = ", ".join(scene.finger_names[i] for i in apart)
+    does = "does" if len(apart) == 1 else "do"
+    why = f"{when} {names} {does} not touch the object"
+    return no_rest_error(
+        scene.object[index].name, why, "bring such fingers nearer, or leave them out to judge the others"
+    )
+
+
+def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], point: OperatingPoint) -> OperatingPoint:
+    """Return the start as the state if the fingers that do not touch are on hardware.
+
+    Raises:
+        NoRestError: Simulated hands leave a finger away from the object.
+    """
+    apart = fingers[grip.grasped.touching == 0.0]
+    if not led(parts).issuperset(apart.tolist()):
+        raise incomplete(parts.scene, index, apart, "with the hands closed")
+    why = f"{UNFORCED}{', '.join(parts.scene.finger_names[i] for i in apart)} may be led to the object"
+    return OperatingPoint("start", None, np.full_like(point.margins, np.nan), [*point.assumed, why])
 
 
 # The search for the rest ---------------------------------------------------------------------------------------------

@@ -117,7 +117,9 @@ def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
         constraints=tuple(at),
         binding=_binding(at, more) if feasible else None,
         more=more or (Check({}, None),) * feasible,
-        certificates=tuple(certificates(problem.scene.replace({**values, **hands[tightest[0]]}))),
+        certificates=tuple(certificates(problem.scene.replace({**values, **hands[tightest[0]]})))
+        if ones[tightest[0]].at
+        else (),
         end=end,
         operators=problem.operators,
         hands=tuple(answer.hands),

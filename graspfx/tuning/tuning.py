@@ -97,7 +97,8 @@ class Tuning(Carded):
         constraints: each at the optimum.
         binding: the one that stops the objective; None where a range's end does, or nothing.
         more: the verification 1 % beyond, for each key that makes the objective larger.
-        certificates: of each object at the optimum in the hand that comes nearest to violating a constraint, in full.
+        certificates: of each object at the optimum in the hand that comes nearest to violating a constraint, in full;
+            none where it has no rest.
         end: the range at whose end the optimum is; None for none.
         operators: whose hands; None for the scene's own.
         hands: the operators that the optimum was held against.
@@ -163,6 +164,8 @@ class Tuning(Carded):
         if self.refutation:
             return self.refutation
         for each in unmet:
+            if each.judgement.at in ("", "apart"):
+                return f"{each.text} cannot be judged: {each.judgement.assumed[0]}"
             best = self.reach.get(each.text, math.nan)
             if not math.isnan(best):
                 return f"{each.text} cannot be met: it comes to {best:.4g} at best"

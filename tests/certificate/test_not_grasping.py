@@ -97,3 +97,49 @@ def test_no_figure_is_taken_from_fingers_that_touch_nothing() -> None:
     answer = gx.certify_operators(apart(), operators, samples=2)
     assert not answer.stable and "brings no finger to an object" in answer.sentence
     assert any("the scene's own: not grasping" in line for line in answer.lines())
+
+
+def spare(kep: float, kip: float, fingers: int = 3) -> gx.Scene:
+    """Two fingers squeeze a disc; a third one stays 4 mm above it."""
+    table: list[dict[str, Any]] = []
+    for x, y in ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.034))[:fingers]:
+        hand = {"stiffness": 300.0, "damping": 1.0, "squeeze": 0.0 if y else 0.005}
+        table.append({"device": {"name": "simulated", "mass": 0.15, "damping": 0.2}, "hand": hand, "start": [x, y]})
+    thing = {"mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 1e-3, "shape": {"kind": "sphere", "radius": 0.03}}
+    gains = {"external": {"stiffness": kep, "damping": 0.05}, "internal": {"stiffness": kip, "damping": 0.05}}
+    coupling = {"friction": "stick", **gains}
+    return gx.Scene(dimensions=2, period=0.004, duration=1.0, object=thing, coupling=coupling, finger=table)
+
+
+def test_a_finger_that_stays_away_leaves_a_grasp_not_judged() -> None:
+    """It counted as if it touched: radius 1.0046, NOT STABLE, where the two that hold the disc have 0.9986."""
+    scene = spare(170.0, 250.0)
+    report = gx.check(scene)
+    assert report.verdict.startswith("not judged: object: ") and "finger2 does not touch the object" in report.verdict
+    assert "leave them out" in report.verdict and not report.ok and report.certificates == ()
+    recording = gx.run(scene)
+    assert recording.touching[-1].tolist() == [True, True, False]
+    ways: list[dict[str, Any]] = [{}, {"quick": True}, {"recording": recording}]
+    for how in ways:
+        with pytest.raises(gx.errors.NoRestError, match=r"finger2 does not touch the object; .*leave them out"):
+            gx.certify(scene, **how)
+    (two,) = gx.certify(spare(170.0, 250.0, 2))
+    assert two.stable and two.at == "squeezed" and recording.summary()["growth"] == []
+    operators = gx.certify_operators(scene, {"finger.*.hand.stiffness": (100.0, 300.0)}, samples=2)
+    assert not operators.stable and any("come to no rest" in line for line in operators.lines())
+    assert any(line.startswith("  the scene's own: no rest") for line in operators.lines())
+
+
+@pytest.mark.parametrize(("scene", "why"), [(apart(), "nearest finger 12.7 mm"), (spare(170.0, 250.0), "finger2 does")])
+def test_gains_of_what_is_no_grasp_are_not_tuned_without_a_reason(scene: gx.Scene, why: str) -> None:
+    """It said that the margin comes to 0 at best, and no more; or ended in an error after all judgements."""
+    answer = gx.tune(
+        scene, "internal.stiffness", "margin >= 1.3", over={"internal.stiffness": (150.0, 300.0)}, operators="own"
+    )
+    assert not answer.feasible and "cannot be judged" in answer.reason and why in answer.reason
+
+
+def test_values_in_the_place_of_quick_are_refused() -> None:
+    """They were taken for `quick=True`: a provisional answer for the scene without them."""
+    with pytest.raises(gx.errors.InputError, match=r"quick: .*expected True or False; .*gx\.load\(scene, values\)"):
+        gx.certify("paper-waving", {"coupling.internal.stiffness": 600.0})  # type: ignore[arg-type]
