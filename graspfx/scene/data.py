@@ -10,7 +10,7 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 from graspfx.errors import InputError
 
 EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as data"
-DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/real-board.md)"
+DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/device.md)"
 
 
 def not_data(table: Any) -> InputError:
