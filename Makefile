@@ -26,19 +26,20 @@ SITE_READY := $(VENV)/.ready-for-the-site
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
-demo: $(RUN_READY) ## wave a cube with one stiffness and with two: sinks in, shakes, neither; and the paper's own pair
+demo: $(RUN_READY) ## wave a cube with one stiffness and with two: too soft, unstable, both good; and the paper's own pair
 	@echo "Waving a cube, ten seconds each. In a hand of little damping (--preset light-hand):"
-	@echo "  sinks-in      one stiffness, 30 N/m: calm, and the fingers sink in"
-	@echo "  shakes        one stiffness, 70 N/m: less deep, and the push grows into a shake"
-	@echo "  neither       30 N/m for the push, 70 N/m for the squeeze: less deep, and calm"
-	@$(WAVE) --preset light-hand --set coupling.internal.stiffness=30 --no-figure --out $(OUT)/light-hand/sinks-in >/dev/null
-	@$(WAVE) --preset light-hand --set coupling.external.stiffness=70 --no-figure --out $(OUT)/light-hand/shakes >/dev/null
-	@$(WAVE) --preset light-hand --no-figure --out $(OUT)/light-hand/neither >/dev/null
-	@$(BIN)/graspfx plot $(addprefix $(OUT)/light-hand/,sinks-in shakes neither) --brief --out $(OUT)/light-hand --overwrite
+	@echo "  too-soft      one stiffness, 30 N/m: stable, and the fingers sink in"
+	@echo "  unstable      one stiffness, 70 N/m: less deep, and the external force grows into an oscillation"
+	@echo "  both-good     30 N/m for the external, 70 N/m for the internal force: less deep, and stable"
+	@$(WAVE) --preset light-hand --set coupling.internal.stiffness=30 --no-figure --out $(OUT)/light-hand/too-soft >/dev/null
+	@$(WAVE) --preset light-hand --set coupling.external.stiffness=70 --no-figure --out $(OUT)/light-hand/unstable >/dev/null
+	@$(WAVE) --preset light-hand --no-figure --out $(OUT)/light-hand/both-good >/dev/null
+	@$(BIN)/graspfx plot $(addprefix $(OUT)/light-hand/,too-soft unstable both-good) --brief --out $(OUT)/light-hand --overwrite
 	@echo
 	@echo "In a hand as of the paper's Figs. 12 and 13:"
 	@echo "  conventional  one stiffness, 30 N/m"
-	@echo "  proposed      30 N/m for the push, 70 N/m for the squeeze"
+	@echo "  proposed      30 N/m for the external, 70 N/m for the internal force"
+	@echo "Both are stable in this hand: every vibration is below 1 mN, and the proposed gains sink in less."
 	@$(WAVE) --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional >/dev/null
 	@$(WAVE) --out $(OUT)/proposed >/dev/null
 	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --brief --out $(OUT) --overwrite

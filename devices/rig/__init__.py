@@ -1,8 +1,8 @@
 """The rig: two planar two-link arms on one controller, open hardware after the paper's, a finger each.
 
-A proposal that nobody has built yet (docs/how-to/rig.md); tested against its own firmware on a desktop computer only,
-firmware/rig.c behind firmware/host.c. The controller drops its force by itself 5 ms after the last torques, within
-20 ms more. Arms, gears and encoders are those of `two-link`.
+A proposal that nobody has built yet (docs/how-to/hardware.md); tested against its own firmware on a desktop computer
+only, firmware/rig.c behind firmware/host.c. The controller drops its force by itself 5 ms after the last torques,
+within 20 ms more. Arms, gears and encoders are those of `two-link`.
 """
 
 from __future__ import annotations

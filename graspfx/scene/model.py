@@ -199,7 +199,7 @@ def schema() -> dict[str, Any]:
 
 
 EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as data"
-DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/real-board.md)"
+DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/device.md)"
 
 
 def not_data(table: Any) -> InputError:

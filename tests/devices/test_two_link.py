@@ -296,7 +296,7 @@ def test_the_driver_of_the_how_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     Gear 12: 12000 counts of 48000 are a quarter turn; 1 N along y is 0.128/12 N m at motor 2.
     """
-    page = Path(__file__).parents[2] / "docs" / "how-to" / "real-board.md"
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "device.md"
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     (driver,) = [block for block in blocks if not block.startswith(">>>")]
     (tmp_path / "our_arm.py").write_text(driver, encoding="utf-8")

@@ -86,7 +86,7 @@ def test_make_demo_shows_what_the_readme_tells(tmp_path: Path) -> None:
     for number in ("6.5 mm", "4.6 mm", "4.5 mm", "108 mN", "0.7 mN"):
         assert number in caption
     files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()}
-    folders = ["light-hand/sinks-in", "light-hand/shakes", "light-hand/neither", "conventional", "proposed"]
+    folders = ["light-hand/too-soft", "light-hand/unstable", "light-hand/both-good", "conventional", "proposed"]
     assert {f"{folder}/recording.h5" for folder in folders} <= files
     assert {"comparison.png", "light-hand/comparison.png", "conventional/figure.png", "proposed/figure.png"} <= files
     assert len(done.stdout.splitlines()) < 40  # a minute's reading

@@ -26,9 +26,11 @@ WORDS = {  # of types, in this order
     r"\b(str|Elbow|Drive|object)\b": "text", r"\bBoard\b": "an object, in Python", r" \| ": " or ",
 }  # fmt: skip
 PAGES = {
-    "force-dimension": "force-dimension", "gamepad": "inputs", "haply-2diy": "haply-2diy",
-    "haply-inverse": "haply-inverse", "mouse": "inputs", "open-haptics": "open-haptics", "rig": "rig",
-    "touch-screen": "touch", "two-link": "real-board",
+    "force-dimension": "hardware.md#force-dimension", "gamepad": "hardware.md#mouse-and-gamepad",
+    "haply-2diy": "hardware.md#haply-2diy", "haply-inverse": "hardware.md#haply-inverse3",
+    "mouse": "hardware.md#mouse-and-gamepad", "open-haptics": "hardware.md#touch-and-phantom-openhaptics",
+    "rig": "hardware.md#the-rig-two-arms-on-one-controller", "touch-screen": "touch.md",
+    "two-link": "device.md#a-two-link-arm-on-your-own-electronics",
 }  # fmt: skip
 
 
@@ -44,7 +46,7 @@ def page() -> str:
 def _section(name: str, module: ModuleType) -> list[str]:
     """Write a driver as a section with a row for each setting."""
     text = inspect.cleandoc(module.__doc__ or "").split("\n\n")[0]
-    more = f" [How to use it](../how-to/{PAGES[name]}.md)." if name in PAGES else ""
+    more = f" [How to use it](../how-to/{PAGES[name]})." if name in PAGES else ""
     lines = [f"## {name}\n", f"{' '.join(text.split())}{more}\n"]
     about = _about(module)
     lines += ["| setting | type | unit | default | meaning |", "|---|---|---|---|---|"]

@@ -83,7 +83,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
             raise InputError(
                 "features.watchdog", None, "seconds after which the hardware drops its force by itself, or a function "
                 f"quench(**settings) in the driver of {name}",
-                "without either the force stays for good where a program is killed: docs/how-to/home-made.md",
+                "without either the force stays for good where a program is killed: docs/how-to/device.md",
             )  # fmt: skip
         quenchers_.append(Quencher(name, quench, watchdog))
     return quenchers_

@@ -1,6 +1,6 @@
 // The rig's controller on a Teensy 4.1: a proposal, compiled and tried by nobody yet.
 //
-// Put rig.h and rig.c beside this file. Pins and scales are those of docs/how-to/rig.md: current = torque / constant,
+// Put rig.h and rig.c beside this file. Pins and scales are those of docs/how-to/hardware.md: current = torque / constant,
 // as a PWM duty of 0.1 to 0.9 with 0.5 for no current, which the motor drivers take as their analogue command.
 
 extern "C" {
