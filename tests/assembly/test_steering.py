@@ -31,7 +31,11 @@ CASES: dict[str, tuple[str, Mapping[str, Any], Mapping[str, Any]]] = {  # a scen
     "waving, arms": ("paper-waving", {}, {"finger.*.hand.stiffness": 50.0, "finger.*.hand.squeeze": 0.004}),
     "spring, equal to apart": ("paper-spring", {KIP: 30.0}, {KIP: 70.0}),
     "spring, damping depth": ("paper-spring", {}, {"coupling.damping_depth": 0.002, KID: 0.3}),
-    "sphere, fade, blend": ("sphere-three-fingers", {}, {"coupling.fade": [0.0, 0.1], "coupling.blend": [0.02, 0.05]}),
+    "sphere, fade, blend": (  # a symmetric grasp does not turn
+        "sphere-three-fingers",
+        {"finger.0.start": [0.03, 0.004, 0.0]},
+        {"coupling.fade": [0.0, 0.1], "coupling.blend": [0.02, 0.05]},
+    ),
     "spring, limited": ("paper-spring", {"finger.*.device.force_limit": 0.4, KIP: 30.0}, {KIP: 70.0}),
     "sphere, friction": ("sphere-three-fingers", {}, {KIP: 200.0, "coupling.friction": 0.2}),
     "sphere, coupled hand": ("sphere-three-fingers", {}, {"hand.grip.stiffness": 350.0, "hand.squeeze.0.to": 0.012}),
