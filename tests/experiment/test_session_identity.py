@@ -91,7 +91,7 @@ def test_a_session_of_an_earlier_form_goes_on_with_a_word(begun: Experiment, tmp
     ("change", "text"),
     [
         (lambda about: about.pop("Files") and about.update(Version="0.0.1"), "GraspFX 0.0.1 there"),
-        (lambda about: about.pop("Files"), "the file of the experiment has other values"),
+        (lambda about: about.pop("Files"), "the experiment file has other values"),
         (
             lambda about: about["Scene"]["object"][0].update(mass=9.0),
             "the scene's object.0.mass is 9.0 there, 0.1 here",

@@ -130,7 +130,7 @@ def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page
     assert page.console_errors == []
     assert {url.replace("ws:", "http:").rstrip("/") for url in page.requests} == {view.server.url}
     text = page.evaluate("document.body.innerText")
-    for words in ("squeeze (internal)", "push (external)", "touches", "runs in real time", "mm long"):
+    for words in ("squeeze (internal)", "push (external)", "touches", "running in real time", "mm long"):
         assert words in text
     page.wait_for("document.body.innerText.includes('spectral radius')")
 
