@@ -66,7 +66,7 @@ def test_what_cannot_change_says_why() -> None:
     assert fixed_keys(two)["object.1.viscosity"].startswith("other software moves an object")
     smooth = gx.load("reference-1dof")
     assert FRICTION not in of(smooth)
-    assert "memory" in fixed_keys(smooth)[FRICTION]
+    assert "additional state" in fixed_keys(smooth)[FRICTION]
     own = gx.load("sphere-three-fingers", {"finger.1.friction": 0.4})
     assert of(own)["finger.1.friction"].label == "friction of index, µ"
     booked = gx.load("sphere-three-fingers", {"coupling.passivity": "observe"})
