@@ -58,7 +58,7 @@ def test_a_file_that_has_changed_refuses_it(begun: Experiment, tmp_path: Path, n
     (tmp_path / name).write_text(
         (tmp_path / name).read_text().replace("0.8", "0.7").replace("angle = 1.0", "angle = 2")
     )
-    with pytest.raises(RecordingError, match=rf"the file {name} has changed; .*--run N begins another"):
+    with pytest.raises(RecordingError, match=rf"the file {name} has changed; .*begin another with --run N"):
         resumed(begun, tmp_path)
 
 
