@@ -178,7 +178,7 @@ def test_the_command_ends_with_1_and_the_remedy(
     assert main(["doctor", "simulated", "--set", "mass=0.1"]) == 2
     assert "a simulation is always on time" in capsys.readouterr().err
     assert main(["doctor", "paper-spring"]) == 2
-    assert "one with hardware" in capsys.readouterr().err
+    assert "expected a scene with hardware" in capsys.readouterr().err
 
 
 def test_a_report_of_a_device_names_no_port_and_no_machine(capsys: pytest.CaptureFixture[str]) -> None:
