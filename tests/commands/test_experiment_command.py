@@ -41,7 +41,7 @@ def test_a_simulated_session_sums_up(tmp_path: Path, capsys: pytest.CaptureFixtu
     text = capsys.readouterr().out
     assert "internal: threshold " in text and " of 4 answers correct" in text and "_beh.tsv" in text
     assert main(words) == 2
-    assert "--resume goes on with it" in capsys.readouterr().err
+    assert "--resume continues it" in capsys.readouterr().err
 
 
 def test_lines_of_input_answer_and_its_end_is_the_end(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_a_terminal_that_is_closed_ends_the_wait_and_arms_nothing(monkeypatch: p
     with standing_in(inner, monkeypatch), terminal_keys(keys.press, keys.end):
         closing = threading.Timer(0.05, os.close, [outer])
         closing.start()
-        with pytest.raises(Stopped, match="the input that answers came from has ended"):
+        with pytest.raises(Stopped, match="the input of answers has ended"):
             keys.ready("hold the device; its forces come when you press Enter")
         closing.join()
         wait_until(lambda: not any(thread.name == "keys" for thread in threading.enumerate()))

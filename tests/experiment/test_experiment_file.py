@@ -58,7 +58,7 @@ def test_every_fault_at_once_with_its_line() -> None:
         (PLAIN, 'answer = "soft"', 'answer = "sort"', "condition.0.answer", "did you mean 'soft'"),
         (PLAIN, '40.0 }', '-4.0 }', 'condition.0.set."coupling.internal.stiffness"', "no less than 0"),
         (PLAIN, "40.0 }", '"a" }', 'condition.0.set."coupling.internal.stiffness"', "a number"),
-        (PLAIN, '"reference-1dof"', '"../other.toml"', "scene", "there is none"),
+        (PLAIN, '"reference-1dof"', '"../other.toml"', "scene", "there is no file"),
         (PLAIN, "repetitions = 2", "repetitions = 9000", "repetitions", "at most 10000 trials"),
         (COMPARED, 'keys = { 1 = "first", 2 = "second" }', 'keys = { 1 = "first" }', "question.keys", "'second'"),
         (COMPARED, "external = 0.3", "extenal = 0.3", "observer.threshold.extenal", "did you mean 'external'"),

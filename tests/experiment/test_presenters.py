@@ -39,7 +39,7 @@ def test_a_full_disk_ends_the_session_and_the_trial_comes_again(
     plain = experiment(PLAIN, ("repetitions = 2", "repetitions = 1"))
     with monkeypatch.context() as patch:
         patch.setattr(PartWriter, method, full(method))
-        said = r"No space left.*\. Trial 2 has no row, the trials before it are in the table: .*--resume goes on with"
+        said = r"No space left.*\. Trial 2 has no row, the trials before it are in the table: .*--resume continues with"
         with pytest.raises(RecordingError, match=said):
             plain.run(tmp_path, lambda shown: "soft", real_time=real_time)
     assert [row["trial_number"] for row in read_table(table_of(tmp_path))] == ["1"]

@@ -58,7 +58,7 @@ def test_a_file_that_has_changed_refuses_it(begun: Experiment, tmp_path: Path, n
     (tmp_path / name).write_text(
         (tmp_path / name).read_text().replace("0.8", "0.7").replace("angle = 1.0", "angle = 2")
     )
-    with pytest.raises(RecordingError, match=rf"the file {name} has changed; .*--run N begins another"):
+    with pytest.raises(RecordingError, match=rf"the file {name} has changed; .*begin another with --run N"):
         resumed(begun, tmp_path)
 
 
@@ -91,7 +91,7 @@ def test_a_session_of_an_earlier_form_goes_on_with_a_word(begun: Experiment, tmp
     ("change", "text"),
     [
         (lambda about: about.pop("Files") and about.update(Version="0.0.1"), "GraspFX 0.0.1 there"),
-        (lambda about: about.pop("Files"), "the file of the experiment has other values"),
+        (lambda about: about.pop("Files"), "the experiment file has other values"),
         (
             lambda about: about["Scene"]["object"][0].update(mass=9.0),
             "the scene's object.0.mass is 9.0 there, 0.1 here",

@@ -68,5 +68,5 @@ def test_what_waits_at_the_end_is_given_up() -> None:
     late.add_done_callback(lambda future: go.set())
     conductor.end(lambda: None)
     blocked.result(1.0)
-    with pytest.raises(InputError, match="a run that goes on"):
+    with pytest.raises(InputError, match="an open run"):
         late.result(1.0)

@@ -123,7 +123,7 @@ def test_what_no_smaller_stiffness_mends_is_refused(gate: Gate) -> None:
 def test_without_a_certificate_nothing_passes(gate: Gate) -> None:
     order = gate.order({KEP: -1.0})
     assert order.is_refused
-    assert "there is no certificate of it: " in order.text
+    assert "there is no certificate for it: " in order.text
     assert "expected no less than 0" in order.text
     assert gate.order({KEP: 210.0}).values == {KEP: 210.0}  # the next one is judged by itself
     assert gate.run.values == [{KEP: 210.0}]
@@ -135,7 +135,7 @@ def test_a_device_that_does_not_tell_its_mass_has_no_certificate() -> None:
         order = gate.order({KIP: 10.0})
         gate.clamp.close()
     assert order.is_refused
-    assert "there is no certificate of the values of now: " in order.text
+    assert "there is no certificate for the present values: " in order.text
     assert "one that tells its mass and friction" in order.text
     assert not gate.run.values
 

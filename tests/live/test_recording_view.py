@@ -34,7 +34,7 @@ def test_a_recording_is_scrubbed_and_played(browser: Browser, tmp_path: Path) ->
         assert view.row == 280
         wait_until(lambda: blue(page.screenshot()) > 300)
         page.wait_for("document.body.innerText.includes('1.4 s')")
-        assert "stands still" in page.evaluate("document.body.innerText")
+        assert "is paused" in page.evaluate("document.body.innerText")
         assert "internal stiffness, kip" in page.evaluate("document.body.innerText")
         view.step(-1)
         assert (view.row, view.playing) == (279, False)

@@ -60,13 +60,13 @@ def test_labels_have_words_letter_and_unit() -> None:
 def test_what_cannot_change_says_why() -> None:
     mug = gx.load("mug")
     assert "object.density" not in of(mug)
-    assert fixed_keys(mug) == {"object.density": "an object on planes has its mass in another process"}
+    assert fixed_keys(mug) == {"object.density": "the mass of an object on planes is in another process"}
     two = gx.load("two-objects")
     assert "object.0.mass" not in of(two)
     assert fixed_keys(two)["object.1.viscosity"].startswith("other software moves an object")
     smooth = gx.load("reference-1dof")
     assert FRICTION not in of(smooth)
-    assert "memory" in fixed_keys(smooth)[FRICTION]
+    assert "additional state" in fixed_keys(smooth)[FRICTION]
     own = gx.load("sphere-three-fingers", {"finger.1.friction": 0.4})
     assert of(own)["finger.1.friction"].label == "friction of index, µ"
     booked = gx.load("sphere-three-fingers", {"coupling.passivity": "observe"})
@@ -77,7 +77,7 @@ def test_a_gain_that_is_no_number_has_no_slider() -> None:
     """A matrix, or a gain of each finger, is not moved by one slider: the others are there."""
     scene = gx.load("sphere-three-fingers", {GAINS[0]: [[200.0, 0.0, 0.0], [0.0, 300.0, 0.0], [0.0, 0.0, 250.0]]})
     assert GAINS[0] not in of(scene)
-    assert "no single number" in fixed_keys(scene)[GAINS[0]]
+    assert "not a single number" in fixed_keys(scene)[GAINS[0]]
     assert GAINS[2] in of(scene)
 
 

@@ -130,7 +130,7 @@ def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page
     assert page.console_errors == []
     assert {url.replace("ws:", "http:").rstrip("/") for url in page.requests} == {view.server.url}
     text = page.evaluate("document.body.innerText")
-    for words in ("squeeze (internal)", "push (external)", "touches", "runs in real time", "mm long"):
+    for words in ("squeeze (internal)", "push (external)", "touches", "running in real time", "mm long"):
         assert words in text
     page.wait_for("document.body.innerText.includes('spectral radius')")
 
@@ -202,9 +202,9 @@ def test_a_slider_changes_the_gain_its_recording_says_at_which_tick_and_both_cli
     again = gx.replay(recording)
     assert np.array_equal(again.finger_force, recording.finger_force)
     press(other, "Replay")
-    page.wait_for("document.body.innerText.includes('is replayed')")
+    page.wait_for("[...document.querySelectorAll('.gfx b')].some(b => b.textContent === 'replay')")
     press(page, "Live")
-    page.wait_for("document.body.innerText.includes('runs in real time')")
+    page.wait_for("document.body.innerText.includes('running in real time')")
 
 
 def test_pause_step_and_reset(page: Page, view: LiveView) -> None:
@@ -219,7 +219,7 @@ def test_pause_step_and_reset(page: Page, view: LiveView) -> None:
     number = view.run.run_number
     press(page, "Reset")
     until(lambda: view.run.run_number > number and view.run.state == "running")
-    page.wait_for("document.body.innerText.includes('runs in real time')")
+    page.wait_for("document.body.innerText.includes('running in real time')")
 
 
 def test_gains_beyond_the_limit_redden_the_page_before_anybody_waits(page: Page, view: LiveView, folder: Path) -> None:

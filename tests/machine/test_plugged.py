@@ -85,7 +85,7 @@ def test_the_command_prints_a_table(
     monkeypatch.setattr(devices, "sightings", lambda: sightings(root))
     assert main(["devices"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["driver", "there", "is", "in", "a", "scene"]
+    assert lines[0].split() == ["driver", "found", "in", "a", "scene"]
     row = next(line for line in lines if line.startswith("rig"))
     assert row.endswith(f'device = {{ name = "rig", port = "/dev/serial/by-id/{TEENSY}" }}')
     assert main(["devices", "--json"]) == 0

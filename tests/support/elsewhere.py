@@ -17,8 +17,8 @@ from typing import Any
 POSIX = ("fcntl", "termios", "tty", "pty", "resource", "grp", "pwd", "_posixshmem")
 OF_OS = (
     "memfd_create", "pidfd_open", "nice", "fork", "forkpty", "openpty", "ttyname", "geteuid", "getuid", "getgid",
-    "getpgid", "getpgrp", "killpg", "uname", "mkfifo", "pread", "pwrite", "fchmod", "fchown", "chown", "lchown",
-    "posix_fallocate", "setsid", "waitid", "WNOHANG", "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY",
+    "getpgid", "getpgrp", "killpg", "uname", "mkfifo", "pread", "preadv", "pwrite", "fchmod", "fchown", "chown",
+    "lchown", "posix_fallocate", "setsid", "waitid", "WNOHANG", "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY",
 )  # fmt: skip
 OF_SIGNAL = (
     "SIGKILL", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGPIPE", "pidfd_send_signal", "setitimer", "alarm",

@@ -38,7 +38,7 @@ SEAMS = {
     "os.uname": {"graspfx/recording/header.py"},
     "signal.pidfd_send_signal": {"graspfx/system/process_end.py"},
     "os.getuid": {"graspfx/compile/ownership.py"},
-    "os.pread": {"graspfx/recording/rows.py"},
+    "os.preadv": {"graspfx/recording/rows.py"},
     "select.poll": {"graspfx/serial_port.py", "graspfx/assembly/process/guard.py"},
     "time.CLOCK_MONOTONIC": {"graspfx/loop/realtime/beat.py"},
     "time.clock_gettime": {"graspfx/loop/realtime/beat.py"},
@@ -57,7 +57,7 @@ PLATFORM = {  # who asks which system this is, and why
     "graspfx/compile/emission.py": "names of C libraries",
     "graspfx/loop/realtime/lifecycle.py": "the loop of machine code alone",
     "graspfx/recording/header.py": "its description",
-    "graspfx/recording/places.py": "an open file stays",
+    "graspfx/recording/files.py": "an open file stays",
     "graspfx/machine/plugged.py": "where libraries are",
     "graspfx/machine/system_checks.py": "what `graspfx doctor` looks at",
     "devices/_libraries.py": "names of makers' libraries",
@@ -146,7 +146,7 @@ def test_the_doctor_says_what_is_not_looked_at(windows: list[Any]) -> None:
 
 def test_hardware_is_refused_in_plain_text(windows: list[Any]) -> None:
     assert windows[3] == {
-        "port": "COM3: serial ports are opened on Linux and macOS only so far",
+        "port": "COM3: serial ports are supported on Linux and macOS only",
         "mouse": "/dev/input/event0: input events are read on Linux only",
         "emulator": "a board on a serial line is emulated on Linux and macOS only",
     }
