@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from os import PathLike
-from typing import TYPE_CHECKING
 
 from graspfx.environment import to_path
 from graspfx.errors import InputError
@@ -21,9 +20,6 @@ from graspfx.experiment.simulated_observers import simulated_observer
 from graspfx.experiment.trial import Presentation, Row, Trial
 from graspfx.experiment.trial_table import begin, resume
 from graspfx.plugins import unchanged
-
-if TYPE_CHECKING:
-    pass
 
 SIMULATED, REAL_TIME = "simulated", "real time"
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, MissingPackageError
 
 if TYPE_CHECKING:
-    from graspfx.experiment.experiment import Experiment
-    from graspfx.experiment.experiment_table import Span, Staircase
+    from graspfx.experiment.experiment_table import Span, Staircase, Study
 
 FloatArray = NDArray[np.float64]
 GUESS = 0.5  # probability of a correct answer for two equal intervals
@@ -116,7 +115,7 @@ class Threshold(NamedTuple):
         return f"{self.condition}: {100 * self.value:.1f} % (x/ {2.718281828**self.spread:.2f}), {self.trials} trials"
 
 
-def thresholds(experiment: Experiment, rows: Sequence[Mapping[str, str]]) -> list[Threshold]:
+def thresholds(experiment: Study, rows: Sequence[Mapping[str, str]]) -> list[Threshold]:
     """Estimate the threshold of each condition that compares two intervals, with the staircase's model.
 
     Args:
@@ -129,7 +128,7 @@ def thresholds(experiment: Experiment, rows: Sequence[Mapping[str, str]]) -> lis
     """
     table = experiment.table
     if table.staircase is None:
-        raise InputError("experiment", experiment.name, "an experiment with a [staircase]")
+        raise InputError("experiment", table.name, "an experiment with a [staircase]")
     answers: dict[str, Stair] = {
         each.name: Stair(table.staircase) for each in table.condition if each.compare is not None
     }

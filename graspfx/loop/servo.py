@@ -202,8 +202,9 @@ class Servo:
         """Copy its memory before the first tick, for `begin_again`; None where a run changes more than that."""
         self._ready()
         arena, memory = self._arena, self._arena.memory
-        plain = arena.world.pauses or arena.tables or arena.foreign or self.hardware or self.native is not None
-        if plain or not arena.is_whole or any(part.grasped.matrices for part in self.objects):  # which count warnings
+        others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
+        own = self.hardware or self.native is not None or not arena.is_whole
+        if others or own or any(part.grasped.matrices for part in self.objects):  # which count warnings
             return None
         return memory.floats[: memory.used].copy()
 

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from graspfx.analysis.stability.loci import Loci
     from graspfx.certificate.certify_operators import OperatorCertificate, OperatorRegion
     from graspfx.certificate.limit_sweep import SweptLimits
-    from graspfx.show.sheet import Sheet
-    from graspfx.show.style import Width
+    from graspfx.show.sheet import Sheet, Width
 
 FloatArray = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
     from matplotlib.transforms import Bbox
 
-    from graspfx.show.style import Width
-
 EDGE = 0.06  # [inches] of paper around everything
 GAP = 0.11  # between panels
 LEAD = 0.05  # between a strip and its panel
@@ -26,6 +25,30 @@ MOST_LINES = 3  # of a title
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
 STEP = 2.0  # [points] by which labels are moved apart
 PITCH = 1.32  # from line to line, in sizes of the type
+
+
+@dataclass(frozen=True)
+class Width:
+    """A size on paper or screen, and the type that is legible there at its own size.
+
+    Attributes:
+        inches: of the figure; on a screen it grows with the number of columns.
+        text: size of labels, names and numbers [points].
+        share: of a panel's height on a screen.
+        weight: share of the width of lines, and of markers, on a screen.
+        dpi: of a picture in pixels.
+    """
+
+    inches: float
+    text: float
+    share: float
+    weight: float
+    dpi: int
+
+    @property
+    def title(self) -> float:
+        """Size of titles [points]."""
+        return self.text + 1.0
 
 
 class Sheet:

@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.show.sheet import Sheet
+from graspfx.show.sheet import Sheet, Width
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,30 +33,6 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 WidthName = Literal["screen", "page", "column"]
-
-
-@dataclass(frozen=True)
-class Width:
-    """A size on paper or screen, and the type that is legible there at its own size.
-
-    Attributes:
-        inches: of the figure; on a screen it grows with the number of columns.
-        text: size of labels, names and numbers [points].
-        share: of a panel's height on a screen.
-        weight: share of the width of lines, and of markers, on a screen.
-        dpi: of a picture in pixels.
-    """
-
-    inches: float
-    text: float
-    share: float
-    weight: float
-    dpi: int
-
-    @property
-    def title(self) -> float:
-        """Size of titles [points]."""
-        return self.text + 1.0
 
 
 WIDTHS: dict[WidthName, Width] = {

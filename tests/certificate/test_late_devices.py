@@ -98,5 +98,5 @@ def test_torsion_that_is_not_displayed_is_said_with_its_size() -> None:
     """rho 4.5 mm and mu 0.8: 3.6 N mm for each newton that presses; hard fingers lose nothing."""
     rows = {row.step: row for row in gx.check("soft-pinch").plan}
     row = rows["displayed moments"]
-    assert not row.runs and "up to mu rho = 3.6 N mm for each newton" in row.why
+    assert not row.runs and "up to mu rho = 3.6 N mm per newton of normal force" in row.why
     assert "displayed moments" not in {row.step for row in gx.check("reference-1dof").plan}

@@ -33,10 +33,10 @@ def test_a_scene_without_the_table_has_no_chain() -> None:
 
 
 CASES: list[tuple[dict[str, Any], str, bool, str]] = [
-    ({"force": 2.0}, "clamp", True, "2 N, last"),
-    ({"hold": 5}, "clamp", True, "3 N, last"),
+    ({"force": 2.0}, "clamp", True, "2 N, applied last"),
+    ({"hold": 5}, "clamp", True, "3 N, applied last"),
     ({"force": 2.0}, "limit", True, "2 N by [safety]"),
-    ({"hold": 5}, "stale readings", True, "after 5 samples in a row"),
+    ({"hold": 5}, "stale readings", True, "after 5 consecutive samples"),
     ({"force": 2.0}, "soft start", True, "grow over 0.5 s"),
     ({"soft_start": 0.0}, "soft start", False, "have their values from the first tick"),
     ({"rate": 20.0}, "rate", True, "20 N/s of growth"),

@@ -154,7 +154,7 @@ def test_a_touch_steps_by_less_with_every_solver(changes: dict[str, Any]) -> Non
     assert not rec.faults and rec.touching[-1].all()
     assert touch_step(rec) < 0.65 * touch_step(gx.run(scene.replace({"coupling.damping_depth": 0.0})))
     [row] = [each for each in plan(scene) if each.step == "damping by depth"]
-    assert row.runs and "over 1 mm of depth" in row.why
+    assert row.runs and "over 1 mm of penetration depth" in row.why
 
 
 @pytest.mark.parametrize("changes", [SOLVERS[0], MATRICES], ids=str)

@@ -50,7 +50,7 @@ CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "certify nothing": (lambda _: gx.certify(None), "scene: given None, expected a scene"),  # type: ignore[arg-type] # likewise
     "run into an array": (run(out=np.zeros(3)), "out: given an array of shape (3,), expected the path of a folder"),
     "run into a number": (run(out=3), "out: given 3, expected the path of a folder"),
-    "run into NUL": (run(out="a\0b"), "leave the NUL character out"),
+    "run into NUL": (run(out="a\0b"), "remove the NUL character"),
     "run until text": (run(stop="x"), "stop: given 'x', expected a function"),
     "key of a scene": (assign("period", lambda scene: scene), "Scene.period: given 3.0, expected no value: a"),
     "key of a part": (assign("mass", lambda scene: scene.object[0]), "Object.mass: given 3.0, expected no value"),

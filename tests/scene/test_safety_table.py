@@ -21,7 +21,7 @@ FAULTS: list[tuple[dict[str, Any], str, str]] = [
     ({"safety.hold": -1}, "safety.hold", "expected no less than 0"),
     ({"safety.soft_start": -0.1}, "safety.soft_start", "expected no less than 0"),
     ({"safety.watchdog": 1e-4}, "safety.watchdog", "expected no less than the period, 0.005 s; given 0.0001"),
-    ({"safety.workspace": [[0.1], [-0.1]]}, "safety.workspace", "each of the first below the second's"),
+    ({"safety.workspace": [[0.1], [-0.1]]}, "safety.workspace", "with lower < upper on every axis"),
     ({"safety.workspace": [[-0.1, -0.1]]}, "safety.workspace", "two corners"),
     ({"safety.workspace": 3.0}, "safety.workspace", "two corners"),
     ({"safety.workspace": "mine"}, "safety.workspace", "'device' or 'none'"),

@@ -470,7 +470,8 @@ def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "cannot be imported: slip.py:2: SyntaxError: " in found[2][0]
     assert found[3] == ["finger.0.device.name: connect() of 'open.py' gives no device: None has no Features"]
     assert found[4] == ["finger.0.device: 'bad.py' cannot be connected: bad.py:2: KeyError: 'port'"]
-    assert found[5][0].startswith("finger.0.device.name: given 'none.py', expected the path of a file; there is none")
+    missing = "finger.0.device.name: given 'none.py', expected the path of a file; there is no file "
+    assert found[5][0].startswith(missing)
     assert all(len(each) == 1 for each in found)
 
 
