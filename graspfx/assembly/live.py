@@ -21,6 +21,7 @@ CHOICES = frozenset({
 GAINS = tuple(
     f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")
 )
+OBJECT_GAINS = ("coupling.external.object_stiffness", "coupling.external.object_damping")
 RULES = ("coupling.friction", "finger.*.friction", "coupling.damping_depth", "coupling.fade", "coupling.blend")
 INERTIA = ("object.*.mass", "object.*.density", "object.*.inertia")
 BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravity")
@@ -38,9 +39,17 @@ REASONS = {
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
         "it says where the run starts; what moves goes on from where it is"
     ),
-    ("coupling.contact", "coupling.form", "coupling.axes", "coupling.reaction", "coupling.absent", "coupling.metric"): (
-        "it is a word that decides what is computed"
-    ),
+    (
+        "coupling.contact",
+        "coupling.form",
+        "coupling.axes",
+        "coupling.reaction",
+        "coupling.absent",
+        "coupling.metric",
+        "coupling.split",
+        "coupling.weights",
+        "coupling.external.object_point",
+    ): ("it decides what is computed"),
     ("coupling.enter",): "it says how the run begins",
     ("coupling.passivity",): "whether energy is booked decides what is recorded",
     ("safety", "finger.*.safety"): "limits hold for a whole run",
@@ -72,9 +81,9 @@ def require(key: str) -> str:
     if not isinstance(key, str):
         raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
     plain = general(key)
-    if plain in (*GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain):
+    if plain in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain):
         return key
-    if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
+    if close := closest(plain, (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
     first = key.partition(".")[0]
     if plain == f"{first}.*":
@@ -82,7 +91,7 @@ def require(key: str) -> str:
         raise InputError("live", key, "a key that may change in mid-run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
-        raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
+        raise UnknownNameError("live key", key, (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND))
     raise InputError("live", key, "a key that may change in mid-run", reason)
 
 
@@ -135,7 +144,7 @@ def require_value(scene: Scene, key: str) -> None:
         UnknownNameError: it does not, with keys that come close.
     """
     if not _has(scene, key):
-        present = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
+        present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
         raise UnknownNameError("live key", key, present, "this scene has no such value")
 
 

@@ -17,6 +17,7 @@ from graspfx.coupling.fade import FADE
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.grasp.object_impedance import ObjectImpedance
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -85,8 +86,10 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
-    """Make the law and the rules of each object of a scene; `wired` tells the masses that a metric counts with."""
-    masses = device_masses(scene, wired) if scene.coupling.metric == "mass" else None
+    """Make the law and the rules of each object of a scene; `wired` tells the masses that a split counts with."""
+    masses = device_masses(scene, wired) if scene.coupling.counts == "mass" else None
+    if scene.coupling.counts == "weights":
+        masses = np.array(scene.coupling.weights)
     return tuple(_make_object(scene, stock, index, masses) for index in range(len(scene.object)))
 
 
@@ -116,8 +119,11 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
     """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
     gains = arguments(GAINS, scene, fingers)
+    part = scene.coupling.external
+    outer = gains["external_stiffness"], gains["external_damping"]
+    of_object = hasattr(part, "object_stiffness") and len(fingers) > 0
     law = Coupling(
-        external=Impedance(gains["external_stiffness"], gains["external_damping"]),
+        external=ObjectImpedance(*outer, getattr(part, "object_point", None)) if of_object else Impedance(*outer),
         internal=Impedance(gains["internal_stiffness"], gains["internal_damping"]),
         form=scene.coupling.form,
     )
@@ -137,12 +143,15 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
     return values[fingers] if values.ndim in (1, 3) else values
 
 
+OF_OBJECT = {"external": ("coupling.external.object_stiffness", "coupling.external.object_damping")}
+
+
 def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
     """Declare a gain of eq. (4): its own field where it is a number, and what tells the solvers of its kind."""
     both = ("release",) if quantity == "stiffness" else ("damped", "singular", "gradual")
     both = ("equal", "rays", "matrices", *both)
     return Number(
-        (f"coupling.{share}.{quantity}", "coupling.form", "coupling.axes"),
+        (f"coupling.{share}.{quantity}", *OF_OBJECT.get(share, ()), "coupling.form", "coupling.axes"),
         (field, matrix, *both, "stiffest", "stiffness_rule", "damping_rule"),
         lambda scene, fingers: _own(getattr(getattr(scene.coupling, share), quantity), fingers),
     )
@@ -186,7 +195,7 @@ RULES: Numbers = {  # the arguments of `Rules`
         lambda scene, fingers, masses: [scene.finger[i].patch or 0.0 for i in fingers],
     ),
     "share": Number(
-        ("coupling.metric", *DEVICES), ("fingers.share", "fingers.weight"),
+        ("coupling.metric", "coupling.split", "coupling.weights", *DEVICES), ("fingers.share", "fingers.weight"),
         lambda scene, fingers, masses: _share(masses, fingers),
     ),
     "fade": Number(

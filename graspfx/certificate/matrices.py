@@ -34,6 +34,7 @@ class ScaledGains:
     normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
     pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
     compliance: FloatArray | float = 0.0  # of dampers in series (m,) [m/(N s)]
+    of_object: tuple[FloatArray, ...] | None = None  # `GraspedObject.object_gains` in world axes, where they are
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
         K_t, K_r, K_i = self.parts
@@ -47,6 +48,8 @@ class ScaledGains:
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """K of shifts, of turns and internal, (m, m) each."""
+        if self.of_object is not None:
+            return self.of_object[0], self.of_object[1], self.of_object[2]
         n, m = self.fingers, self.split.components
         d = m // n
         zero = Impedance(0.0)
@@ -64,6 +67,9 @@ class ScaledGains:
     def damping(self, external: float, internal: float) -> FloatArray:
         """Give D of the law, (m, m) [N s/m], with each of its dampings times a factor."""
         law = self.law
+        if self.of_object is not None:
+            D = external * self.of_object[3] + internal * self.of_object[4]
+            return self.release_tangents(in_series(D, self.compliance))
         if (external, internal) != (1.0, 1.0):
             outer, inner = (
                 Impedance(0.0, np.multiply(part.damping, factor))

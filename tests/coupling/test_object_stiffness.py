@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,8 @@ def test_it_is_that_of_dense_algebra(n: int, d: int, inner: str) -> None:
     of_law = gains.turned(R).stiffness(gx.Grasp(contacts @ R.T).split(metric=weights))
     np.testing.assert_allclose(K, of_law, rtol=0.0, atol=1e-10 * np.abs(K).max())
     damped = expected[1] @ turn.T @ v.ravel()
-    np.testing.assert_allclose(force.ravel(), turn @ (expected[0] @ e + damped), rtol=0.0, atol=1e-9 * np.abs(force).max())
+    whole = turn @ (expected[0] @ e + damped)
+    np.testing.assert_allclose(force.ravel(), whole, rtol=0.0, atol=1e-9 * np.abs(force).max())
 
 
 @pytest.mark.parametrize("kind", ["all", "no turning", "knob", "rail"])
@@ -154,11 +156,11 @@ def test_a_short_arm_stays_bounded_and_continuous() -> None:
     for offset in offsets[1:]:
         K = fingertip(float(offset), blend=(low, high))
         values = np.linalg.eigvalsh(K)
-        assert -1e-9 < values[0] and values[-1] <= bound
+        assert values[0] > -1e-9 and values[-1] <= bound
         steps.append(np.abs(K - previous).max())
         previous = K
     coarse = [fingertip(float(offset), blend=(low, high)) for offset in offsets[::10]]
-    jumps = [np.abs(b - a).max() for a, b in zip(coarse, coarse[1:], strict=False)]
+    jumps = [np.abs(b - a).max() for a, b in pairwise(coarse)]
     assert max(steps) < 0.15 * max(jumps)  # a tenth of the way is a tenth of the change: nothing jumps
     assert np.linalg.eigvalsh(fingertip(0.0007, blend=None))[-1] > 1e5
 

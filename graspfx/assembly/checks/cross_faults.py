@@ -35,6 +35,7 @@ from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviat
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -275,7 +276,11 @@ def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
 
 
 def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
-    value = np.asarray(getattr(getattr(scene.coupling, share), quantity))
+    part = getattr(scene.coupling, share)
+    if isinstance(part, ObjectImpedance):
+        yield from _object_gain(scene, part, quantity)
+        return
+    value = np.asarray(getattr(part, quantity))
     n, d, objects = len(scene.finger), scene.dimensions, len(scene.object)
     m = n * d
     forms: dict[int, list[tuple[int, ...]]] = {0: [()], 1: [(n,)], 2: [(d, d), (m, m)], 3: [(n, d, d)]}
@@ -287,6 +292,17 @@ def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
         yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
 
 
+def _object_gain(scene: SceneTable, part: ObjectImpedance, quantity: str) -> Iterator[Finding]:
+    value, d = getattr(part, f"object_{quantity}"), scene.dimensions
+    w = WIDTHS[d]
+    shape = np.shape(value)
+    if value is not None and shape not in ((w, w), (w,), *([()] if w == 1 else [])):
+        expected = f"{w} x {w} numbers on the object's freedoms, or {w} on its diagonal"
+        yield ("coupling", "external", f"object_{quantity}"), f"expected {expected}; given {_size(shape) or 'a number'}"
+    if quantity == "stiffness" and part.object_point is not None and len(part.object_point) != d:
+        yield ("coupling", "external", "object_point"), f"expected {d} coordinates [m]"
+
+
 def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
 
@@ -294,12 +310,16 @@ def _size(shape: tuple[int, ...]) -> str:
 def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
     if scene.coupling.contact != "unilateral":
         return
-    stiffness = np.asarray(getattr(scene.coupling, share).stiffness)
+    part = getattr(scene.coupling, share)
+    stiffness = np.asarray(part.stiffness)
+    if stiffness.ndim > 1 and stiffness.shape[0] != stiffness.shape[1]:
+        return
+    key = "object_stiffness" if isinstance(part, ObjectImpedance) else "stiffness"
     least = float((np.linalg.eigvalsh(stiffness) if stiffness.ndim > 1 else stiffness).min())
     if least <= 0.0:
         expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
-            ("coupling", share, "stiffness"),
+            ("coupling", share, key),
             f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
         )
 

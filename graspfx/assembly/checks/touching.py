@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.loop.device import Device
+from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
@@ -69,6 +70,10 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
     """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
     coupling, d = scene.coupling, scene.dimensions
+    if isinstance(getattr(coupling, share), ObjectImpedance):
+        if coupling.axes != "object":
+            yield ("coupling", "axes"), "expected 'object': a stiffness of the object stands in its own axes"
+        return
     if coupling.axes != "contact":
         return
     for quantity in ("stiffness", "damping"):
@@ -101,9 +106,19 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
     """Find devices that do not tell the mass by which the metric would count them."""
-    if scene.coupling.metric != "mass":
+    coupling = scene.coupling
+    if coupling.metric == "mass" and coupling.split == "weights":
+        yield ("coupling", "metric"), "coupling.split says how fingers count: leave the metric out"
+    weights, n = coupling.weights, len(scene.finger)
+    if (weights is not None) != (coupling.split == "weights"):
+        wanted = "a number above zero for each finger" if weights is None else "no weights without split = 'weights'"
+        yield ("coupling", "weights"), f"expected {wanted}"
+    elif weights is not None and (len(weights) != n or not all(weight > 0.0 for weight in weights)):
+        yield ("coupling", "weights"), f"expected {n} numbers above zero, one per finger; given {list(weights)}"
+    if coupling.counts != "mass":
         return
+    key = "metric" if coupling.metric == "mass" else "split"
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            yield ("coupling", "metric"), f"'mass' expects every device to tell its mass; that of {where} does not"
+            yield ("coupling", key), f"'mass' expects every device to tell its mass; that of {where} does not"

@@ -25,9 +25,7 @@ GROWTH = 20.0  # of the barrier's weight between its centres
 STEPS = 60  # of Newton's method for one centre
 
 
-def least_friction(
-    grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None
-) -> float:
+def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
     """Find the least mu with |f_t| <= mu f_n at every contact: for force closure, or to make a wrench.
 
     Without a wrench: the infimum of the coefficients with which `Grasp.force_closure` holds. With one: the least for

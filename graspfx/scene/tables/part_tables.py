@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
@@ -17,6 +17,7 @@ from graspfx.scene.tables.fields import (
     Gain,
     Name,
     NotNegative,
+    NotValid,
     NumberOrVector,
     Pair,
     Positive,
@@ -29,6 +30,8 @@ from graspfx.scene.tables.fields import (
 from graspfx.scene.tables.hands import HandOrName
 from graspfx.scene.tables.safety_table import FingerSafety
 from graspfx.scene.tables.shapes import Shape
+
+BLEND_OF_OBJECT = (0.001, 0.01)  # [m]
 
 
 class Object(Table):
@@ -111,6 +114,58 @@ class Impedance(Table):
     damping: Gain = Field(default=0.0, description="D [N s/m]: in any of the same forms")
 
 
+class ObjectImpedance(Table):
+    """Stiffness and damping of the object as it is felt, in its shape's axes, shared out among the fingers it has."""
+
+    object_stiffness: Gain = Field(
+        description="K_o at zero squeeze, w x w on the object's freedoms, forces before moments [N/m, N, N m/rad]; its "
+        "diagonal as a list, or on a line a number"
+    )
+    object_damping: Gain | None = Field(default=None, description="D_o, in the same forms; none if not given")
+    object_point: Vector | None = Field(
+        default=None, description="where K_o and D_o are taken, from the object's centre of mass (d,) [m]; the centre"
+    )
+
+    @property
+    def stiffness(self) -> tuple[tuple[float, ...], ...]:
+        """K_o as a square."""
+        return _square(self.object_stiffness)
+
+    @property
+    def damping(self) -> tuple[tuple[float, ...], ...]:
+        """D_o as a square."""
+        if self.object_damping is None:
+            size = len(self.stiffness)
+            return ((0.0,) * size,) * size
+        return _square(self.object_damping)
+
+    if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
+
+        def __getattr__(self, name: str) -> Any:
+            if name in ("stiffness", "damping"):
+                raise NotValid(name)  # of a draft that lacks what the property is made of
+            return super().__getattr__(name)
+
+
+def _square(gain: Any) -> tuple[tuple[float, ...], ...]:
+    """Write a gain of an object as a square: a number and a list are its diagonal."""
+    rows = (gain,) if isinstance(gain, float) else gain
+    if isinstance(rows[0], tuple):
+        return tuple(rows)
+    return tuple(tuple(value if i == j else 0.0 for j in range(len(rows))) for i, value in enumerate(rows))
+
+
+_by_whose = Discriminator(lambda value: "<object>" if _is_of_object(value) else "<fingers>")
+ImpedanceOfEither = Annotated[
+    Annotated[Impedance, Tag("<fingers>")] | Annotated[ObjectImpedance, Tag("<object>")], _by_whose
+]
+
+
+def _is_of_object(value: Any) -> bool:
+    keys = value if isinstance(value, Mapping) else ()
+    return isinstance(value, ObjectImpedance) or any(str(key).startswith("object_") for key in keys)
+
+
 _by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
 PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
 PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
@@ -148,7 +203,9 @@ class Coupling(Table):
         default="unilateral",
         description="whether fingers only push, and let go, or hold a point of the object for ever",
     )
-    external: Impedance = Field(description="kep and ked of eq. (4): what moves the object")
+    external: ImpedanceOfEither = Field(
+        description="kep and ked of eq. (4): what moves the object; or the object's own stiffness and damping"
+    )
     internal: Impedance = Field(description="kip and kid of eq. (4): what squeezes it")
     form: Literal["literal", "symmetric"] = Field(
         default="literal",
@@ -164,8 +221,17 @@ class Coupling(Table):
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
         default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
     )
+    split: Literal["pseudoinverse", "mass", "weights"] = Field(
+        default="pseudoinverse",
+        description="how fingers count in the split and the gains: the same (eq. 3), by device mass, or by `weights`",
+    )
+    weights: Vector | None = Field(
+        default=None,
+        description="a number above zero for each finger of the scene, of any unit: their mean on an object is 1",
+        json_schema_extra={"excludes": '`split = "pseudoinverse"`, `split = "mass"`'},
+    )
     metric: Literal["equal", "mass"] = Field(
-        default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
+        default="equal", description='another name: "mass" is `split = "mass"`, "equal" is `split = "pseudoinverse"`'
     )
     absent: Literal["fade", "follow"] = Field(
         default="fade", description="whether a free finger leaves the split with its gap, or follows for ever"
@@ -194,8 +260,19 @@ class Coupling(Table):
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
         description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
-        "eq. (4) to the letter",
+        "eq. (4) to the letter; [0.001, 0.01] with an `object_stiffness`, which a short arm makes stiff at a fingertip",
     )
+
+    @model_validator(mode="after")
+    def _widen(self) -> Self:
+        if isinstance(self.__dict__.get("external"), ObjectImpedance) and "blend" not in self.model_fields_set:
+            self.__dict__["blend"] = BLEND_OF_OBJECT
+        return self
+
+    @property
+    def counts(self) -> str:
+        """The kind of the split, also where `metric` names it."""
+        return "mass" if self.metric == "mass" else self.split
 
 
 class Frame(Table):
