@@ -203,7 +203,8 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
         free = np.array(scene.free(table), dtype=bool)
         about = outer.about(np.zeros(loop.contacts.shape[1]))
         gains = (gain[np.ix_(free, free)] for gain in (about.stiffness, about.damping))
-        shares = [basis.T @ modal_gain(gain, near.G @ basis.T) @ basis for gain in gains]
+        moments = np.arange(len(free))[free] >= loop.contacts.shape[1]
+        shares = [basis.T @ modal_gain(gain, near.G @ basis.T, moments) @ basis for gain in gains]
     K, D = shares
     damping = near.damping if D is None or math.isnan(kid) else in_series(D + kid * (I - P), compliance)
     K = K + kip * (I - P)

@@ -98,14 +98,26 @@ def inner_row(X: Floats, row: int, column: int, b: Vector) -> float:
 
 @kernel
 def scale_freedoms(grasp: GraspState, free: int) -> None:
-    """Bring the freedoms to units in which the modes move them alike: whatever the unit of length, pivots compare."""
-    T, K, count = grasp.wrenches, grasp.free_gain, grasp.mode_count
+    """Bring shifts and turns to one size by their stiffness, so that pivots compare; by arms where one has none."""
+    T, K, count, shifts = grasp.wrenches, grasp.free_gain, grasp.mode_count, grasp.freedom.shifts
+    stiff = turning = square = total = 0.0
     for u in range(free):
-        square = 0.0
-        for k in range(count):
-            square += T[k, u] * T[k, u]
-        if square > 0.0:
-            unit = 1.0 / math.sqrt(square)
+        if u < shifts:
+            stiff = max(stiff, K[u, u])
+        else:
+            turning = max(turning, K[u, u])
+    for finger in grasp.fingers:
+        square += finger.weight * dot(finger.contact, finger.contact)
+        total += finger.weight
+    if square > 0.0:
+        if not turning > 0.0:
+            turning = stiff * square / total
+        if not stiff > 0.0:
+            stiff = turning * total / square
+    for u in range(free):
+        size = stiff if u < shifts else turning
+        if size > 0.0:
+            unit = 1.0 / math.sqrt(size)
             for k in range(count):
                 T[k, u] *= unit
             for v in range(free):

@@ -109,22 +109,31 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     LU = split.stretch(np.swapaxes(split.modes, -1, -2))  # (..., r, m)
     G = np.broadcast_to(split.matrix, (*sets, *split.matrix.shape[-2:])).reshape(-1, split.matrix.shape[-2], m)
     out = np.zeros((len(G), m, m))
+    moments = np.zeros(G.shape[1], dtype=bool) if grasp is None else grasp.moment_rows
     origins = np.broadcast_to(origin, (*sets, origin.shape[-1])).reshape(len(G), -1)
     ranks = np.broadcast_to(split.rank, sets).ravel()
     for k, (each, rows) in enumerate(zip(G, np.asarray(LU).reshape(len(G), -1, m), strict=True)):
         K = _of_freedoms(getattr(impedance.about(origins[k]), pair), grasp, len(each))
         used = rows[: ranks[k]]
-        out[k] = _even(used.T @ modal_gain(K, each @ used.T) @ used)
+        out[k] = _even(used.T @ modal_gain(K, each @ used.T, moments) @ used)
     return out.reshape(*sets, m, m)
 
 
-def modal_gain(K: FloatArray, T: FloatArray) -> FloatArray:
+def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> FloatArray:
     """Compute T^+ K_c T^+' (r, r), K_c the stiffness (w, w) that is left where the contacts hold nothing.
 
-    T (w, r) has full rank: the wrench of each mode's unit force. Rows are brought to one size first.
+    T (w, r) has full rank: the wrench of each mode's unit force. Forces and moments are brought to one size by their
+    stiffness, not by T, where a moment may be rounding.
     """
-    size = np.sqrt((T**2).sum(axis=1))
-    size = np.where(size > 0.0, size, size[size > 0.0].mean() if size.any() else 1.0)
+    if not K.any():
+        return np.zeros((T.shape[1],) * 2)
+    square, kinds = np.ones(len(K)), [kind for kind in (~moments, moments) if kind.any()]
+    largest, sizes = [K.diagonal()[kind].max() for kind in kinds], [(T[kind] ** 2).max() for kind in kinds]
+    for k, kind in enumerate(kinds):
+        other = 1 - k
+        from_other = largest[other] * (sizes[k] / sizes[other] or 1.0) if len(kinds) > 1 and sizes[other] else 1.0
+        square[kind] = largest[k] or from_other
+    size = np.sqrt(square)
     T, K = T / size[:, None], K / size[:, None] / size
     U, values, V = np.linalg.svd(T)
     r = T.shape[1]
