@@ -48,7 +48,7 @@ class FingerState(FramedContact):
     saturated: bool  # at its limit
     law_force: Vector  # the law's own, before limits, W [N]
     carried: Vector4  # P f, its part of the least force of the same wrench, O [N]
-    normal_world: Vector  # into the object, W, where some finger is soft
+    normal_world: Vector  # into the object, W, where some finger is soft or has friction
     twist_axis_world: Vector
     pad: float  # k of its compliant fingertip, 0 where it has none [N/m^1.5]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted
 from graspfx.errors import RecordingError, UnknownNameError
+from graspfx.loop.recording.grip import coefficients, grip, rows_of
 from graspfx.loop.recording.header import MARK, OF_THE_RUN, REST, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.rows import MemoryRows, RowStore, gather
@@ -385,6 +386,27 @@ class History:
             done = work(part(rows), rows.array(tips), rows.device_energy, self.faults, first, start)
             works[first : first + len(rows)], before = done, before + len(each)
         return works
+
+    @property
+    def grip_margin(self) -> FloatArray:
+        """How near the grip is to slipping: the least mu f_n - |f_t| of touching fingers with friction, (N,) [N].
+
+        NaN where none of them touches, where contacts stick or slip freely, and in a recording of an earlier format,
+        which has no normals.
+        """
+        self.require("contact_normal", "finger_force", "touching")
+        if "contact_normal" not in self.layout.columns:
+            return np.full(len(self), np.nan)
+        found = coefficients(self.header, self.outcome.changes, len(self.layout.fingers))
+        margins = [np.zeros(0)]
+        first = self.start
+        for each in self.parts():
+            normal, force = (np.moveaxis(each.array(name), 0, -1) for name in ("contact_normal", "finger_force"))
+            touching = each.array("touching").T != 0.0
+            mu = rows_of(found, first, len(each))
+            margins.append(grip(normal[:, : force.shape[1]], force, touching, mu)[0])
+            first += len(each)
+        return np.concatenate(margins)
 
     @property
     def _external_display(self) -> FloatArray:
