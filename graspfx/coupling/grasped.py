@@ -31,6 +31,9 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
+UNCOUPLED = 1e-12  # relative: what of K_o between shifts and turns is rounding
+
+
 class _Fades(NamedTuple):
     """Where the fade begins now, and what was short of the earlier ones of the run [m]."""
 
@@ -287,9 +290,10 @@ class GraspedObject:
         m = grasp.components
         K_i, D_i = grasp.stiffness.array(m) - K, grasp.damping.array(m) - D
         K_o = block[first + grasp.kep.first :][: WIDE * WIDE].reshape(WIDE, WIDE)
-        if K_o[:3, 3:].any():
+        size = np.sqrt(K_o.diagonal()[:3].max() * K_o.diagonal()[3:].max())
+        if np.abs(K_o[:3, 3:]).max() > UNCOUPLED * size:
             return K, np.zeros_like(K), K_i, D, D_i
-        K_o[3:, 3:] = 0.0
+        K_o[3:] = K_o[:, 3:] = 0.0
         K_t = share_of_object(grasp, "kep")
         return K_t, K - K_t, K_i, D, D_i
 

@@ -94,7 +94,9 @@ def test_a_batch_has_the_bits_of_single_runs() -> None:
     batch = gx.run_batch(scene.replace({"duration": 0.1}), {"coupling.external.object_stiffness": values})
     for k, value in enumerate(values):
         one = gx.run(scene.replace({"coupling.external.object_stiffness": value}), duration=0.1)
-        np.testing.assert_array_equal(np.asarray(batch[k].finger_force), one.finger_force)
+        for quantity in ("finger_force", "object_position"):
+            np.testing.assert_array_equal(batch[quantity]["last"][k], getattr(one, quantity)[-1])
+            np.testing.assert_array_equal(batch[quantity]["max"][k], getattr(one, quantity).max(axis=0))
 
 
 def test_it_changes_while_the_scene_runs() -> None:
