@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.assembly.resolve import resolve
 from graspfx.certificate.linearise import linearise
+from graspfx.certificate.notes import blend_notes
 from graspfx.errors import SceneError
 from tests.support.scatter import positive
 
@@ -137,6 +139,15 @@ def test_it_changes_while_the_scene_runs() -> None:
 def test_faults_are_told_by_their_key(changes: dict[str, Any], key: str) -> None:
     with pytest.raises(SceneError, match=f"coupling[.a-z]*{key}"):
         gx.load("paper-waving", changes)
+
+
+def test_a_short_arm_has_a_note() -> None:
+    """30 mm / sqrt 2 in a blend up to 50 mm: 0.09 N m/rad is 12 N/m at most in three fingers, where 66.7 were asked."""
+    gains = {"object_stiffness": [60.0, 60.0, 60.0, 0.09, 0.09, 0.09]}
+    scene = gx.load("sphere-three-fingers", {"coupling.external": gains, "coupling.blend": [0.001, 0.05]})
+    [note] = blend_notes(resolve(scene))
+    assert "21.2 mm arm" in note and "as 12 N/m at most" in note and "up to 66.7 N/m" in note
+    assert gx.load("sphere-three-fingers", {"coupling.external": gains}).coupling.blend == (0.001, 0.01)
 
 
 def test_metric_is_another_name_for_the_mass_split() -> None:
