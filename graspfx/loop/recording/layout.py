@@ -66,7 +66,7 @@ OF_FINGERS = (
     Declared("contact_normal", "finger turn", "1", "into the object, where a finger of its is soft or has friction",
              "sample", "normals"),
     Declared("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
-             "sample", "moments"),
+             "sample", "twists"),
     Declared("torsion_axis", "finger turn", "1", "along which a soft finger's torsion acts on the object", "sample",
              "torsion_axes"),
     Declared("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
@@ -285,6 +285,10 @@ class Layout:
         }
         used = {name for column in self.columns.values() for name in column.dimensions}
         return {name: entries for name, entries in names.items() if name in used}
+
+    @property
+    def twists(self) -> bool:
+        return self.normals and self.moments
 
     @property
     def in_plane(self) -> bool:
