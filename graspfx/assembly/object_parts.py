@@ -87,8 +87,8 @@ class ObjectPart:
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
     """Make the law and the rules of each object of a scene; `wired` tells the masses that a split counts with."""
-    masses = device_masses(scene, wired) if scene.coupling.counts == "mass" else None
-    if scene.coupling.counts == "weights":
+    masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
+    if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
     return tuple(_make_object(scene, stock, index, masses) for index in range(len(scene.object)))
 
@@ -146,6 +146,16 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
 OF_OBJECT = {"external": ("coupling.external.object_stiffness", "coupling.external.object_damping")}
 
 
+def _given(part: Any, quantity: str) -> Any:
+    """Give a gain of a table, also of one from the cache, which has fields alone; of an object as a square."""
+    if not hasattr(part, "object_stiffness"):
+        return getattr(part, quantity)
+    value = getattr(part, f"object_{quantity}")
+    if value is None:
+        return np.zeros_like(_given(part, "stiffness"))
+    return np.array(value) if np.ndim(value) == 2 else np.diag(np.atleast_1d(value))
+
+
 def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
     """Declare a gain of eq. (4): its own field where it is a number, and what tells the solvers of its kind."""
     both = ("release",) if quantity == "stiffness" else ("damped", "singular", "gradual")
@@ -153,7 +163,7 @@ def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
     return Number(
         (f"coupling.{share}.{quantity}", *OF_OBJECT.get(share, ()), "coupling.form", "coupling.axes"),
         (field, matrix, *both, "stiffest", "stiffness_rule", "damping_rule"),
-        lambda scene, fingers: _own(getattr(getattr(scene.coupling, share), quantity), fingers),
+        lambda scene, fingers: _own(_given(getattr(scene.coupling, share), quantity), fingers),
     )
 
 

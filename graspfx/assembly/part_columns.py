@@ -187,7 +187,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
     """Tell whether a key, numbered, is a number of a device or of a hand that blocks alone are made from."""
     first, *rest = own.split(".")
     path = rest[1:]
-    if scene.coupling.counts == "mass" or not path:
+    if scene.coupling.split == "mass" or not path:
         return False
     if first == "finger" and (len(path) < 2 or path[0] not in ("device", "hand")):
         return False

@@ -93,7 +93,7 @@ class Steering:
             return "the tank of [safety], which pays for stiffer gains, has no account of matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
             return "other software moves an object, and has its own copy of the number"
-        if plain in DEVICE and coupling.counts == "mass":
+        if plain in DEVICE and coupling.split == "mass":
             return "coupling.split = 'mass' counts fingers by it"
         if plain in DEVICE and not (
             servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)

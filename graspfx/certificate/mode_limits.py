@@ -186,7 +186,7 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     outer = loop.laws[0].external
     of_object = isinstance(outer, ObjectImpedance)
-    if math.isnan(kip if of_object else kep + kip) or coupling.counts != "pseudoinverse":
+    if math.isnan(kip if of_object else kep + kip) or coupling.split != "pseudoinverse":
         return None
     if loop.contacts.shape[1] > 1 and coupling.friction != "stick" and not any(scene.coefficients):
         return None

@@ -98,7 +98,7 @@ def unsettled(parts: Parts) -> list[str]:
         if not own:
             continue
         mean = np.mean([devices[i][0] for i in own])
-        share = {i: devices[i][0] / float(mean) if scene.coupling.counts == "mass" else 1.0 for i in own}
+        share = {i: devices[i][0] / float(mean) if scene.coupling.split == "mass" else 1.0 for i in own}
         squeezing = {
             i: _growth(Plant(*devices[i], scene.period, *grips[i], share[i] * kid), share[i] * kip) for i in own
         }

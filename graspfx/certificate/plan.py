@@ -291,7 +291,7 @@ def _pads(scene: Scene) -> Row:
 
 
 def _metric(scene: Scene) -> Row:
-    counts = scene.coupling.counts
+    counts = scene.coupling.split
     if counts == "pseudoinverse":
         return "metric", False, "equal: every finger counts the same in the split"
     what = "its device's mass" if counts == "mass" else "its coupling.weights"

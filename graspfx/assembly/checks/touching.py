@@ -107,7 +107,7 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
     """Find devices that do not tell the mass by which the metric would count them."""
     coupling = scene.coupling
-    if coupling.metric == "mass" and coupling.split == "weights":
+    if coupling.metric == "mass" and coupling.split != "mass":
         yield ("coupling", "metric"), "coupling.split says how fingers count: leave the metric out"
     weights, n = coupling.weights, len(scene.finger)
     if (weights is not None) != (coupling.split == "weights"):
@@ -115,7 +115,7 @@ def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> It
         yield ("coupling", "weights"), f"expected {wanted}"
     elif weights is not None and (len(weights) != n or not all(weight > 0.0 for weight in weights)):
         yield ("coupling", "weights"), f"expected {n} numbers above zero, one per finger; given {list(weights)}"
-    if coupling.counts != "mass":
+    if coupling.split != "mass":
         return
     key = "metric" if coupling.metric == "mass" else "split"
     for at, device in connected.items():

@@ -267,12 +267,9 @@ class Coupling(Table):
     def _widen(self) -> Self:
         if isinstance(self.__dict__.get("external"), ObjectImpedance) and "blend" not in self.model_fields_set:
             self.__dict__["blend"] = BLEND_OF_OBJECT
+        if self.__dict__.get("metric") == "mass" and "split" not in self.model_fields_set:
+            self.__dict__["split"] = "mass"
         return self
-
-    @property
-    def counts(self) -> str:
-        """The kind of the split, also where `metric` names it."""
-        return "mass" if self.metric == "mass" else self.split
 
 
 class Frame(Table):
