@@ -257,7 +257,9 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
 def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     coupling = scene.coupling
     gains = [
-        getattr(part, name, None) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")
+        getattr(part, name, None)
+        for part in (coupling.external, coupling.internal)
+        for name in ("stiffness", "damping")
     ]
     meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
     steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))
