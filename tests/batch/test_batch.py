@@ -16,6 +16,7 @@ import graspfx as gx
 from graspfx.batch import lane_runs, many
 from graspfx.batch.grid import grid
 from graspfx.batch.variants import Variants
+from graspfx.compile import native
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
 from tests.support.optional import require
@@ -269,7 +270,7 @@ def test_a_program_is_looked_for_once_one_of_its_family_is_compiled(line, monkey
             written.append(make)
         return compiled(source, lanes=lanes, make=make, **how)
 
-    compiled = lane_runs.compiled
+    compiled = native.compiled
     monkeypatch.setattr(lane_runs, "compiled", noted)
     monkeypatch.setattr(many, "LANES_LOOK", 0)
     values = {KEP: np.linspace(5.0, 60.0, 20)}

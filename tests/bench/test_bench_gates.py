@@ -12,9 +12,8 @@ import pytest
 import graspfx as gx
 from graspfx.bench.timing import TIMED, Effort, Method, check, interleaved
 from graspfx.grasp import point_sets
-from tests.bench import batches
+from tests.bench import batches, runs
 from tests.bench.__main__ import module
-from tests.show.test_brief import runs
 
 BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, singles=1)
 TRIES = 5  # as others use the processors too

@@ -14,14 +14,11 @@ from scipy.spatial.transform import Rotation
 import graspfx as gx
 from graspfx.bench.eq4 import EXTERNAL, INTERNAL, GraspMatrix, exact_force
 from graspfx.bench.timing import Case, check
-from tests.bench import batches, eq4, maps, peers, projection
-from tests.objects.test_carried_bodies import bodies
-from tests.show.test_brief import runs
+from tests.bench import batches, bodies, contact, eq4, maps, peers, projection, runs
 from tests.support.brute_force import brute_force, perpendicular_feet
 from tests.support.closed_forms import turned_freely, turned_steadily, viscous_motion
 from tests.support.exact import distance
 from tests.support.exact import exact_force as exact_force_by_mpmath
-from tests.surfaces.closed_form.test_proxy import contact
 
 T = 0.005
 

@@ -13,8 +13,8 @@ from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS
 from graspfx.bench.rows import stamp
 from graspfx.bench.timing import Row
 from graspfx.show.style import arranged
+from tests.bench import report
 from tests.bench.__main__ import HERE, NAMES, main, module
-from tests.scene.test_load import report
 from tests.support.writing import faults
 
 DOCS = Path(__file__).parents[2] / "docs"
