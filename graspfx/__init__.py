@@ -26,11 +26,14 @@ if TYPE_CHECKING:
     from graspfx.certificate.certify_operators import certify_operators as certify_operators
     from graspfx.certificate.report import Report as Report
     from graspfx.certificate.report import check as check
+    from graspfx.grasp.divide import divide as divide
     from graspfx.grasp.grasp import Grasp as Grasp
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
     from graspfx.grasp.matrix import grasp_matrix as grasp_matrix
+    from graspfx.grasp.object_impedance import ObjectImpedance as ObjectImpedance
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
+    from graspfx.grasp.quality.least_friction import least_friction as least_friction
     from graspfx.grasp.split import Split as Split
     from graspfx.grasp.touch import unilateral_force as unilateral_force
     from graspfx.recording.record import Recording as Recording
@@ -50,6 +53,7 @@ _HOMES = {
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.grasp",
     "Impedance": "graspfx.grasp.impedance",
+    "ObjectImpedance": "graspfx.grasp.object_impedance",
     "OperatorCertificate": "graspfx.certificate.certify_operators",
     "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.recording.record",
@@ -63,9 +67,11 @@ _HOMES = {
     "certify": "graspfx.certificate.certify",
     "certify_operators": "graspfx.certificate.certify_operators",
     "check": "graspfx.certificate.report",
+    "divide": "graspfx.grasp.divide",
     "errors": "graspfx.errors",
     "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",
+    "least_friction": "graspfx.grasp.quality.least_friction",
     "load": "graspfx.scene.load",
     "open": "graspfx.assembly.run",
     "passivity": "graspfx.analysis",
@@ -85,10 +91,13 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "grasp_matrix",
     "Grasp",
     "Split",
+    "divide",
     "Impedance",
+    "ObjectImpedance",
     "Coupling",
     "PointCoupling",
     "unilateral_force",
+    "least_friction",
     "Scene",
     "load",
     "run",

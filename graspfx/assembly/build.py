@@ -293,7 +293,7 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
         controlled=scene.coupling.passivity == "control",
         limits=parts.limits is not None,
         guarded=parts.safety is not None,
-        normals=soft,
+        normals=soft or any(scene.coefficients),
         torsion_axes=soft and scene.coupling.reaction == "fingertip",
         predicted=_predicted(parts),
         **(loop_fields(parts.wires, scene.finger_names) if real_time else {}),

@@ -149,6 +149,8 @@ def _has_axes(scene: Scene) -> bool:
     """Tell whether a gain is a matrix, and stands where springs may create energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
+    if hasattr(rules.external, "object_stiffness"):
+        return scene.dimensions > 1 and not sound
     gains = [gain for part in (rules.external, rules.internal) for gain in (part.stiffness, part.damping)]
     return scene.dimensions > 1 and not sound and any(np.ndim(gain) > 1 for gain in gains)
 

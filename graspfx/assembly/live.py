@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 GAINS = tuple(
     f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")
 )
+OBJECT_GAINS = ("coupling.external.object_stiffness", "coupling.external.object_damping")
 RULES = ("coupling.friction", "finger.*.friction", "coupling.damping_depth", "coupling.fade", "coupling.blend")
 INERTIA = ("object.*.mass", "object.*.density", "object.*.inertia")
 BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravity")
@@ -31,9 +32,17 @@ REASONS = {
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
         "it says where the run starts; what moves goes on from where it is"
     ),
-    ("coupling.contact", "coupling.form", "coupling.axes", "coupling.reaction", "coupling.absent", "coupling.metric"): (
-        "it is a word that decides what is computed"
-    ),
+    (
+        "coupling.contact",
+        "coupling.form",
+        "coupling.axes",
+        "coupling.reaction",
+        "coupling.absent",
+        "coupling.metric",
+        "coupling.split",
+        "coupling.weights",
+        "coupling.external.object_point",
+    ): ("it decides what is computed"),
     ("coupling.enter",): "it says how the run begins",
     ("coupling.passivity",): "whether energy is booked decides what is recorded",
     ("safety", "finger.*.safety"): "limits hold for a whole run",
@@ -77,7 +86,7 @@ def require(key: str) -> str:
     plain = general(key)
     if is_live(plain):
         return key
-    if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
+    if close := closest(plain, (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
     first = key.partition(".")[0]
     if plain == f"{first}.*":
@@ -85,13 +94,13 @@ def require(key: str) -> str:
         raise InputError("live", key, "a key that may change in mid-run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
-        raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
+        raise UnknownNameError("live key", key, (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND))
     raise InputError("live", key, "a key that may change in mid-run", reason)
 
 
 def is_live(plain: str) -> bool:
     """Tell whether a key in its general form can change in mid-run."""
-    return plain in (*GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
+    return plain in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
 
 
 def is_of_a_hand(plain: str) -> bool:
@@ -143,7 +152,7 @@ def require_value(scene: Scene, key: str) -> None:
         UnknownNameError: it does not, with keys that come close.
     """
     if not _has(scene, key):
-        present = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
+        present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
         raise UnknownNameError("live key", key, present, "this scene has no such value")
 
 

@@ -23,6 +23,7 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import GraspFXError, InputError, abbreviate
 from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.loop.device import SimulatedDevice, is_hardware
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
@@ -158,8 +159,10 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
-    """Make the law and the rules of each object of a scene; `wired` tells the masses that a metric counts with."""
-    masses = device_masses(scene, wired) if scene.coupling.metric == "mass" else None
+    """Make the law and the rules of each object of a scene; `wired` tells the masses that a split counts with."""
+    masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
+    if scene.coupling.split == "weights":
+        masses = np.array(scene.coupling.weights)
     return tuple(_make_object(scene, stock, index, masses) for index in range(len(scene.object)))
 
 
@@ -188,14 +191,30 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
     """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
-    external, internal = (
-        Impedance(_own(gains.stiffness, fingers), _own(gains.damping, fingers))
-        for gains in (scene.coupling.external, scene.coupling.internal)
+    part = scene.coupling.external
+    (K, D), inner = (
+        [_own(_given(gains, quantity), fingers) for quantity in ("stiffness", "damping")]
+        for gains in (part, scene.coupling.internal)
     )
-    law = Coupling(external=external, internal=internal, form=scene.coupling.form)
+    of_object = hasattr(part, "object_stiffness") and len(fingers) > 0
+    law = Coupling(
+        external=ObjectImpedance(K, D, getattr(part, "object_point", None)) if of_object else Impedance(K, D),
+        internal=Impedance(*inner),
+        form=scene.coupling.form,
+    )
     # the body of a mesh has its principal axes, the file others
     mesh = solid.mesh if scene.coupling.axes == "object" else None
     return law if mesh is None else law.turned(mesh.unit.axes.T)
+
+
+def _given(part: Any, quantity: str) -> Any:
+    """Give a gain of a table, also of one from the cache, which has fields alone; of an object as a square."""
+    if not hasattr(part, "object_stiffness"):
+        return getattr(part, quantity)
+    value = getattr(part, f"object_{quantity}")
+    if value is None:
+        return np.zeros_like(_given(part, "stiffness"))
+    return np.array(value) if np.ndim(value) == 2 else np.diag(np.atleast_1d(value))
 
 
 def _own(gain: Gains, fingers: Index) -> float | FloatArray:

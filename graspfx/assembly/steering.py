@@ -11,7 +11,19 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
 from graspfx.assembly.hands import PARTS
-from graspfx.assembly.live import BODY, DEVICE, GAINS, GUIDE, INERTIA, covers, is_live, is_of_a_hand, require, value_of
+from graspfx.assembly.live import (
+    BODY,
+    DEVICE,
+    GAINS,
+    GUIDE,
+    INERTIA,
+    OBJECT_GAINS,
+    covers,
+    is_live,
+    is_of_a_hand,
+    require,
+    value_of,
+)
 from graspfx.assembly.process.orders import goal_places
 from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import entries_of, start_of
@@ -44,7 +56,8 @@ NUMBERS = (
 )  # fmt: skip
 OF_BODY = ("mass", "inertia", "viscosity", "rotational_viscosity", "gravity")
 OF_FINGERS = ("coefficient",)
-CACHES = {"gains_known": GAINS, "pads_known": GAINS, "split_known": ("coupling.blend",)}  # known no more
+ALL_GAINS = (*GAINS, *OBJECT_GAINS)
+CACHES = {"gains_known": ALL_GAINS, "pads_known": ALL_GAINS, "split_known": ("coupling.blend",)}  # known no more
 
 
 class Steering:
@@ -76,12 +89,12 @@ class Steering:
             return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
             return "the ledger of coupling.passivity books each sample with the numbers that it began with"
-        if plain in GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
+        if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
             return "the tank of [safety], which pays for stiffer gains, has no account of matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
             return "other software moves an object, and has its own copy of the number"
-        if plain in DEVICE and coupling.metric == "mass":
-            return "coupling.metric = 'mass' counts fingers by it"
+        if plain in DEVICE and coupling.split == "mass":
+            return "coupling.split = 'mass' counts fingers by it"
         if plain in DEVICE and not (
             servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
         ):

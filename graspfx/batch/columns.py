@@ -198,7 +198,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
     """Tell whether a key, numbered, is a number of a device or of a hand that blocks alone are made from."""
     first, *rest = own.split(".")
     path = rest[1:]
-    if scene.coupling.metric == "mass" or not path:
+    if scene.coupling.split == "mass" or not path:
         return False
     if first == "finger" and (len(path) < 2 or path[0] not in ("device", "hand")):
         return False
@@ -513,7 +513,9 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
 def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     coupling = scene.coupling
     gains = [
-        getattr(part, name) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")
+        getattr(part, name, None)
+        for part in (coupling.external, coupling.internal)
+        for name in ("stiffness", "damping")
     ]
     meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
     steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))

@@ -27,7 +27,8 @@ their library's tolerance for the rank. Equal weights, hard fingers in space, no
 """
 
 EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
-LAW = gx.Coupling(gx.Impedance(EXTERNAL), gx.Impedance(INTERNAL))
+OUTER, INNER = gx.Impedance(EXTERNAL), gx.Impedance(INTERNAL)
+LAW = gx.Coupling(OUTER, INNER)
 RADIUS, REACH = 0.05, 0.003  # of a grasp, of the displacements [m]
 GRASPS = 8  # of a kind
 WRONG = 1e-3  # of a force: more is no matter of rounding
@@ -115,7 +116,7 @@ def ours(contacts: ContactSet) -> Iterator[Method]:
 
     warm(partial(by_split, contacts.pairs[0]))
     yield force_method("GraspFX Grasp.split, Coupling.force", by_split, contacts)
-    coupling = gx.PointCoupling(LAW.external, LAW.internal, contacts.points.shape[1])
+    coupling = gx.PointCoupling(OUTER, INNER, contacts.points.shape[1])
 
     def by_coupling(pair: Pair) -> FloatArray:
         coupling.points[:], coupling.displacement[:] = pair
@@ -138,7 +139,7 @@ def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
     flat = [e.ravel() for e in contacts.displacements]
     warm(partial(LAW.force, split, flat[0]))
     yield _method("GraspFX Coupling.force, split known", partial(LAW.force, split), flat, contacts.forces)
-    coupling = gx.PointCoupling(LAW.external, LAW.internal, contacts.points.shape[1])
+    coupling = gx.PointCoupling(OUTER, INNER, contacts.points.shape[1])
     coupling.points[:] = contacts.points[0]
 
     def by_coupling(e: FloatArray) -> FloatArray:

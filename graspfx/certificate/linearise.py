@@ -32,6 +32,7 @@ from graspfx.certificate.rest import OperatingPoint, provisional, require_contac
 from graspfx.coupling import block as at
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
+from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.split import Split
 from graspfx.loop.parts import GraspedPart
 from graspfx.objects import integrators as body
@@ -64,6 +65,7 @@ class Linearised:
         at: "squeezed" or "start" for each object.
         assumed: Assumptions of the matrices, as sentences.
         splits: Split of each object's grasp.
+        laws: Law of each object, with matrices in world axes.
         margins: Friction in use f_t/(mu f_n) of each finger at rest, (n,); nan without friction.
         edge: Indices of the fingers on their cones' edges.
         slip: T and V (m, edge) of those fingers, from `edge_directions`.
@@ -90,6 +92,7 @@ class Linearised:
     at: tuple[str, ...]
     assumed: tuple[str, ...]
     splits: tuple[Split, ...] = field(repr=False)
+    laws: tuple[Coupling, ...] = field(repr=False)
     margins: FloatArray
     edge: tuple[int, ...]
     slip: tuple[FloatArray, FloatArray] = field(repr=False)
@@ -252,7 +255,11 @@ def _matrices(
     if pads is not None and not pads[1].all():
         assumed.append("unloaded pads have no stiffness along their normals")
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
-    gains = ScaledGains(law, split, n, normals, pads, compliance)
+    of_object = None
+    if law.of_object:
+        turn = np.kron(np.eye(n), R[:d, :d])
+        of_object = tuple(turn @ each @ turn.T for each in g.object_gains())
+    gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
     D = gains.damping(1.0, 1.0)
@@ -405,6 +412,7 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
         at=tuple(share.place.where for share in shares),
         assumed=tuple(assumed),
         splits=tuple(share.split for share in shares),
+        laws=tuple(share.gains.law for share in shares),
         margins=np.concatenate([share.place.margins for share in shares]),
         edge=tuple(int(i) for share in shares for i in share.edge),
         slip=(V.T @ block_diagonal([p.slip[0] for p in shares]), V.T @ block_diagonal([p.slip[1] for p in shares])),

@@ -34,6 +34,7 @@ class ScaledGains:
     normals: FloatArray | None  # (m, p), orthonormal directions of forces, if some tangents carry none
     pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) and stiffness of compliant fingertips [N/m]
     compliance: FloatArray | float = 0.0  # compliance of dampers in series, (m,) [m/(N s)]
+    of_object: tuple[FloatArray, ...] | None = None  # `GraspedObject.object_gains` in world axes, for an object's gains
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
         K_t, K_r, K_i = self.parts
@@ -47,6 +48,8 @@ class ScaledGains:
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """K of translations, of rotations and internal, (m, m) each."""
+        if self.of_object is not None:
+            return self.of_object[0], self.of_object[1], self.of_object[2]
         n, m = self.fingers, self.split.components
         d = m // n
         zero = Impedance(0.0)
@@ -64,6 +67,9 @@ class ScaledGains:
     def damping(self, external: float, internal: float) -> FloatArray:
         """Return D of the law, (m, m) [N s/m], with a factor on each of its dampings."""
         law = self.law
+        if self.of_object is not None:
+            D = external * self.of_object[3] + internal * self.of_object[4]
+            return self.release_tangents(in_series(D, self.compliance))
         if (external, internal) != (1.0, 1.0):
             outer, inner = (
                 Impedance(0.0, np.multiply(part.damping, factor))

@@ -16,6 +16,7 @@ from graspfx.certificate.certificate import PUSHING, STANDING, Limit, is_stable
 from graspfx.certificate.first_loss import Family, Line, Reach, Stiffness, WholeLoop, least_reaches, reach, reaches
 from graspfx.certificate.linearise import Linearised
 from graspfx.errors import InputError
+from graspfx.grasp.object_impedance import ObjectImpedance, modal_gain
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -183,7 +184,9 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     """Build the loop of fingers that alone are in the split; None for gains per finger, or slipping contacts."""
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
-    if math.isnan(kep + kip) or coupling.metric != "equal":
+    outer = loop.laws[0].external
+    of_object = isinstance(outer, ObjectImpedance)
+    if math.isnan(kip if of_object else kep + kip) or coupling.split != "pseudoinverse":
         return None
     if loop.contacts.shape[1] > 1 and coupling.friction != "stick" and not any(scene.coefficients):
         return None
@@ -194,8 +197,17 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     ked, kid = number_of(coupling.external.damping), number_of(coupling.internal.damping)
     pushing = np.isin(loop.finger_of_column, pushers)
     compliance = loop.compliance[pushing]
-    damping = near.damping if math.isnan(ked + kid) else in_series(ked * P + kid * (I - P), compliance)
-    K = kep * P + kip * (I - P)
+    shares = [kep * P, None if math.isnan(ked) else ked * P]
+    if isinstance(outer, ObjectImpedance):
+        table = next(thing for thing in scene.object if thing.name == loop.objects[0])
+        free = np.array(scene.free(table), dtype=bool)
+        about = outer.about(np.zeros(loop.contacts.shape[1]))
+        gains = (gain[np.ix_(free, free)] for gain in (about.stiffness, about.damping))
+        moments = np.arange(len(free))[free] >= loop.contacts.shape[1]
+        shares = [basis.T @ modal_gain(gain, near.G @ basis.T, moments) @ basis for gain in gains]
+    K, D = shares
+    damping = near.damping if D is None or math.isnan(kid) else in_series(D + kid * (I - P), compliance)
+    K = K + kip * (I - P)
     if loop.pads is not None:
         K = springs_in_series(K, loop.pads[0][pushing], loop.pads[1])
     return near.with_arrays(stiffness=K, damping=damping)

@@ -17,6 +17,7 @@ from graspfx.assembly.hands import holdings
 from graspfx.assembly.resolve import Parts
 from graspfx.assembly.wiring import table_at
 from graspfx.coupling import block as at
+from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.grasp.rigid_modes import NO_ARM, smoothstep
 from graspfx.objects import integrators as body
 from graspfx.objects.dynamics_table import DYNAMICS
@@ -97,7 +98,7 @@ def unsettled(parts: Parts) -> list[str]:
         if not own:
             continue
         mean = np.mean([devices[i][0] for i in own])
-        share = {i: devices[i][0] / float(mean) if scene.coupling.metric == "mass" else 1.0 for i in own}
+        share = {i: devices[i][0] / float(mean) if scene.coupling.split == "mass" else 1.0 for i in own}
         squeezing = {
             i: _growth(Plant(*devices[i], scene.period, *grips[i], share[i] * kid), share[i] * kip) for i in own
         }
@@ -199,7 +200,15 @@ def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
         return
     blend = smoothstep(small[0], low, high)
     kep, kip = float(S[at.EXTERNAL_STIFFNESS]), float(S[at.INTERNAL_STIFFNESS])
-    if grasped.matrices:
+    outer = grasped.law.external
+    if isinstance(outer, ObjectImpedance):
+        turning = float(np.linalg.eigvalsh(outer.stiffness[grasped.dimensions :, grasped.dimensions :]).max())
+        own, most = (turning / (float(grasped.rows[:, at.SHARE].sum()) * arm**2) for arm in (small[0], high))
+        figure = (
+            f"there the object is softer than object_stiffness has it, which a fingertip feels as {most:.3g} N/m at "
+            f"most, where it would be up to {own:.3g} N/m"
+        )
+    elif grasped.matrices:
         figure = f"{100.0 * (1.0 - blend):.2g} % of its stiffness is the internal one"
     else:
         blended = kip + (kep - kip) * blend

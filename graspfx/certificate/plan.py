@@ -17,7 +17,7 @@ from graspfx.coupling import block as at
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
-from graspfx.scene.tables.part_tables import Device, Object, Placement
+from graspfx.scene.tables.part_tables import Device, Object, ObjectImpedance, Placement
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape
 
@@ -250,6 +250,8 @@ def _impedance(scene: Scene) -> Row:
     coupling = scene.coupling
     if _scalar(scene):
         return "impedance", True, "eq. (4) with scalar gains: one projection of one vector"
+    if isinstance(coupling.external, ObjectImpedance):
+        return "impedance", True, "eq. (4) with the stiffness of the object, divided among its fingers"
     return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
 
 
@@ -289,9 +291,11 @@ def _pads(scene: Scene) -> Row:
 
 
 def _metric(scene: Scene) -> Row:
-    if scene.coupling.metric == "equal":
+    counts = scene.coupling.split
+    if counts == "pseudoinverse":
         return "metric", False, "equal: all fingers have the same weight in the split"
-    return "metric", True, "mass: a finger's weight is its device's mass over the mean, in the split and in the gains"
+    what = "its device's mass" if counts == "mass" else "its coupling.weights"
+    return "metric", True, f"{counts}: a finger's weight is {what} over the mean, in the split and in the gains"
 
 
 def _torsion(scene: Scene) -> Row:
@@ -386,4 +390,6 @@ def _of_object(scene: Scene, thing: Object, step: str) -> str:
 def equal_gains(scene: Scene) -> bool:
     """True if kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
+    if isinstance(external, ObjectImpedance):
+        return False
     return external.stiffness == internal.stiffness and external.damping == internal.damping

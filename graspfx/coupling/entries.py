@@ -20,7 +20,7 @@ from graspfx.surfaces.triangles import mesh_tree
 Index = NDArray[np.intp]
 
 CHOICES = (
-    "count", "dimensions", "coordinates", "width", "unknowns", "components", "matrix_entries",
+    "count", "dimensions", "coordinates", "width", "unknowns", "components", "matrix_entries", "object_freedoms",
     "equal", "dense", "damped", "singular", "attached", "stick", "fade", "at_contact", "implicit", "shape", "mixed",
     "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited", "guarded",
     "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid", "padded", "padded_count",

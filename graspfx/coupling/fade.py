@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.object_impedance import ObjectImpedance
 
 FADE = (0.002, 0.01)  # [m]: the gaps of a fade where the forces do not ask for more
 BAND = FADE[1] - FADE[0]  # [m]
@@ -21,6 +22,8 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     kep, kip = law.external.stiffness, law.internal.stiffness
     if isinstance(kep, float) and isinstance(kip, float):
         return compliance_of_numbers(kep, kip)
+    if isinstance(law.external, ObjectImpedance):  # by its shifts: n fingers have a part each
+        kep = law.external.stiffness[:d, :d] / n
     inverse: list[NDArray[np.float64]] = []
     for gain in (per_finger(kep, n, d), per_finger(kip, n, d)):
         if np.linalg.eigvalsh(gain).min() <= 0.0:

@@ -16,10 +16,12 @@ from graspfx.coupling.contacts import LARGEST
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.object_gains import WIDE
 from graspfx.coupling.recoil_state import recoil_size
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
@@ -32,6 +34,7 @@ RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 BODY = start_of(GraspState, "body")
 EYE = np.eye(3).ravel()
+FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # of an object in d dimensions, among the six in space
 
 
 class Shape(Protocol):
@@ -144,6 +147,18 @@ class Grip:
         return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
 
     @property
+    def squares(self) -> list[FloatArray]:
+        """The gains as the block has them, kep, ked, kip and kid, where some are matrices; of the object 6 x 6."""
+        if not self.matrices:
+            return []
+        n, d, law = self.count, self.dimensions, self.law
+        squares = [per_finger(gain, n, d) for gain in (law.internal.stiffness, law.internal.damping)]
+        if isinstance(law.external, ObjectImpedance):
+            outer = law.external.about(np.zeros(d))
+            return [*(whole_gain(gain, d) for gain in (outer.stiffness, outer.damping)), *squares]
+        return [*(per_finger(gain, n, d) for gain in (law.external.stiffness, law.external.damping)), *squares]
+
+    @property
     def matrices(self) -> bool:
         """True if some gain is a matrix."""
         return any(np.ndim(gain) for gain in self.gains)
@@ -230,7 +245,7 @@ class _Room:
         """Measure the room that a grip takes."""
         n, d = grip.count, grip.dimensions
         coordinates = 4 if grip.soft else d
-        squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
+        squares = grip.squares
         sizes = {
             "count": n,
             "width": 4 if grip.soft else 3,
@@ -238,6 +253,7 @@ class _Room:
             "unknowns": n * coordinates + (int((_free(grip) != 0.0).sum()) if grip.implicit else 0),
             "components": n * d if grip.matrices else 0,
             "matrix_entries": sum(matrix.size for matrix in squares),
+            "object_freedoms": WIDE if grip.law.of_object else 0,
             "padded_count": n if grip.padded else 0,
             "recoil_entries": recoil_size(grip.columns) if grip.recoils else 0,
         }
@@ -265,7 +281,7 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
         raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block that was made for the like")
     n, d, room = grip.count, grip.dimensions, _Room.of(grip)
     end, problem, walks, free = room.state, room.problem, room.walks, _free(grip)
-    squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
+    squares = grip.squares
     data = None if grip.shape is None else grip.shape.data
     block[:] = 0.0
     grasp = GraspState(block)
@@ -351,14 +367,29 @@ def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) ->
     grasp.dense = True
     o, first = grasp.matrices.offset, 0
     for gain, matrix in zip((grasp.kep, grasp.ked, grasp.kip, grasp.kid), squares, strict=True):
-        gain.whole, gain.first = matrix.ndim == 2, first
+        gain.of_object = law.of_object and first < 2 * WIDE * WIDE
+        gain.whole, gain.first = matrix.ndim == 2 and not gain.of_object, first
         S[o + first : o + first + matrix.size] = matrix.ravel()
         first += matrix.size
     grasp.stiffness_rule, grasp.damping_rule = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
-    directed = any(np.ndim(gain) > 1 for gain in grip.gains)
+    directed = any(np.ndim(gain) > 1 for gain in grip.gains[2 if law.of_object else 0 :])
     grasp.axes_of_gains = AXES[grip.rules.axes] if grip.dimensions > 1 and directed else OBJECT
     grasp.release = release_compliance(law, grip.count, grip.dimensions)
     S[_entries("stiffest")] = [np.linalg.eigvalsh(squares[k]).max() for k in (2, 1, 3)]  # kip, ked, kid
+
+
+def whole_gain(gain: FloatArray, d: int) -> FloatArray:
+    """Write a gain of an object in d dimensions on all six freedoms.
+
+    Raises:
+        InputError: a matrix for other freedoms.
+    """
+    places = FREEDOMS[d]
+    if len(gain) != len(places):
+        raise InputError("external", gain.shape, f"a matrix ({len(places)}, {len(places)}) on the object's freedoms")
+    whole = np.zeros((WIDE, WIDE))
+    whole[np.ix_(places, places)] = gain
+    return whole
 
 
 def _fill_fingers(grasp: GraspState, grip: Grip) -> None:

@@ -7,6 +7,7 @@ import math
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Table
 from graspfx.coupling.grasp_state import FingerState, Gain, GraspState
+from graspfx.coupling.object_gains import add_object_gain
 from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import IDENTITY, Matrix, Vector
 
@@ -64,7 +65,7 @@ def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out:
     With q_k the modes, b_k their blend, L^2 the weights, w_k = L q_k and u_k = L^-1 q_k: E = sum_k b_k w_k u_k',
     F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. Roots share a mode of blend b between both
     gains as b kep + (1 - b) kip, as the literal form does for numbers. Only u_k'A and u_k'B are needed, a row per mode,
-    never a projector.
+    never a projector. A of the object is none of the fingers': its share of the contacts is added to what is internal.
     """
     spread(grasp, internal, out)
     if rule == ALONE:
@@ -77,6 +78,8 @@ def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out:
             add_literal(grasp, k, out)
     else:
         add_symmetric(grasp, out)
+    if external.of_object:
+        add_object_gain(grasp, external, W, V, out)
 
 
 @kernel
@@ -147,11 +150,16 @@ def roots(blend: float) -> tuple[float, float]:
 
 @kernel
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
-    """Write a gain X as a square in the object's axes: L R'X R L of each finger, or R'X R if whole.
+    """Write a gain X as a square in the object's axes: L R'X R L of each finger, R'X R if whole, zero of the object.
 
     R turns from the object's axes to those of the gain: the world's, or a finger's contact frame.
     """
     n, d, m = grasp.count, grasp.dimensions, grasp.components
+    if gain.of_object:
+        for p in range(m):
+            for q in range(m):
+                out[p, q] = 0.0
+        return
     X = Floats(grasp.buffer, grasp.matrices.offset + gain.first)
     motion = grasp.motion
     for i, finger in enumerate(grasp.fingers):

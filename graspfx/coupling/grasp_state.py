@@ -48,7 +48,7 @@ class FingerState(FramedContact):
     saturated: bool  # at its limit
     law_force: Vector  # the law's own, before limits, W [N]
     carried: Vector4  # P f, its part of the least force of the same wrench, O [N]
-    normal_world: Vector  # into the object, W, where some finger is soft
+    normal_world: Vector  # into the object, W, where some finger is soft or has friction
     twist_axis_world: Vector
     pad: float  # k of its compliant fingertip, 0 where it has none [N/m^1.5]
 
@@ -57,6 +57,7 @@ class Gain(Record):
     """A gain that is a matrix."""
 
     whole: bool  # (n d) x (n d), else n times d x d
+    of_object: bool  # 6 x 6, on the object's freedoms, its external gain (`object_gains`)
     first: int  # of its entries among those of all four
 
 
@@ -115,6 +116,7 @@ class GraspState(Record):
     unknowns: int  # n c, and the object's free directions under the implicit integrator
     components: int  # n d where gains are matrices, else 0
     matrix_entries: int  # of the four gains together, 0 where they are numbers
+    object_freedoms: int  # 6 where the external gains are the object's, else 0
     law: int  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one
     residual: float  # of that law [N]
     force_bound: float  # largest force of a finger that the law may give: more is a fault [N]
@@ -169,6 +171,11 @@ class GraspState(Record):
     damping: Table = table("components", "components")  # D
     mode_rows: Table = table("24", "components")  # L^-1 q_k, L q_k, and their products with two gains
     mode_products: Table = table("6", "6")
+    wrenches: Table = table("object_freedoms", "2 * object_freedoms")  # of the modes, and what they are reduced by
+    motions: Table = table("object_freedoms", "object_freedoms")  # of the object, for unit motions of the modes
+    free_gain: Table = table("object_freedoms", "object_freedoms")  # K_o or D_o on the free freedoms
+    modal_gain: Table = table("object_freedoms", "object_freedoms")  # A of `object_gains`
+    held: Floats = floats("object_freedoms")  # the mode that a freedom goes with, -1 where none does
     directions: Table = table("6", "1 + 4 * count")  # a length, then contact forces that have a wrench (`scaling`)
     skewest_stiffness: Table = table("components", "components")  # the K with the largest skew part so far
     skewest_damping: Table = table("components", "components")

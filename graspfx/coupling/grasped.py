@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.choices import contradiction
-from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach, refactor, turn_axes
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import gain_entries, matrix_entries, recorded_entries, split_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
+from graspfx.coupling.gains import V, W, fill_gains, fill_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
+from graspfx.coupling.object_gains import WIDE, add_object_gain
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
 from graspfx.coupling.two_forces import SplitRule
@@ -27,6 +29,9 @@ from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+UNCOUPLED = 1e-12  # relative: what of K_o between shifts and turns is rounding
 
 
 class _Fades(NamedTuple):
@@ -250,6 +255,26 @@ class GraspedObject:
         """All that P is made of besides contact points and gaps, as the block has it now."""
         return SplitRule.of(self.state)
 
+    def object_gains(self) -> tuple[FloatArray, ...]:
+        """Give K of the object's shifts, of its turns and internal, D external and internal, (m, m) in its axes.
+
+        As the contacts and weights of the last sample make them. All of K is of the shifts where K_o couples them with
+        turns, so that what is left would not be a stiffness of its own.
+        """
+        block = self.block.copy()
+        grasp = GraspState(block)
+        K, D, first = share_of_object(grasp, "kep"), share_of_object(grasp, "ked"), grasp.matrices.offset
+        fill_gains(grasp)
+        m = grasp.components
+        K_i, D_i = grasp.stiffness.array(m) - K, grasp.damping.array(m) - D
+        K_o = block[first + grasp.kep.first :][: WIDE * WIDE].reshape(WIDE, WIDE)
+        size = np.sqrt(K_o.diagonal()[:3].max() * K_o.diagonal()[3:].max())
+        if np.abs(K_o[:3, 3:]).max() > UNCOUPLED * size:
+            return K, np.zeros_like(K), K_i, D, D_i
+        K_o[3:] = K_o[:, 3:] = 0.0
+        K_t = share_of_object(grasp, "kep")
+        return K_t, K - K_t, K_i, D, D_i
+
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""
         return contradiction(self._grasp.buffer)
@@ -266,6 +291,20 @@ class GraspedObject:
     def let_go(self) -> None:
         """Set force and wrench to zero."""
         let_go(self._grasp)
+
+
+def share_of_object(grasp: GraspState, name: str) -> FloatArray:
+    """Give what a gain of the object is on the contacts, (m, m) in the object's axes; K of the block is lost."""
+    if grasp.mixed:
+        turn_axes(grasp)
+    refactor(grasp)
+    grasp.gains_known = False
+    for k in range(grasp.mode_count):
+        fill_rows(grasp, k, False, grasp.stiffness, grasp.stiffness)
+    out = grasp.stiffness.array(grasp.components)
+    out[:] = 0.0
+    add_object_gain(grasp, getattr(grasp, name), W, V, grasp.stiffness)
+    return np.array(out)
 
 
 def _needed(start: float, shortfall: float) -> float:

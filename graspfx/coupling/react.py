@@ -24,9 +24,10 @@ def react(grasp: GraspState) -> int:
         if grasp.dimensions > 1:
             point = finger.contact_world if grasp.at_contact else finger.position
             moment += cross(point - motion.position, f)
+        if grasp.friction or grasp.coordinates > 3:
+            finger.normal_world = motion.rotation @ finger.normal if grasp.dimensions > 1 else finger.normal
         if grasp.coordinates > 3:
             finger.moment = motion.rotation @ (finger.patch * finger.local.t * finger.twist_axis)
-            finger.normal_world = motion.rotation @ finger.normal
             finger.twist_axis_world = motion.rotation @ finger.twist_axis
             moment += finger.moment
     grasp.body.force = force

@@ -13,6 +13,7 @@ from graspfx import log
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.gain import SYMMETRIC, Gain, checked_gain, equal_gains, gain_text, turned_gain
+from graspfx.grasp.object_impedance import ObjectImpedance, object_gain
 from graspfx.grasp.point_sets import Numbers, point_force, point_forces, point_head
 from graspfx.grasp.split import Split, fits
 from graspfx.numeric import FEW, LARGEST, finite
@@ -75,6 +76,9 @@ class Coupling(Carded):
     If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
     method, eqs. 20-23). The same holds for the damping.
 
+    With an `ObjectImpedance` as the external one, K_ep is its share for these contacts, which P leaves as it is:
+    K = K_ep + (I - P) K_ip, (I - P) K_ip (I - P)' in the form "symmetric" or where K_ip is a number.
+
     Args:
         external: Impedance with K_ep and K_ed.
         internal: Impedance with K_ip and K_id.
@@ -84,7 +88,7 @@ class Coupling(Carded):
         UnknownNameError: The form is another one.
     """
 
-    external: Impedance
+    external: Impedance | ObjectImpedance
     internal: Impedance
     form: Form = "literal"
     _warned: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
@@ -95,17 +99,26 @@ class Coupling(Carded):
     def __post_init__(self) -> None:
         if str(self.form) not in get_args(Form):
             raise UnknownNameError("form of the coupling", str(self.form), get_args(Form))
-        for name in ("external", "internal"):
-            if not isinstance(getattr(self, name), Impedance):
-                raise InputError(name, getattr(self, name), "an Impedance", f"{name}=Impedance(stiffness, damping)")
+        kinds: dict[str, tuple[type, ...]] = {"external": (Impedance, ObjectImpedance), "internal": (Impedance,)}
+        for name, allowed in kinds.items():
+            if not isinstance(getattr(self, name), allowed):
+                expected = " or ".join(f"an {kind.__name__}" for kind in allowed)
+                raise InputError(name, getattr(self, name), expected, f"{name}=Impedance(stiffness, damping)")
 
     def _card(self) -> Card:
         rows = [("external", self.external._text()), ("internal", self.internal._text()), ("form", self.form)]
         return Card("Coupling, eq. (4)", rows, ".stiffness(split), .damping(split), .force(split, e, de)")
 
     @property
+    def of_object(self) -> bool:
+        """True if the external gains are those of the object."""
+        return isinstance(self.external, ObjectImpedance)
+
+    @property
     def equal(self) -> bool:
         """True if external and internal gains are equal: the conventional method, which needs no split."""
+        if self.of_object:
+            return False
         pairs: tuple[Pair, ...] = get_args(Pair)
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
@@ -117,9 +130,12 @@ class Coupling(Carded):
         """
         turn = np.asarray(R, dtype=float)
         external, internal = (
-            Impedance(turned_gain(part.stiffness, turn), turned_gain(part.damping, turn))
+            part.turned(turn)
+            if isinstance(part, ObjectImpedance)
+            else Impedance(turned_gain(part.stiffness, turn), turned_gain(part.damping, turn))
             for part in (self.external, self.internal)
         )
+        assert isinstance(internal, Impedance)
         return Coupling(external, internal, self.form)
 
     def stiffness(self, split: Split) -> FloatArray:
@@ -180,6 +196,8 @@ class Coupling(Carded):
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
         """Return how a pair of gains makes a matrix: "equal" if they are equal, else the form."""
         outer, inner = self._pair(pair)
+        if self.of_object:
+            return "symmetric" if isinstance(inner, float) else self.form
         if equal_gains(outer, inner):
             return "equal"
         return "literal" if isinstance(outer, float) and isinstance(inner, float) else self.form
@@ -203,17 +221,20 @@ class Coupling(Carded):
             return cached[1]
         outer, inner = self._pair(pair)
         rule = self.rule(pair)
+        share: FloatArray | float = 0.0
+        if isinstance(self.external, ObjectImpedance):
+            share, outer = object_gain(self.external, pair, split), 0.0
         if rule == "equal":
             K = np.array(np.broadcast_to(spread(outer, split), (*split.sets, split.components, split.components)))
         elif isinstance(outer, float) and isinstance(inner, float):
-            K = spread(inner, split) + (outer - inner) * split.modal_metric()
+            K = spread(inner, split) + (outer - inner) * split.modal_metric() + share
         else:
             A, B, E = spread(outer, split), spread(inner, split), split.external
             if rule == "symmetric":
                 K = E @ A @ _transposed(E) + split.internal @ B @ _transposed(split.internal)
-                K = (K + _transposed(K)) / 2
+                K = (K + _transposed(K)) / 2 + share
             else:
-                K = B + E @ (A - B)
+                K = B + E @ (A - B) + share
                 self.warn_if_active(pair, K)
         K.setflags(write=False)
         self._matrices[pair] = (split, K)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx import log
 from graspfx.card import Card, Carded, counted, span
-from graspfx.errors import InputError
+from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.gain import SYMMETRIC
 from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from graspfx.grasp.quality.internal import InternalCoordinates
 
 FloatArray = NDArray[np.float64]
+Kind = Literal["pseudoinverse", "mass", "weights", "stiffness"]
 
 CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
 EPS = float(np.finfo(float).eps)
@@ -36,6 +37,10 @@ class ContactSet(Protocol):
     """Set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` implements it."""
 
     fingers: int
+
+    @property
+    def matrix(self) -> FloatArray:
+        """G, (w, m)."""
 
     @property
     def finger_of_column(self) -> NDArray[np.int64]:
@@ -78,11 +83,17 @@ class Split(Carded):
 
     Args:
         G: `Grasp`, or matrix (w, m) or (..., w, m). The rank of a matrix is the number of singular values above
-        `tolerance`
-            times the largest.
+            `tolerance` times the largest.
         metric: Metric M on contact displacements: None for I, a diagonal (m,), a symmetric positive definite matrix (m,
             m), or for a `Grasp` a weight per finger (n,).
         tolerance: Relative tolerance of the rank, as described above.
+        kind: Name of the metric: "pseudoinverse", M = I (the paper's); "mass" and "weights", a number per finger,
+            `weights` over their mean; "stiffness", the springs of the fingers and their pads, `stiffness` over its
+            mean. All are conservative as couplings. `graspfx.divide` has one more, for analysis.
+        weights: Device masses [kg], or numbers of any unit, one per finger (n,), for "mass" and "weights".
+        stiffness: Stiffness of each finger and its pad in series, one per finger (n,) for contacts without moments, one
+            per component (m,), or a matrix (m, m) [N/m, N m/rad], for "stiffness". It is never the stiffness of the
+            coupling, which depends on P.
 
     Attributes:
         grasp: The `Grasp`, or None for a matrix.
@@ -93,8 +104,18 @@ class Split(Carded):
             outside [0, 1).
     """
 
-    def __init__(self, G: ContactSet | ArrayLike, *, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> None:
+    def __init__(
+        self,
+        G: ContactSet | ArrayLike,
+        *,
+        metric: ArrayLike | None = None,
+        tolerance: float = 1e-6,
+        kind: Kind = "pseudoinverse",
+        weights: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+    ) -> None:
         self._tolerance = fraction("tolerance", tolerance)
+        metric = metric_of(G, kind, metric, weights, stiffness)
         self.grasp: ContactSet | None = None
         self._root: FloatArray | None = None
         self.head: tuple[object, FloatArray | None] = (None, None)  # last coupling, and its input to kernels
@@ -149,12 +170,17 @@ class Split(Carded):
         return self._point_modes[0] if self.of_points else self._spectrum[0]
 
     @cached_property
-    def _modes(self) -> FloatArray:
+    def modes(self) -> FloatArray:
         """Orthonormal motions in the metric's own coordinates, L x with M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
         Q = np.linalg.qr(_transposed(self.stretch(_transposed(self._motions))))[0]
         return Q * (np.arange(Q.shape[-1]) < np.asarray(self.rank)[..., None])[..., None, :] if self.sets else Q
+
+    @property
+    def matrix(self) -> FloatArray:
+        """G, (w, m) or (..., w, m), as it was given."""
+        return self._bare if self.grasp is None else self.grasp.matrix
 
     @cached_property
     def _point_modes(self) -> tuple[FloatArray, Any]:
@@ -218,7 +244,7 @@ class Split(Carded):
     def external(self) -> FloatArray:
         """Projector P on forces, (m, m), or (..., m, m) for many sets."""
         if self._root is None:
-            return np.asarray(self._modes @ _transposed(self._modes))
+            return np.asarray(self.modes @ _transposed(self.modes))
         return _transposed(self._project_rows(np.eye(self.components)))
 
     @cached_property
@@ -282,7 +308,7 @@ class Split(Carded):
 
     def _project_rows(self, forces: FloatArray) -> FloatArray:
         """Project rows (..., k, m) of each set."""
-        U = self._modes
+        U = self.modes
         if self._root is None:
             return np.asarray((forces @ U) @ _transposed(U))
         return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
@@ -304,7 +330,7 @@ class Split(Carded):
 
     def modal_metric(self) -> FloatArray:
         """Compute M Q = L U U' L, (..., m, m), symmetric to the last bit: the stiffness of a unit external gain."""
-        LU = self.stretch(_transposed(self._modes))
+        LU = self.stretch(_transposed(self.modes))
         return np.asarray(_transposed(LU) @ LU)
 
     def _checked(self, metric: ArrayLike | None) -> FloatArray:
@@ -342,6 +368,44 @@ class Split(Carded):
             raise InputError("metric", M, "a positive definite matrix", f"its smallest eigenvalue is {values[0]:.1e}")
         # the symmetric root, unlike Cholesky's, rotates with the axes in which M is written
         return np.asarray((axes * np.sqrt(values)) @ axes.T)
+
+
+def metric_of(
+    G: object, kind: str, metric: ArrayLike | None, weights: ArrayLike | None, stiffness: ArrayLike | None
+) -> ArrayLike | None:
+    """Return the metric that a kind of split names, with mean 1 over forces; or the argument `metric` if none is named.
+
+    Raises:
+        InputError: There is a metric beside a kind; weights or stiffness are missing, or given for another kind; or G
+            is a bare matrix.
+        UnknownNameError: The kind is unknown.
+    """
+    if kind not in get_args(Kind):
+        raise UnknownNameError("kind of split", str(kind), get_args(Kind))
+    given = {"weights": weights, "stiffness": stiffness}
+    needed = {"mass": "weights", "weights": "weights", "stiffness": "stiffness"}.get(kind)
+    for name, value in given.items():
+        if (value is not None) != (name == needed):
+            expected = f"a number per finger for kind={kind!r}" if name == needed else f"none for kind={kind!r}"
+            raise InputError(name, value, expected)
+    if needed is None:
+        return metric
+    if metric is not None:
+        raise InputError("metric", metric, f"none beside kind={kind!r}, which names one")
+    if not isinstance(G, ContactSet):
+        raise InputError("G", G, f"a Grasp for kind={kind!r}", "a bare matrix does not know its contacts")
+    M = finite(needed, given[needed])
+    finger, torsion = G.finger_of_column, G.torsion_columns
+    per_finger = M.shape == (G.fingers,)
+    if not per_finger and (needed == "weights" or M.shape not in ((len(finger),), (len(finger),) * 2)):
+        more = ", one per component, or a matrix" if needed == "stiffness" else ""
+        raise InputError(needed, M, f"{G.fingers} positive numbers, one per finger{more}")
+    if per_finger and torsion.any():
+        do = "stiffness per component" if needed == "stiffness" else "metric=grasp.metric(torsion_length=, weights=)"
+        expected = "contacts without moments, whose unit a number per finger does not know"
+        raise InputError(needed, M, expected, f"pass {do}")
+    size = float((np.diag(M) if M.ndim == 2 else M)[slice(None) if per_finger else ~torsion].mean())
+    return M / size if size > 0.0 else M
 
 
 def fraction(name: str, argument: float) -> float:

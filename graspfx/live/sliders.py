@@ -14,6 +14,7 @@ from graspfx.live.stability_verdict import Verdict
 from graspfx.loop.servo import Servo, Steerable
 from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
+from graspfx.scene.tables.part_tables import ObjectImpedance
 
 GAIN_TEXTS = dict(zip(GAINS, (
     ("external stiffness", "k_ep", "N/m"), ("external damping", "k_ed", "N s/m"),
@@ -125,6 +126,8 @@ def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
 def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
     """Return the label and unit of each key."""
     texts = {key: (f"{words}, {letter}", unit) for key, (words, letter, unit) in GAIN_TEXTS.items()}
+    if isinstance(scene.coupling.external, ObjectImpedance):  # whose gains have other keys, and are no numbers
+        texts = {key: text for key, text in texts.items() if not key.startswith("coupling.external.")}
     texts["coupling.friction"] = ("friction, µ", "")
     for i, (finger, name) in enumerate(zip(scene.finger, scene.finger_names, strict=True)):
         if finger.friction is not None:

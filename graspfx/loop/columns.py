@@ -105,9 +105,10 @@ OF_FINGERS = (
       "sample", "always"),
     C("finger_force", "finger axis", "N", "of the finger on the object", "sample", "always"),
     C("finger_moment", "finger turn", "N m", "of the finger on the object", "sample", "moments"),
-    C("contact_normal", "finger turn", "1", "into the object, where some finger of its is soft", "sample", "normals"),
-    C("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
+    C("contact_normal", "finger turn", "1", "into the object, where a finger of its is soft or has friction",
       "sample", "normals"),
+    C("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
+      "sample", "twists"),
     C("torsion_axis", "finger turn", "1", "along which a soft finger's torsion acts on the object",
       "sample", "torsion_axes"),
     C("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
@@ -218,7 +219,7 @@ class Layout:
         controlled: whether what leaks is damped.
         limits: whether some device tells a largest force, or the scene's safety.
         guarded: whether forces pass a safety chain.
-        normals: whether contacts' normals and the torsion held at them are known, of soft fingers.
+        normals: whether contacts' normals are known, where some finger is soft or has friction.
         torsion_axes: whether torsion acts along another axis than the normal.
         timed: whether the run is on the wall's clock.
         varying: whether its devices tell largest forces that depend on where they stand, which are recorded then.
@@ -327,6 +328,10 @@ class Layout:
     @property
     def unlimited(self) -> bool:
         return not self.limits
+
+    @property
+    def twists(self) -> bool:
+        return self.normals and self.moments
 
     @property
     def in_plane(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from graspfx.loop.columns import REST, Layout, RunFault
 
-FORMAT = 5  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+FORMAT = 6  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
 # fields that are written where they are not empty only, so that other recordings are as they were
 RARE = ("settled", "round_trip", "scheduling", "replays")
 RARE_OF_LAYOUT = ("guarded", "timed", "varying", "switched", "devices", "raw")

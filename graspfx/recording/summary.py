@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.recording.grip import coefficients, grip, rows_of
 from graspfx.recording.history import History
 from graspfx.recording.split import GraspRows, RowSplit, splits_of
 from graspfx.recording.vibration import Vibration
@@ -52,6 +53,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
             without a coefficient of friction.
         friction_residual: the largest of either law [N]; None without a coefficient.
+        grip_margin: the least mu f_n - |f_t| of touching fingers with friction: how near the grip was to slipping [N];
+            None without a coefficient, or where none of these fingers touched.
+        friction_needed: the largest |f_t| / f_n of these fingers: the coefficient that the recorded forces need.
         leak: by mode, the most energy that was made beyond what frictions had taken, the largest of any object [J].
         braking: by mode, the largest damping that control added [N s/m]; None without control.
         braked: by mode, what that took in all [J]; None without control.
@@ -160,6 +164,8 @@ class Tally:
         n, self.rows = len(layout.fingers), 0
         self.on, self.limited = np.zeros(n), np.zeros(n)
         self.lawful = 0
+        self.friction = coefficients(recording.header, recording.outcome.changes, n)
+        self.grip_margin, self.friction_needed = math.inf, 0.0
         self.squeeze, self.depth, self.apart, self.residual = Sizes(), Sizes(n), Sizes(), Sizes(len(layout.objects))
         self.least_apart = math.inf
         self.forces = {name: Sizes(n) for name in ("finger_force", "displayed_force", *self._halves())}
@@ -191,6 +197,12 @@ class Tally:
         if self.divided:
             external, _ = block.external_forces()
             parts = {"internal_force": block.column("finger_force") - external, "external_force": external}
+        if on is not None and self.has("contact_normal", "finger_force"):
+            mu = rows_of(self.friction, start, len(rows))
+            force = block.column("finger_force")
+            margin, needed = grip(block.column("contact_normal")[:, : force.shape[1]], force, on, mu)
+            self.grip_margin = float(np.fmin.reduce(margin, initial=self.grip_margin))
+            self.friction_needed = max(self.friction_needed, float(needed.max(initial=0.0)))
         self._add_places(block, on)
         self._add_objects(block)
         for name in ("finger_force", "displayed_force"):
@@ -324,6 +336,8 @@ class Tally:
             "blended": outcome.blended / ticks if outcome.blended and ticks else None,
             "associated": self.lawful / (self.rows * laws) if self.rows and laws else None,
             "friction_residual": self.residual.peak,
+            "grip_margin": self.grip_margin if math.isfinite(self.grip_margin) else None,
+            "friction_needed": self.friction_needed if math.isfinite(self.grip_margin) else None,
             **self._books(),
             "growth": [dict(each) for each in growth],
             "wall_time": wall_time,

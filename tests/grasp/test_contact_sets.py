@@ -43,7 +43,7 @@ def test_forces_of_many_are_those_of_each_to_the_bit(n: int, d: int) -> None:
         assert np.array_equal(both[i], LAW.force(one, e[i], de[i]))
         assert np.array_equal(still[i], LAW.force(one, e[i].ravel()))
         np.testing.assert_allclose(split.external[i], one.external, rtol=0, atol=3e-16)
-        np.testing.assert_array_equal(split._modes[i][:, : one.rank], one._modes)
+        np.testing.assert_array_equal(split.modes[i][:, : one.rank], one.modes)
         assert np.isclose(split.condition[i], one.condition, rtol=1e-9)
 
 

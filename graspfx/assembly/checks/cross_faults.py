@@ -31,6 +31,7 @@ from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -128,6 +129,10 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
     """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
     coupling, d = scene.coupling, scene.dimensions
+    if isinstance(getattr(coupling, share), ObjectImpedance):
+        if coupling.axes != "object":
+            yield ("coupling", "axes"), "expected 'object': a stiffness of the object stands in its own axes"
+        return
     if coupling.axes != "contact":
         return
     for quantity in ("stiffness", "damping"):
@@ -159,13 +164,23 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
-    """Find devices that do not tell the mass by which the metric would count them."""
-    if scene.coupling.metric != "mass":
+    """Find devices that do not tell the mass by which the split would count them, and weights that do not fit."""
+    coupling = scene.coupling
+    if coupling.metric == "mass" and coupling.split != "mass":
+        yield ("coupling", "metric"), "coupling.split says how fingers count: leave the metric out"
+    weights, n = coupling.weights, len(scene.finger)
+    if (weights is not None) != (coupling.split == "weights"):
+        wanted = "a number above zero for each finger" if weights is None else "no weights without split = 'weights'"
+        yield ("coupling", "weights"), f"expected {wanted}"
+    elif weights is not None and (len(weights) != n or not all(weight > 0.0 for weight in weights)):
+        yield ("coupling", "weights"), f"expected {n} numbers above zero, one per finger; given {list(weights)}"
+    if coupling.split != "mass":
         return
+    key = "metric" if coupling.metric == "mass" else "split"
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            yield ("coupling", "metric"), f"'mass' expects every device to tell its mass; that of {where} does not"
+            yield ("coupling", key), f"'mass' expects every device to tell its mass; that of {where} does not"
 
 
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
@@ -402,7 +417,11 @@ def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
 
 
 def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
-    value = np.asarray(getattr(getattr(scene.coupling, share), quantity))
+    part = getattr(scene.coupling, share)
+    if isinstance(part, ObjectImpedance):
+        yield from _object_gain(scene, part, quantity)
+        return
+    value = np.asarray(getattr(part, quantity))
     n, d, objects = len(scene.finger), scene.dimensions, len(scene.object)
     m = n * d
     forms: dict[int, list[tuple[int, ...]]] = {0: [()], 1: [(n,)], 2: [(d, d), (m, m)], 3: [(n, d, d)]}
@@ -414,6 +433,17 @@ def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
         yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
 
 
+def _object_gain(scene: SceneTable, part: ObjectImpedance, quantity: str) -> Iterator[Finding]:
+    value, d = getattr(part, f"object_{quantity}"), scene.dimensions
+    w = WIDTHS[d]
+    shape = np.shape(value)
+    if value is not None and shape not in ((w, w), (w,), *([()] if w == 1 else [])):
+        expected = f"{w} x {w} numbers on the object's freedoms, or {w} on its diagonal"
+        yield ("coupling", "external", f"object_{quantity}"), f"expected {expected}; given {_size(shape) or 'a number'}"
+    if quantity == "stiffness" and part.object_point is not None and len(part.object_point) != d:
+        yield ("coupling", "external", "object_point"), f"expected {d} coordinates [m]"
+
+
 def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
 
@@ -421,12 +451,16 @@ def _size(shape: tuple[int, ...]) -> str:
 def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
     if scene.coupling.contact != "unilateral":
         return
-    stiffness = np.asarray(getattr(scene.coupling, share).stiffness)
+    part = getattr(scene.coupling, share)
+    stiffness = np.asarray(part.stiffness)
+    if stiffness.ndim > 1 and stiffness.shape[0] != stiffness.shape[1]:
+        return
+    key = "object_stiffness" if isinstance(part, ObjectImpedance) else "stiffness"
     least = float((np.linalg.eigvalsh(stiffness) if stiffness.ndim > 1 else stiffness).min())
     if least <= 0.0:
         expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
-            ("coupling", share, "stiffness"),
+            ("coupling", share, key),
             f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
         )
 

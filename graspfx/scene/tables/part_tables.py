@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
@@ -17,6 +17,7 @@ from graspfx.scene.tables.fields import (
     Gain,
     Name,
     NotNegative,
+    NotValid,
     NumberOrVector,
     Pair,
     Positive,
@@ -29,6 +30,8 @@ from graspfx.scene.tables.fields import (
 from graspfx.scene.tables.hands import HandOrName
 from graspfx.scene.tables.safety_table import FingerSafety
 from graspfx.scene.tables.shapes import Shape
+
+BLEND_OF_OBJECT = (0.001, 0.01)  # [m]
 
 
 class Object(Table):
@@ -116,6 +119,59 @@ class Impedance(Table):
     damping: Gain = Field(default=0.0, description="D [N s/m], in the same forms")
 
 
+class ObjectImpedance(Table):
+    """Stiffness and damping that the object has as it is felt, in its shape's axes, divided among its fingers."""
+
+    object_stiffness: Gain = Field(
+        description="K_o at zero squeeze, w x w on the object's freedoms, forces before moments [N/m, N, N m/rad]; its "
+        "diagonal as a list, or on a line a number"
+    )
+    object_damping: Gain | None = Field(default=None, description="D_o, in the same forms; zero if not given")
+    object_point: Vector | None = Field(
+        default=None,
+        description="point of K_o and D_o, from the object's centre of mass (d,) [m]; that centre if not given",
+    )
+
+    @property
+    def stiffness(self) -> tuple[tuple[float, ...], ...]:
+        """K_o as a square."""
+        return _square(self.object_stiffness)
+
+    @property
+    def damping(self) -> tuple[tuple[float, ...], ...]:
+        """D_o as a square."""
+        if self.object_damping is None:
+            size = len(self.stiffness)
+            return ((0.0,) * size,) * size
+        return _square(self.object_damping)
+
+    if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
+
+        def __getattr__(self, name: str) -> Any:
+            if name in ("stiffness", "damping"):
+                raise NotValid(name)  # of a draft that lacks what the property is made of
+            return super().__getattr__(name)
+
+
+def _square(gain: Any) -> tuple[tuple[float, ...], ...]:
+    """Write a gain of an object as a square: a number and a list are its diagonal."""
+    rows = (gain,) if isinstance(gain, float) else gain
+    if isinstance(rows[0], tuple):
+        return tuple(rows)
+    return tuple(tuple(value if i == j else 0.0 for j in range(len(rows))) for i, value in enumerate(rows))
+
+
+_by_whose = Discriminator(lambda value: "<object>" if _is_of_object(value) else "<fingers>")
+ImpedanceOfEither = Annotated[
+    Annotated[Impedance, Tag("<fingers>")] | Annotated[ObjectImpedance, Tag("<object>")], _by_whose
+]
+
+
+def _is_of_object(value: Any) -> bool:
+    keys = value if isinstance(value, Mapping) else ()
+    return isinstance(value, ObjectImpedance) or any(str(key).startswith("object_") for key in keys)
+
+
 _by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
 PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
 PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
@@ -153,7 +209,9 @@ class Coupling(Table):
         default="unilateral",
         description="unilateral: fingers only push, and let go; attached: they hold a point of the object for ever",
     )
-    external: Impedance = Field(description="kep and ked of eq. (4), which move the object")
+    external: ImpedanceOfEither = Field(
+        description="kep and ked of eq. (4), which move the object; or the stiffness and damping of the object itself"
+    )
     internal: Impedance = Field(description="kip and kid of eq. (4), which squeeze it")
     form: Literal["literal", "symmetric"] = Field(
         default="literal",
@@ -170,8 +228,17 @@ class Coupling(Table):
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
         default=0.0, description="0 (slips freely), 'stick' (holds the point of first touch) or a Coulomb coefficient"
     )
+    split: Literal["pseudoinverse", "mass", "weights"] = Field(
+        default="pseudoinverse",
+        description="weights of fingers in the split and the gains: equal (eq. 3), by device mass, or `weights`",
+    )
+    weights: Vector | None = Field(
+        default=None,
+        description="weight of each finger of the scene, above zero and of any unit: their mean on an object is 1",
+        json_schema_extra={"excludes": '`split = "pseudoinverse"`, `split = "mass"`'},
+    )
     metric: Literal["equal", "mass"] = Field(
-        default="equal", description="weights of fingers in the split and the gains: equal, or by device mass"
+        default="equal", description='another name: "mass" is `split = "mass"`, "equal" is `split = "pseudoinverse"`'
     )
     absent: Literal["fade", "follow"] = Field(
         default="fade", description="a free finger leaves the split as its gap grows, or follows the object for ever"
@@ -201,8 +268,16 @@ class Coupling(Table):
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
         description="rms arms between which a rotation fades into the external space [m]; 'off': as soon as it has "
-        "an arm, as in eq. (4)",
+        "an arm, as in eq. (4); [0.001, 0.01] with an `object_stiffness`, which a short arm makes stiff at a fingertip",
     )
+
+    @model_validator(mode="after")
+    def _widen(self) -> Self:
+        if isinstance(self.__dict__.get("external"), ObjectImpedance) and "blend" not in self.model_fields_set:
+            self.__dict__["blend"] = BLEND_OF_OBJECT
+        if self.__dict__.get("metric") == "mass" and "split" not in self.model_fields_set:
+            self.__dict__["split"] = "mass"
+        return self
 
 
 class Frame(Table):

@@ -1,0 +1,169 @@
+"""Stiffness and damping of the object as it is felt, and their distribution over contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.card import Card, Carded
+from graspfx.errors import InputError
+from graspfx.grasp.contact import MOMENTS
+from graspfx.grasp.gain import checked_gain, gain_text
+from graspfx.grasp.split import ContactSet, Split
+from graspfx.numeric import finite
+
+FloatArray = NDArray[np.float64]
+
+FREEDOMS = {d + MOMENTS[d]: d for d in MOMENTS}  # dimensions by the number of an object's freedoms
+ROUNDING = 1e-13  # relative: eigenvalues of the unheld freedoms' stiffness below this are zero
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class ObjectImpedance(Carded):
+    """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts K_o x.
+
+    As the external part of a `Coupling` they are distributed over the contacts so that the object has the stated
+    stiffness with any number of fingers: with N spanning the null space of G', M the split's metric and
+    X = M G'(G M G')^+,
+
+        K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
+
+    Freedoms that the contacts cannot hold are condensed out before (K_c), so that neither the unit of moments nor the
+    point of reference matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which is K_o where G has full rank:
+    K_ep is symmetric and creates no energy, and the internal part adds nothing to what the object feels.
+
+    K_o is meant at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which a certificate
+    counts.
+
+    Args:
+        stiffness: Stiffness K_o, (w, w), forces before moments [N/m, N, N m/rad]; its diagonal (w,), or on a line a
+            number. w is 1, 3 or 6, in the axes of the contact points, or the number of free freedoms of the grasp. Rows
+            and columns of locked freedoms are left out.
+        damping: Damping D_o, in the same forms; zero if None.
+        point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
+
+    Raises:
+        InputError: A matrix is not symmetric positive semidefinite, or shapes do not fit.
+    """
+
+    stiffness: FloatArray
+    damping: FloatArray
+    point: FloatArray | None
+
+    def __init__(self, stiffness: ArrayLike, damping: ArrayLike | None = None, point: ArrayLike | None = None) -> None:
+        K = _square("stiffness", stiffness)
+        D = np.zeros_like(K) if damping is None else _square("damping", damping)
+        if D.shape != K.shape:
+            raise InputError("damping", D.shape, f"a matrix {K.shape}, as the stiffness")
+        where = None if point is None else finite("point", point)
+        if where is not None and where.shape != (FREEDOMS.get(len(K)),):
+            d = FREEDOMS.get(len(K))
+            raise InputError("point", point, f"a point of {d} coordinates" if d else "no point beside free freedoms")
+        for name, value in ("stiffness", K), ("damping", D), ("point", where):
+            if value is not None:
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def _card(self) -> Card:
+        return Card(f"Impedance of the object: {self._text()}")
+
+    def _text(self) -> str:
+        return f"{gain_text(self.stiffness, 'N/m, N m/rad')}, {gain_text(self.damping, 'N s/m, N m s/rad')}"
+
+    def turned(self, R: FloatArray) -> ObjectImpedance:
+        """Return both in other axes, R (d, d) from the present ones."""
+        w = len(self.stiffness)
+        d = FREEDOMS.get(w)
+        if d is None or R.shape != (d, d):
+            raise InputError("R", R.shape, f"({d}, {d}): an object has one set of axes")
+        T = np.eye(w)
+        T[:d, :d] = R
+        if d == 3:
+            T[3:, 3:] = R
+        point = None if self.point is None else R @ self.point
+        return ObjectImpedance(_even(T @ self.stiffness @ T.T), _even(T @ self.damping @ T.T), point)
+
+    def about(self, origin: ArrayLike) -> ObjectImpedance:
+        """Return both for the object's motion at another point (d,) [m]: S'K S, where S x is the motion at `point`."""
+        if self.point is None:
+            return self
+        r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
+        S = np.eye(len(self.stiffness))
+        if d == 2:
+            S[:2, 2] = -r[1], r[0]
+        elif d == 3:
+            S[:3, 3:] = [[0.0, r[2], -r[1]], [-r[2], 0.0, r[0]], [r[1], -r[0], 0.0]]
+        return ObjectImpedance(_even(S.T @ self.stiffness @ S), _even(S.T @ self.damping @ S))
+
+
+def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArray:
+    """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
+
+    Raises:
+        InputError: The freedoms of the impedance are not those of the grasp.
+    """
+    m, sets = split.components, split.sets
+    grasp = split.grasp
+    origin = np.zeros(1) if grasp is None else np.asarray(getattr(grasp, "origin", 0.0))
+    LU = split.stretch(np.swapaxes(split.modes, -1, -2))  # (..., r, m)
+    G = np.broadcast_to(split.matrix, (*sets, *split.matrix.shape[-2:])).reshape(-1, split.matrix.shape[-2], m)
+    out = np.zeros((len(G), m, m))
+    moments = np.zeros(G.shape[1], dtype=bool) if grasp is None else grasp.moment_rows
+    origins = np.broadcast_to(origin, (*sets, origin.shape[-1])).reshape(len(G), -1)
+    ranks = np.broadcast_to(split.rank, sets).ravel()
+    for k, (each, rows) in enumerate(zip(G, np.asarray(LU).reshape(len(G), -1, m), strict=True)):
+        K = _of_freedoms(getattr(impedance.about(origins[k]), pair), grasp, len(each))
+        used = rows[: ranks[k]]
+        out[k] = _even(used.T @ modal_gain(K, each @ used.T, moments) @ used)
+    return out.reshape(*sets, m, m)
+
+
+def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> FloatArray:
+    """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) with the unheld freedoms released.
+
+    T (w, r) has full rank, with the wrench of each mode's unit force. Forces and moments are brought to one size by
+    their stiffness, not by T, where a moment may be rounding.
+    """
+    if not K.any():
+        return np.zeros((T.shape[1],) * 2)
+    square, kinds = np.ones(len(K)), [kind for kind in (~moments, moments) if kind.any()]
+    largest, sizes = [K.diagonal()[kind].max() for kind in kinds], [(T[kind] ** 2).max() for kind in kinds]
+    for k, kind in enumerate(kinds):
+        other = 1 - k
+        from_other = largest[other] * (sizes[k] / sizes[other] or 1.0) if len(kinds) > 1 and sizes[other] else 1.0
+        square[kind] = largest[k] or from_other
+    size = np.sqrt(square)
+    T, K = T / size[:, None], K / size[:, None] / size
+    U, values, V = np.linalg.svd(T)
+    r = T.shape[1]
+    N = U[:, r:]
+    if N.size:
+        KN = K @ N
+        K = K - KN @ np.linalg.pinv(_even(N.T @ KN), rcond=ROUNDING, hermitian=True) @ KN.T
+    back = V.T / values @ U[:, :r].T
+    return np.asarray(back @ K @ back.T)
+
+
+def _of_freedoms(K: FloatArray, grasp: ContactSet | None, w: int) -> FloatArray:
+    """Leave out rows and columns of locked freedoms."""
+    free = getattr(grasp, "free", np.ones(w, dtype=bool))
+    if len(K) == len(free):
+        return np.asarray(K[np.ix_(free, free)])
+    if len(K) == w:
+        return K
+    raise InputError("stiffness", K.shape, f"a matrix ({len(free)}, {len(free)}) on the object's freedoms")
+
+
+def _square(name: str, argument: ArrayLike) -> FloatArray:
+    value = finite(name, argument)
+    if value.ndim < 2:
+        value = np.diag(np.atleast_1d(value))
+    if value.ndim != 2 or not 0 < len(value) <= 6:
+        raise InputError(name, value.shape, "a number, (w,) or (w, w), w the object's freedoms: 1, 3 or 6")
+    return np.array(checked_gain(name, value))
+
+
+def _even(K: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
