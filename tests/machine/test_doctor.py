@@ -202,7 +202,7 @@ def test_a_report_of_a_device_names_no_port_and_no_machine(capsys: pytest.Captur
     assert "my.md" in capsys.readouterr().err
     gone = ["doctor", "haply-2diy", "--set", f"port={wire.port}", "--out", "gone.md"]
     assert main(gone) == 1
-    assert "does not open" in Path("gone.md").read_text()
+    assert "cannot be opened" in Path("gone.md").read_text()
     assert wire.port not in Path("gone.md").read_text()
 
 
