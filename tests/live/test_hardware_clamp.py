@@ -103,7 +103,7 @@ def test_a_value_beyond_its_limit_is_clamped_and_that_is_said(gate: Gate) -> Non
     limit = next(row.limit for row in verdict_of(values).rows if row.mode == "external")
     assert values[KEP] == pytest.approx(SHARE * limit, rel=3.0 * INSIDE)
     assert values[KEP] <= SHARE * limit
-    assert order.text.startswith(f"asked {KEP} = 900; set {KEP} = {values[KEP]:.5g}, at most 0.9 of each limit")
+    assert order.text.startswith(f"requested {KEP} = 900; set {KEP} = {values[KEP]:.5g}, at most 0.9 of each limit")
     assert "margin 0.6" in order.text
     again = gate.order({KEP: 1000.0})  # it is at its limit already: nothing is set, and nothing is lowered
     assert again.is_refused
