@@ -137,11 +137,11 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
         ("reference-1dof", {}, "object.position", "what moves goes on from where it is"),
         ("reference-1dof", {}, "finger.0.start", "what moves goes on from where it is"),
         ("reference-1dof", {}, "object.shape.size", "what bodies are made"),
-        ("reference-1dof", {}, "coupling.contact", "a word that decides"),
+        ("reference-1dof", {}, "coupling.contact", "it decides what is computed"),
         ("reference-1dof", {}, "coupling.passivity", "what is recorded"),
         ("reference-1dof", {}, "finger.*.radius", "how contacts are laid out"),
         ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the ledger"),
-        ("reference-1dof", {"coupling.metric": "mass"}, "finger.*.device.mass", "coupling.metric = 'mass'"),
+        ("reference-1dof", {"coupling.metric": "mass"}, "finger.*.device.mass", "coupling.split = 'mass'"),
         ("paper-spring-arms", {}, "finger.*.device.mass", "unless it is a simulated point"),
     ],
 )
