@@ -181,6 +181,7 @@ def test_the_command_ends_with_1_and_the_remedy(
     assert "expected a scene with hardware" in capsys.readouterr().err
 
 
+@pytest.mark.alone
 def test_a_report_of_a_device_names_no_port_and_no_machine(capsys: pytest.CaptureFixture[str]) -> None:
     with DiyWire() as wire:
         main(

@@ -149,7 +149,7 @@ class MujocoCarrier(Carrier):
 
     def _fault(self, code: int) -> InputError:
         return InputError(
-            "motion", "an object that is out of all bounds", f"places and speeds below {RANGE:g} m, m/s and rad/s",
+            "motion", "an object that is out of range", f"places and speeds below {RANGE:g} m, m/s and rad/s",
             "the run is not stable; lower the period or the gains",
         )  # fmt: skip
 
