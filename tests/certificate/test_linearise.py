@@ -85,7 +85,7 @@ def test_without_friction_forces_are_along_the_normals() -> None:
     scene = attached(2).replace(
         {"coupling.contact": "unilateral", "coupling.friction": 0.0, "finger.*.hand.squeeze": 0.002}
     )
-    found = linearise(scene)
+    found = linearise(scene, "start")
     G, _ = by_hand(2)
     P = np.linalg.pinv(G) @ G
     K = KEP * P + KIP * (np.eye(6) - P)
