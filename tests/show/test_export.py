@@ -170,7 +170,7 @@ def test_the_command_writes_beside_the_recording(
         with xr.open_dataset(tmp_path / name, engine="h5netcdf", decode_timedelta=False) as data:
             assert np.array_equal(data["finger_force"].values, recording.finger_force)
     assert main(["export", str(tmp_path), *arguments]) == 2
-    assert "is there already; choose another --out, or write over it with --overwrite" in capsys.readouterr().err
+    assert "is there already; choose another --out, or overwrite it with --overwrite" in capsys.readouterr().err
     assert main(["export", str(tmp_path), *arguments, "--overwrite"]) == 0
 
 
