@@ -1,4 +1,4 @@
-"""Runs of a scene that has run before: they begin with the memory of the run before, put back, and nothing else of it."""
+"""Runs of a scene that has run before: they begin with the memory of that run, put back, and nothing else of it."""
 
 from __future__ import annotations
 
