@@ -12,16 +12,15 @@ from graspfx.compile import cache
 from graspfx.compile.array_cache import content_key
 
 
-def family_key(kind: str, source: str, columns: Sequence[int], statistics: Collection[str], varying: bytes) -> str:
+def family_key(kind: str, source: str, columns: Sequence[int], statistics: Collection[str]) -> str:
     """Name the family of the programs of a kind.
 
     Args:
         kind: what the programs are.
         source: the program of one variant.
         columns, statistics: that are measured.
-        varying: the entries that are not the same in all variants.
     """
-    return content_key((kind, list(columns), sorted(statistics), source), varying)
+    return content_key((kind, list(columns), sorted(statistics)), source.encode())
 
 
 def is_compiled(key: str) -> bool:

@@ -120,8 +120,3 @@ class Group:
         """Fill what varies into lanes side by side, (entries, lanes)."""
         for entries, rows, choice in self.factors:
             arena[entries] = rows[choice[members]].T
-
-    def entry(self, k: int, members: Any) -> FloatArray:
-        """Give one of the entries that vary, of some members, (v,)."""
-        entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
-        return np.asarray(rows[choice[members], np.searchsorted(entries, k)])

@@ -52,7 +52,7 @@ class LaneRuns:
         job, columns = self.job, self.job.columns if self.measuring else None
         source = folded(job.arena, lane_text(job.arena, columns, job.statistics))
         kind = f"{self.lanes} lanes {sorted(self.shared.items())} {columns is None}"
-        family = family_key(kind, source, columns or (), job.statistics, b"")
+        family = family_key(kind, source, columns or (), job.statistics)
         before = is_compiled(family)
         if not self.make and not before:
             raise LookupError("not compiled yet")

@@ -26,10 +26,6 @@ class Beginnings(Protocol):
         """Give all of it, (v, arena)."""
         ...
 
-    def entry(self, k: int, members: Any) -> FloatArray:
-        """Give one entry that varies, (v,)."""
-        ...
-
     def fill_lanes(self, arena: FloatArray, members: Index) -> None:
         """Fill what varies into lanes side by side, (entries, lanes)."""
 
