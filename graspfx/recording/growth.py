@@ -16,10 +16,12 @@ from graspfx.recording.history import History
 from graspfx.recording.octaves import (
     LEAST_GROWTH,
     ORDER,
+    STEADY,
     TINY,
     WINDOW,
     Divergence,
     Octave,
+    Ringing,
     Stretch,
     amplitudes,
     divergences,
@@ -170,6 +172,8 @@ def _rung(grasp: GraspView) -> Growth | None:
         size = float(np.sqrt((np.abs(ring.swing.reshape(-1, layout.dimensions)) ** 2).sum(axis=1).max()))
         intent = hands.at(begin + period * np.arange(ring.stop - ring.first))
         if hands.swings(frequency, 1.5 / (end - begin)) or size < OVER_DRIVE * _content(intent, ring.turn):
+            continue
+        if calms(grasp, ring, size):
             continue
         name = grasp.mode(ring.swing, ring.first, ring.stop)
         growth = Growth(grasp.name, name, 0.0, frequency, first * period, stop * period, size, size, True)
@@ -525,6 +529,23 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
     rows = slice(round(end_time / period), grasp.rows)
     on = grasp.recording.touching[rows, grasp.fingers]
     return bool((on == on[0]).all()) and (dies or size < SMALL * grasp.depth(rows.start, rows.stop))
+
+
+def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
+    """Tell whether fingers that have rung hold on as long afterwards, and their motion is smaller in the end.
+
+    Args:
+        grasp: whose motion it is.
+        ring: how it has rung.
+        size: of the motion then [m].
+    """
+    on = grasp.recording.touching[ring.stop : grasp.rows, grasp.fingers]
+    changes = np.flatnonzero((on[1:] != on[:-1]).any(axis=1))
+    held = on[changes[-1] + 1 :] if len(changes) else on
+    if len(held) < ring.stop - ring.first or not held.any():
+        return False
+    late = grasp.displacement(grasp.rows - len(held) // 2, grasp.rows)
+    return math.sqrt(2.0) * float(late.std(axis=0).max()) < STEADY * size
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:

@@ -24,6 +24,7 @@ from graspfx.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing
 from graspfx.recording.record import Recording
 from tests.support.random_scenes import boundary, random_case, scaled
 from tests.support.recordings import header, layout, recording, rows
+from tests.support.varied_scenes import varied_table
 
 NAMED = [
     ("paper-waving-turning", {"external": 70.0, "internal": 70.0}, "external rotation", 55.04),
@@ -108,6 +109,16 @@ def test_a_limit_cycle_of_contacts_that_let_go_is_said(kip: float) -> None:
         assert growth["text"].split(";")[0].endswith(", and goes on")
     else:
         assert growth["rate"] == 0.0 and "rings without end" in growth["text"]
+
+
+def test_ringing_that_ends_while_fingers_hold_on_is_no_growth() -> None:
+    """A scene of the varied ones 2 % within its limit: contacts let go 14 times as hands close, then it fades."""
+    run = gx.run(gx.Scene(**varied_table(3970)))
+    touching, ticks = run.touching[:, :2], len(run.time)
+    assert np.count_nonzero(np.diff(touching[: ticks // 4], axis=0)) > 20 and touching[ticks // 4 :].all()
+    thirds = [np.ptp(part, axis=0).max() for part in np.array_split(run.finger_position[ticks // 4 :], 3)]
+    assert thirds[0] > 1.2 * thirds[1] > 1.4 * thirds[2]
+    assert run.summary()["growth"] == []
 
 
 @pytest.mark.parametrize("seed", QUICK)
