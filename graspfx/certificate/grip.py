@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from itertools import combinations
 
 import numpy as np
@@ -21,7 +20,7 @@ from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.loop.engine import program
+from graspfx.loop.engine import is_machine_code, program
 from graspfx.objects import integrators as body
 from graspfx.objects.body import FREEDOMS
 from graspfx.objects.body_state import BodyState
@@ -163,7 +162,7 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
 
     It is machine code with the bits of the interpreted kernel; without LLVM it is that method itself.
     """
-    if find_spec("llvmlite") is None:
+    if not is_machine_code():
         return grasped.sample
     return partial(program().bind(grasped.block, np.empty(1)).brief, 0, 0, -1, 0)
 

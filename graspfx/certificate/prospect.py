@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from graspfx.assembly.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message
-from graspfx.loop.engine import kept_program, machine_codes
+from graspfx.loop.engine import is_machine_code, kept_program, machine_codes
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
@@ -65,13 +64,13 @@ def _engine(scene: Scene, servo: Servo) -> PlanRow:
     if program is None:
         where = f"compiled before the first tick, once per version and machine (`graspfx warmup`), into {folder_text()}"
     else:
-        where = f"{1e-3 * program.size:.0f} kB in {folder_text()}"
+        where = f"{1e-3 * program.size:.0f} kB in {program.place}"
     return PlanRow("engine", True, f"compiled{says}, by the program of all scenes: {where}")
 
 
 def _obstacle(servo: Servo) -> str:
     """Return the reason why the scene cannot run compiled; empty if it can."""
-    if find_spec("llvmlite") is None:
+    if not is_machine_code():
         return INSTALL
     try:
         machine_codes(servo.arena)

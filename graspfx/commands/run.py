@@ -104,7 +104,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         print_summary([recording])
         name_files([file])
     note(remarks(recording))
-    if find_spec("llvmlite") is None and scene.engine == "auto":
+    if recording.outcome.engine == "interpreted" and find_spec("llvmlite") is None and scene.engine == "auto":
         note(["ticks are interpreted, to the same bits: the package 'llvmlite' is not installed; pip install llvmlite"])
     code = say_faults(recording)
     if options.no_figure:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,9 +79,6 @@ class KernelOnDemand:
     def _take(self) -> None:
         """Load the machine code, or compile it; leave the kernel to Python where that is not worth it yet."""
         self._tried = True
-        if find_spec("llvmlite") is None:
-            self._make = math.inf
-            return
         make = self._work >= self._make
         if make or was_compiled(self.kernel):
             from graspfx.compile.machine import compiled  # takes as long to import as thousands of interpreted calls
@@ -91,5 +87,5 @@ class KernelOnDemand:
                 self._machine = compiled(self.kernel, make=make)
             except LookupError:
                 pass
-            except GraspFXError:  # an LLVM that does not load
+            except GraspFXError:  # no LLVM, or one that does not load
                 self._make = math.inf

@@ -42,9 +42,22 @@ def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = F
         lanes: whether it has loops over lanes, of which the turns may be done side by side.
         wide: with the longest vectors that the processor has.
     """
+    return _emitted(text, _machine(level, wide=wide), level, lanes=lanes)
+
+
+def portable(text: str, triple: str, processor: str) -> bytes:
+    """Emit machine code of FULL level for another processor than this, to be linked as a shared library."""
     import llvmlite.binding as llvm
 
-    machine = _machine(level, wide=wide)
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=FULL, reloc="pic")
+    return _emitted(text, machine, FULL, lanes=False)
+
+
+def _emitted(text: str, machine: Any, level: int, *, lanes: bool) -> bytes:
+    import llvmlite.binding as llvm
+
     module = llvm.parse_assembly(text)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)

@@ -7,25 +7,31 @@ from collections.abc import Callable
 from typing import Any
 
 from graspfx.compile import cache as disk
+from graspfx.compile import library
 from graspfx.compile.marks import written
 from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 
 def was_compiled(kernel: Callable[..., Any]) -> bool:
     """Tell whether a kernel of ours was compiled from the sources as they are."""
-    return _is_ours(kernel) and disk.load(_key(kernel)) is not None
+    if not is_ours(kernel):
+        return False
+    key = footprint(kernel)
+    return library.has(key) or disk.load(key) is not None
 
 
 def note_compiled(kernel: Callable[..., Any]) -> None:
     """Note that a kernel was compiled, if it is ours: the key says nothing of others' sources."""
-    if _is_ours(kernel):
-        disk.store(_key(kernel), b"")
+    if is_ours(kernel):
+        disk.store(footprint(kernel), b"")
 
 
-def _is_ours(kernel: Callable[..., Any]) -> bool:
+def is_ours(kernel: Callable[..., Any]) -> bool:
+    """Tell whether a kernel's source is the package's."""
     return is_own(written(kernel).__code__.co_filename)
 
 
-def _key(kernel: Callable[..., Any]) -> str:
+def footprint(kernel: Callable[..., Any]) -> str:
+    """Name a kernel of ours with the sources that it is made from."""
     sources = closure_digest(kernel.__module__, *compiler_modules())
     return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"

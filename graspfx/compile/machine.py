@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile import library
 from graspfx.compile.emission import require_llvm
-from graspfx.compile.footprints import note_compiled, was_compiled
+from graspfx.compile.footprints import footprint, is_ours, note_compiled, was_compiled
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as native
@@ -37,19 +38,13 @@ class Machine:
 
     def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
         parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
-        numbers = [name for name, kind in parameters if kind in NUMBERS]
         self._names = [name for name, kind in parameters if kind not in NUMBERS]
         self._number_places = [k for k, (_, kind) in enumerate(parameters) if kind in NUMBERS]
         self._buffer_places = [k for k, (_, kind) in enumerate(parameters) if kind not in NUMBERS]
         self._last = local()
-        require_llvm()
         self._results = results_of(kernel)
-        call = f"kernel_({', '.join(name for name, _ in parameters)})"
-        targets = ", ".join(f"results_[{k}]" for k in range(self._results))
-        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
-        floats = [name for name, kind in parameters if kind == "float"]
-        source = program_source(text, {"kernel_": kernel}, [*self._names, "results_"], {}, make=make)
-        self._native: Native = native(source, floats, apart=False, make=make)
+        shipped = library.find(footprint(kernel)) if is_ours(kernel) else None
+        self._native: Native = shipped or native(*request_of(kernel, make=make), apart=False, make=make)
         if not was_compiled(kernel):  # sources may have changed where the machine code did not
             note_compiled(kernel)
 
@@ -95,6 +90,27 @@ class Machine:
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
+
+
+def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
+    """Write the program of a kernel by itself, and name those of its numbers that are floats.
+
+    Args:
+        kernel: the function.
+        make: whether to write what is not in the cache; else a LookupError.
+
+    Raises:
+        MissingPackageError: no LLVM to compile it with.
+    """
+    require_llvm()
+    parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
+    numbers = [name for name, kind in parameters if kind in NUMBERS]
+    buffers = [name for name, kind in parameters if kind not in NUMBERS]
+    call = f"kernel_({', '.join(name for name, _ in parameters)})"
+    targets = ", ".join(f"results_[{k}]" for k in range(results_of(kernel)))
+    text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
+    floats = [name for name, kind in parameters if kind == "float"]
+    return program_source(text, {"kernel_": kernel}, [*buffers, "results_"], {}, make=make), floats
 
 
 def results_of(kernel: FunctionType) -> int:

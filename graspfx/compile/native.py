@@ -47,22 +47,29 @@ class Native:
     """A program as machine code.
 
     Args:
-        cached: whether it was found on disk, already compiled.
+        description: of its arguments (`description_of`).
+        engine: that has loaded it.
+        size: of the machine code [bytes].
+        place: where it was found, already compiled; empty if it was compiled now.
         note: what stood in the way of keeping it on disk; empty if nothing did.
     """
 
-    def __init__(self, description: dict[str, Any], machine: bytes, *, cached: bool, note: str = "") -> None:
-        self.cached, self.note = cached, note
-        self.size = len(machine)
+    def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
+        self.size, self.place, self.note = size, place, note
         self.arrays: list[str] = description["arrays"]
         self.checked: bool = description["checked"]
-        self._engine = loaded([machine], description["libm"])  # the code lives as long as this
+        self._engine = engine  # the code lives as long as this
         self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
         self._method = address(self._engine, METHOD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(entry)
         self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
+
+    @property
+    def cached(self) -> bool:
+        """Whether it was found on disk, already compiled."""
+        return bool(self.place)
 
     @property
     def callback(self) -> int:
@@ -196,7 +203,9 @@ def from_cache(key: str) -> Native | None:
         return None
     head, _, machine = entry.partition(b"\n")
     log.info("program %s: %d kB of machine code from the cache", key[:12], len(machine) // 1000)
-    return Native(json.loads(head), machine, cached=True)
+    description = json.loads(head)
+    engine = loaded([machine], description["libm"])
+    return Native(description, engine, size=len(machine), place=disk.folder_text())
 
 
 def native_of(
@@ -216,14 +225,23 @@ def native_of(
         began: when its making began [s].
         wide: with the longest vectors that the processor has.
     """
-    description = {
-        "arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm, "checked": program.checked
-    }  # fmt: skip
-    wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
-    machine = emitted(f"{program.text}{wrapper}\n", level, lanes=program.lanes, wide=wide)
+    description = description_of(program)
+    machine = emitted(text_of(program), level, lanes=program.lanes, wide=wide)
     log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
     note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
-    return Native(description, machine, cached=False, note=note)
+    return Native(description, loaded([machine], program.libm), size=len(machine), note=note)
+
+
+def description_of(program: LlvmProgram) -> dict[str, Any]:
+    """Describe a program's arguments, as they are kept beside its machine code."""
+    return {
+        "arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm, "checked": program.checked
+    }  # fmt: skip
+
+
+def text_of(program: LlvmProgram) -> str:
+    """Write all of a program in LLVM's language: itself, and the functions that others call it by."""
+    return f"{program.text}{method_text(ENTRY, len(program.arrays), program.numbers)}\n"
 
 
 def _program_text(

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted
+from graspfx.compile import library
+from graspfx.compile.footprints import footprint
 from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_for
@@ -91,7 +93,7 @@ class PointCoupling(Carded):
             raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
         if engine not in ENGINES:
             raise UnknownNameError("engine", engine, ENGINES)
-        installed = find_spec("llvmlite") is not None
+        installed = find_spec("llvmlite") is not None or library.has(footprint(direct.couple))
         if engine == "compiled" and not installed:
             raise MissingPackageError(
                 "llvmlite", "engine='compiled'", "pip install llvmlite, or use engine='interpreted'"

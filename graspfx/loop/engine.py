@@ -6,6 +6,7 @@ import ast
 import sys
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
@@ -21,7 +22,7 @@ from graspfx.compile.own_sources import is_own
 from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.arena import Arena, ForeignKernel
 from graspfx.loop.kernels import announce
-from graspfx.loop.program import source
+from graspfx.loop.program import program_key, source
 from graspfx.progress import is_heard, waiting
 from graspfx.system.file_lock import alone
 
@@ -99,7 +100,7 @@ class Compiled:
         arena: of the scene.
 
     Raises:
-        MissingPackageError: no LLVM.
+        MissingPackageError: no LLVM to compile with.
         InputError: a kernel of others that cannot be compiled.
     """
 
@@ -107,7 +108,8 @@ class Compiled:
     patience = 64
 
     def __init__(self, arena: Arena) -> None:
-        require_llvm()
+        if not is_machine_code():
+            require_llvm()
         self._arena, self.world, self._program = arena, arena.offset, program()
         first = Interpreted(arena) if arena.foreign else None
         self._first = first if first is not None and first.is_checked else None
@@ -199,13 +201,26 @@ def program() -> Native:
 
 
 def kept_program() -> Native | None:
-    """Load the program of all scenes if it has been compiled."""
+    """Load the program of all scenes if it has been compiled, ahead of time or before."""
+    from graspfx.compile import library
+
+    if (shipped := library.find(program_key())) is not None:
+        return shipped
+    if find_spec("llvmlite") is None:
+        return None
     from graspfx.compile.native import compiled
 
     try:
         return compiled(source(make=False), make=False)
     except LookupError:
         return None
+
+
+def is_machine_code() -> bool:
+    """Tell whether ticks can be machine code here: it came with the installation, or LLVM can compile it."""
+    from graspfx.compile import library
+
+    return find_spec("llvmlite") is not None or library.has(program_key())
 
 
 def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from typing import Any
 
 from graspfx.compile.marks import parameter_kinds, written
@@ -19,6 +20,15 @@ def run(world, k, count, r):
 """
 
 
+@cache
+def program_key() -> str:
+    """Name the program with the sources that it is made from."""
+    from graspfx.compile.freshness import request_key
+
+    modules = {name.rpartition(".")[0] for name in KERNELS if name}
+    return request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
+
+
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
@@ -27,14 +37,12 @@ def source(*, make: bool = True) -> str:
     Args:
         make: whether to write what is not in the cache; else a LookupError.
     """
-    from graspfx.compile.freshness import recall, remember, request_key
+    from graspfx.compile.freshness import recall, remember
     from graspfx.compile.kernel import keep_lowerings
     from graspfx.compile.specialise.specialise import Program
     from graspfx.compile.specialise.values import Dynamic, Memory
 
-    modules = {name.rpartition(".")[0] for name in KERNELS if name}
-    key = request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
-    text = recall(key)
+    text = recall(key := program_key())
     if text is None:
         if not make:
             raise LookupError("not written yet")

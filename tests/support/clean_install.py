@@ -21,6 +21,17 @@ from hatchling import build
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs" / "notebooks" / "first-steps.ipynb"
 KERNEL = ("nbclient", "ipykernel")
+BITS = """
+import sys
+import graspfx as gx
+names = ("reference-1dof", "paper-spring", "paper-waving", "sphere-three-fingers", "thin-plate", "prism")
+runs = [gx.run(name, duration=0.2) for name in names]
+assert all(run.outcome.engine == "compiled" for run in runs)
+assert "llvmlite" not in sys.modules, "the library was not used"
+for name, run in zip(names, runs):
+    again = gx.run(gx.load(name, {"engine": "interpreted"}), duration=0.2)
+    assert again.outcome.engine == "interpreted" and again.rows.tobytes() == run.rows.tobytes(), name
+"""
 
 
 def distributions(out: Path) -> tuple[Path, Path]:
@@ -76,6 +87,9 @@ def try_out(wheel: Path) -> None:
         bin = install(home, str(wheel), *KERNEL)
         code = f"import graspfx; assert graspfx.__file__.startswith({str(home)!r}), graspfx.__file__"
         call([str(bin / "python"), "-c", code], work)
+        if not wheel.name.endswith("-none-any.whl"):
+            call([str(bin / "python"), "-c", BITS], work)
+            print("library of programs: the bits of the interpreter, and LLVM not loaded")
         call([str(bin / "graspfx"), "check", "paper-waving"], work)
         call([str(bin / "graspfx"), "run", "paper-waving", "--duration", "0.5"], work)
         shutil.copy(NOTEBOOK, work)

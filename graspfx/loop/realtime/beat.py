@@ -12,6 +12,7 @@ import time
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from graspfx.compile.footprints import footprint
 from graspfx.compile.kernel import kernel
 from graspfx.compile.marks import bound_late
 from graspfx.compile.memory import Scattered, address_of
@@ -333,6 +334,12 @@ class Reach(Scattered):
 @cache
 def program() -> Native:
     """Load the program of all loops, or compile it: once per version and machine."""
+    from graspfx.compile import library
     from graspfx.compile.native import compiled
 
-    return compiled(program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"], {}))
+    return library.find(footprint(beat)) or compiled(source())
+
+
+def source() -> str:
+    """Write the program of all loops as Python: run(arena, loop)."""
+    return program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"], {})

@@ -1,0 +1,37 @@
+"""The programs that a wheel brings: `python -m graspfx.loop.ahead FOLDER` compiles them (`graspfx.compile.library`).
+
+It needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which they run.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from graspfx.compile.footprints import footprint
+from graspfx.compile.library import build
+from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
+from graspfx.compile.machine import request_of
+from graspfx.grasp import direct, direct_modes
+from graspfx.loop import program
+from graspfx.loop.realtime import beat
+from graspfx.loop.realtime.pacing import arrive, set_deadline
+from graspfx.loop.realtime.readings import take_sample
+
+BY_THEMSELVES = (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows, set_deadline, arrive, take_sample)
+
+
+def programs() -> dict[str, tuple[str, LlvmProgram]]:
+    """Write all programs in LLVM's language: by the key by which each is looked for, its name and itself."""
+    found = {
+        program.program_key(): ("steps", llvm_program(program.source())),
+        footprint(beat.beat): ("beat", llvm_program(beat.source())),
+    }
+    for kernel in BY_THEMSELVES:
+        source, floats = request_of(kernel)
+        found[footprint(kernel)] = (kernel.__name__, llvm_program(source, floats, apart=False))
+    return found
+
+
+if __name__ == "__main__":
+    print(build(programs(), Path(sys.argv[1])))
