@@ -37,11 +37,12 @@ def contents(wheel: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A wheel, a source distribution and an editable wheel of the tree."""
+    """A wheel, a source distribution and an editable wheel of the tree, without programs: `make wheel` tries those."""
     folder = tmp_path_factory.mktemp("built")
     (folder / "editable").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
+        patch.setenv("GRASPFX_AHEAD", "off")
         return {
             "wheel": folder / build.build_wheel(str(folder)),
             "sdist": folder / build.build_sdist(str(folder)),
