@@ -96,7 +96,7 @@ def _files() -> dict[str, str]:
     found = {}
     for path, *_ in source_stamps():
         name = _name(path).removesuffix(".py").removesuffix(f"{os.sep}__init__").replace(os.sep, ".")
-        found[name if name.startswith(PACKAGE) else f"{PACKAGE}.{name}"] = path
+        found[name] = path
     found.pop(PACKAGE)  # shows the names of every room
     return found
 
@@ -155,5 +155,7 @@ def _digest_and_imports(path: str) -> tuple[str, list[str]]:
 
 def _name(file: str) -> str:
     """Name a source file in the same way wherever the package stands."""
-    folder = next(each for each in source_folders() if file.startswith(each + os.sep))
-    return os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
+    package, *_ = folders = source_folders()
+    folder = next(each for each in folders if file.startswith(each + os.sep))
+    name = os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
+    return name if folder == package else f"{PACKAGE}{os.sep}{name}"  # where a wheel has its shelves
