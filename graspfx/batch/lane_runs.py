@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.family import family_key, is_compiled, note_compiled
 from graspfx.batch.program_text import ROWS, SUMS, folded, lane_text, taking_text
 from graspfx.batch.statistics import LATE_LOW, LOW, MEASURES, empty
 from graspfx.batch.task import More, Task
@@ -51,15 +50,7 @@ class LaneRuns:
     def _compiled(self) -> Native:
         job, columns = self.job, self.job.columns if self.measuring else None
         source = folded(job.arena, lane_text(job.arena, columns, job.statistics))
-        kind = f"{self.lanes} lanes {sorted(self.shared.items())} {columns is None}"
-        family = family_key(kind, source, columns or (), job.statistics)
-        before = is_compiled(family)
-        if not self.make and not before:
-            raise LookupError("not compiled yet")
-        native = compiled(source, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
-        if not before:
-            note_compiled(family)
-        return native
+        return compiled(source, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
 
     @cached_property
     def shared(self) -> dict[str, tuple[int, int]]:

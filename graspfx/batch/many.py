@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 MOST = 64  # blocks of lanes that a thread takes at a time, at most
 APIECE = 8  # variants that it takes at a time to run one by one
 LANES_WORTH = 10_000_000  # ticks of all variants for which a program for lanes is compiled
-LANES_LOOK = 50_000  # and for which one is taken from the cache
+LANES_LOOK = 1_000_000  # and for which one is sought in the cache: its text has to be written for that
 MOST_ROWS = 2**28  # bytes of the rows of a block of lanes that are recorded whole
 MOST_LANES = 8  # of a block
 

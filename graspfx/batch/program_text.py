@@ -42,20 +42,6 @@ def folded(arena: Arena, definition: str) -> str:
     return source
 
 
-def row_text(arena: Arena, *, pausing: bool) -> str:
-    """Write run(k, count, r): ticks of one variant, each recorded as a row; it gives the ticks done.
-
-    Args:
-        arena: of a variant.
-        pausing: whether it comes back after the tick of the first fault; else it goes on whatever happens.
-    """
-    width = arena.parts.layout.width
-    row = [f"{ROWS}[r * {width} + {c}] = arena[{place}]" for c, place in enumerate(_columns(arena))]
-    fault = [f"if {_flag(arena)} != 0.0 and arena[{_servo(arena, 'tick')}] == k:", "    return i + 1"]
-    lines = [*_tick(arena, row), *(fault if pausing else []), "k += 1", "r += 1"]
-    return "\n".join(["def run(k, count, r):", "    for i in range(count):", *_indented(lines), "    return count"])
-
-
 def lane_text(arena: Arena, columns: Sequence[int] | None, statistics: Collection[str]) -> str:
     """Write run(k, count, low) for lanes, which goes on whatever happens and measures what it would record.
 

@@ -1,10 +1,10 @@
-"""Runs of variants one by one, each with the program that `gx.run` has for it."""
+"""Runs of variants one by one, by the program of all scenes, as `gx.run` runs them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,13 @@ from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, take
 from graspfx.batch.task import Task
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
+from graspfx.loop.engine import machine_codes, program
 from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 BLOCK = 1024  # rows that are written at a time
-LONG = 10_000_000  # ticks of all variants for which a program is worth the time that the best code takes to be made
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,13 @@ class Ended:
 
 
 class SingleRuns:
-    """The program for one variant at a time; each thread has buffers of its own."""
+    """Runs of one variant at a time; each thread has buffers of its own."""
 
     def __init__(self, job: Task) -> None:
         self.job = job
-        quick = job.work < LONG
-        self.program: Native = job.memory.recall(
-            ("single", id(job.arena), quick), lambda: compiled(job.pausing_source, quick=quick)
-        )
+        self.program: Native = program()
         self.taking = taking()
+        self._kernels = machine_codes(job.arena)
 
     def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
         """Run variants and note their measures and faults."""
@@ -58,7 +56,7 @@ class SingleRuns:
         taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
         half = job.ticks // 2
         for variant, arrays in zip(members.tolist(), begin, strict=True):
-            arena[:] = arrays
+            self._fill(arena, arrays)
             sums[...] = empty(len(columns))
             more = None if job.more is None else job.more(arena[None])
             k = 0
@@ -82,13 +80,19 @@ class SingleRuns:
     def record(self, variant: int) -> Ended:
         """Run one variant and record its rows."""
         arena, run, rows = self._bound(self.job.ticks)
-        arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
+        self._fill(arena, self.job.begin.arenas(slice(variant, variant + 1))[0])
         k, copy = 0, arena
         while k < self.job.ticks:
             k += run(k, min(BLOCK, self.job.ticks - k), k)
             if copy is arena and self._fault(arena) >= 0:
                 copy = arena.copy()
         return Ended(rows, self._fault(arena), arena, copy)
+
+    def _fill(self, arena: FloatArray, start: FloatArray) -> None:
+        """Fill in a variant, and the addresses of kernels that the program has not."""
+        arena[:] = start
+        for each, native in self._kernels:
+            arena[list(each.entries)] = float(native.entry)
 
     def _fault(self, arena: FloatArray) -> int:
         servo = ServoState(arena, self.job.arena.place(self.job.arena.own))
@@ -99,7 +103,8 @@ class SingleRuns:
         job = self.job
         arena, rows = np.zeros(job.size), np.zeros((count, job.width))
         arrays = {"arena": arena, "rows": rows.reshape(-1)}
-        return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
+        bound = self.program.bind(*(arrays[name] for name in self.program.arrays))
+        return arena, partial(bound.long, job.arena.offset), rows
 
 
 @cache

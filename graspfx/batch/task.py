@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.program_text import folded, row_text
 from graspfx.loop.arena import Arena
 
 FloatArray = NDArray[np.float64]
@@ -79,17 +78,3 @@ class Task:
     def work(self) -> float:
         """Ticks of all variants, also of those in other jobs."""
         return self.variants * self.ticks / self.share
-
-    @property
-    def source(self) -> str:
-        """The program of one variant that goes on whatever happens."""
-        return self._source(pausing=False)
-
-    @property
-    def pausing_source(self) -> str:
-        """The program that `gx.run` runs, which comes back after the tick of a fault."""
-        return self._source(pausing=True)
-
-    def _source(self, *, pausing: bool) -> str:
-        key = "source", id(self.arena), pausing
-        return self.memory.recall(key, lambda: folded(self.arena, row_text(self.arena, pausing=pausing)))

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.batch import lane_runs, many
+from graspfx.batch import many
 from graspfx.batch.grid import grid
 from graspfx.batch.variants import Variants
-from graspfx.compile.native import compiled
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
 from tests.support.optional import require
@@ -258,29 +257,6 @@ def test_unilateral_contact_side_by_side_or_not(monkeypatch):
     monkeypatch.setattr(many, "LANES_LOOK", 0)
     monkeypatch.setattr(many, "LANES_WORTH", 0)
     require_same(alone, gx.run_batch(scene, values, 0.3))
-
-
-def test_a_program_is_looked_for_once_one_of_its_family_is_compiled(line, monkeypatch, tmp_path):
-    """Where none was compiled none is looked for; afterwards other values find it, and give the same numbers."""
-    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
-    written = []
-
-    def noted(source, *, lanes=0, make=True, **how):
-        if lanes:
-            written.append(make)
-        return compiled(source, lanes=lanes, make=make, **how)
-
-    monkeypatch.setattr(lane_runs, "compiled", noted)
-    monkeypatch.setattr(many, "LANES_LOOK", 0)
-    values = {KEP: np.linspace(5.0, 60.0, 20)}
-    alone = gx.run_batch(line, values, 0.2)
-    assert not written
-    monkeypatch.setattr(many, "LANES_WORTH", 0)
-    gx.run_batch(line, values, 0.2)
-    assert written == [True]
-    monkeypatch.setattr(many, "LANES_WORTH", math.inf)
-    require_same(alone, gx.run_batch(line, values, 0.2))
-    assert written == [True, False]
 
 
 def test_meshes_run_too():
