@@ -258,7 +258,10 @@ def _matrices(
     of_object = None
     if law.of_object:
         turn = np.kron(np.eye(n), R[:d, :d])
-        of_object = tuple(turn @ each @ turn.T for each in g.object_gains())
+        forces = np.arange(n * g.state.coordinates) % g.state.coordinates < d  # without the torsion of soft fingers
+        of_object = tuple(turn @ each[np.ix_(forces, forces)] @ turn.T for each in g.object_gains())
+        if g.soft:
+            assumed.append("the torsion that K_o gives to soft fingers stays as it is while K_o is scaled")
     gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
