@@ -111,7 +111,7 @@ class RowSplit:
         return {name: np.moveaxis(values, -1, 0) for name, values in variables.items()}
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
-        """Compute the friction margin of fingers (r,) [N] and the coefficients that they need (n, r), as `grip.grip`."""
+        """Compute fingers' friction margin (r,) [N] and the coefficients that they need (n, r), by `grip.grip`."""
         mu, own = rows_of(self._friction, self._start, self._count), slice(None) if fingers is None else list(fingers)
         force = self.column("finger_force")
         normal = self.column("contact_normal")[:, : force.shape[1]]
