@@ -67,7 +67,7 @@ def stated(scene: str, **changes: Any) -> gx.Scene:
 SOFT: dict[str, Any] = {
     f"finger__{i}__{key}": value for i in range(3) for key, value in (("model", "soft"), ("patch", 0.008))
 }
-KINDS = [
+KINDS: list[tuple[str, dict[str, Any]]] = [
     ("reference-1dof", {}),
     ("paper-waving", {}),
     ("paper-waving", {"coupling__friction": 0.0}),
@@ -179,7 +179,9 @@ def test_two_soft_fingers_hold_a_bar_beside_its_centre() -> None:
     }
     scene = gx.load("soft-pinch", {"coupling.external": gains, "coupling.blend": [1e-4, 1e-3]})
     rec = gx.run(scene, duration=1.0)
-    turn = 2.0 * np.arcsin(rec.objects["bar"].orientation[-1, 1])
+    orientation = rec.objects["bar"].orientation
+    assert orientation is not None
+    turn = 2.0 * np.arcsin(orientation[-1, 1])
     assert abs(turn) == pytest.approx(0.03 * 9.81 * 0.015 / 0.2, rel=1e-3)
     [certificate] = gx.certify(scene)
     assert any("torsion that K_o gives" in text for text in certificate.assumed)
