@@ -170,18 +170,55 @@ def test_metric_is_another_name_for_the_mass_split() -> None:
     np.testing.assert_array_equal(one.finger_force, other.finger_force)
 
 
-def test_two_soft_fingers_hold_a_bar_beside_its_centre() -> None:
-    """0.2 N m/rad about the line of a pinch, which points cannot hold: the bar sags by m g 15 mm / 0.2, 1e-3."""
+def soft_pinch(damping: float, **changes: Any) -> gx.Scene:
+    """Two soft fingers on a bar, with 0.2 N m/rad about the line between them and a damping of turns [N m s/rad]."""
     gains = {
         "object_stiffness": [600.0, 600.0, 600.0, 0.2, 0.2, 0.2],
-        "object_damping": [1.0, 1.0, 1.0, 2e-3, 2e-3, 2e-3],
+        "object_damping": [1.0, 1.0, 1.0, damping, damping, damping],
         "object_point": [-0.015, 0.0, 0.0],  # on the line
     }
-    scene = gx.load("soft-pinch", {"coupling.external": gains, "coupling.blend": [1e-4, 1e-3]})
+    return gx.load("soft-pinch", {"coupling.external": gains, "coupling.blend": [1e-4, 1e-3], **changes})
+
+
+def test_two_soft_fingers_hold_a_bar_beside_its_centre() -> None:
+    """0.2 N m/rad about the line of a pinch, which points cannot hold: the bar sags by m g 15 mm / 0.2, 1e-3."""
+    scene = soft_pinch(1e-3)
     rec = gx.run(scene, duration=1.0)
     orientation = rec.objects["bar"].orientation
     assert orientation is not None
     turn = 2.0 * np.arcsin(orientation[-1, 1])
     assert abs(turn) == pytest.approx(0.03 * 9.81 * 0.015 / 0.2, rel=1e-3)
-    [certificate] = gx.certify(scene)
+
+
+@pytest.mark.parametrize(("damping", "stable"), [(1e-4, True), (2e-3, False)])
+def test_a_certificate_of_soft_fingers_is_that_of_the_run(damping: float, stable: bool) -> None:
+    """A small turn of the bar about its axis dies away, or grows by the spectral radius in each sample, 0.5 %."""
+    [certificate] = gx.certify(soft_pinch(damping))
+    assert (certificate.spectral_radius < 1.0) == stable
     assert any("torsion that K_o gives" in text for text in certificate.assumed)
+    rec = gx.run(soft_pinch(damping, **{"object.angular_velocity": [1e-7, 0.0, 0.0]}), duration=0.1)
+    spin = np.abs(rec.objects["bar"].angular_velocity[:, 0])
+    growth = (spin[45] / spin[15]) ** (1.0 / 30.0)
+    assert growth < 1.0 if stable else growth == pytest.approx(certificate.spectral_radius, rel=5e-3)
+
+
+def test_the_squeeze_adds_its_geometric_stiffness() -> None:
+    """Two fingers in the plane: 2 kep r^2 [(1 - d/r)^2 + (kip/kep)(d/r)(1 - d/r)] where K_o has 2 kep r^2.
+
+    To 1e-6 of the difference.
+    """
+    kep, kip, r = 30.0, 70.0, 0.025
+    scene = gx.load("paper-waving", {
+        "object.free": [True, True, True], "object.rotational_viscosity": 1e-3,
+        "coupling.external": {"object_stiffness": [2.0 * kep, 2.0 * kep, 2.0 * kep * r**2]},
+    })  # fmt: skip
+    loop = linearise(scene, "squeezed")
+    [geometric] = loop.geometric
+    assert geometric is not None
+    d = float(np.abs(loop.tips - loop.contacts)[:, 0].max()) / r
+    added = 2.0 * kep * r**2 * ((1.0 - d) ** 2 + kip / kep * d * (1.0 - d) - 1.0)
+    wanted = np.diag([0.0, 0.0, added])
+    np.testing.assert_allclose(geometric, wanted, rtol=0.0, atol=1e-6 * added)
+    [note] = gx.certify(scene)[0].notes
+    assert f"add {added:+.3g} N m/rad to rotations" in note
+    assert linearise(gx.load("paper-waving"), "squeezed").geometric == (None,)

@@ -86,7 +86,9 @@ def test_text_reads_back_the_same(recording: gx.Recording, tmp_path: Path) -> No
     assert head == ["time", *ours]
     numbers = np.array([[float(each) for each in row] for row in rows])
     assert numbers.tobytes() == np.column_stack([ours.index, ours.to_numpy(float)]).tobytes()
-    assert np.allclose(pd.read_csv(tmp_path / "r.csv", index_col="time").to_numpy(float), ours.to_numpy(float), equal_nan=True)
+    assert np.allclose(
+        pd.read_csv(tmp_path / "r.csv", index_col="time").to_numpy(float), ours.to_numpy(float), equal_nan=True
+    )
     with pytest.raises(RecordingError, match=r"r\.csv: is there already"):
         recording.to_csv(tmp_path / "r.csv")
     recording.to_csv(tmp_path / "r.csv", overwrite=True)
