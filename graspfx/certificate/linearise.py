@@ -333,8 +333,8 @@ def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) 
     whole[:, :, :d] = (G @ np.kron(np.eye(n), R)).reshape(grip.r, n, d)
     turning = grip.axes >= 3
     whole[turning, :, d] = (g.array(FingerState.patch)[:, None] * g.inward()).T[grip.axes[turning] - 3]
-    whole = whole.reshape(grip.r, n * c)
-    return np.asarray(whole @ sum(g.object_gains()[:3]) @ whole.T)
+    G = whole.reshape(grip.r, n * c)
+    return np.asarray(G @ sum(g.object_gains()[:3]) @ G.T)
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:

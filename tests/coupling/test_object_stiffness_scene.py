@@ -197,7 +197,9 @@ def test_a_certificate_of_soft_fingers_is_that_of_the_run(damping: float, stable
     assert (certificate.spectral_radius < 1.0) == stable
     assert any("torsion that K_o gives" in text for text in certificate.assumed)
     rec = gx.run(soft_pinch(damping, **{"object.angular_velocity": [1e-7, 0.0, 0.0]}), duration=0.1)
-    spin = np.abs(rec.objects["bar"].angular_velocity[:, 0])
+    velocity = rec.objects["bar"].angular_velocity
+    assert velocity is not None
+    spin = np.abs(velocity[:, 0])
     growth = (spin[45] / spin[15]) ** (1.0 / 30.0)
     assert growth < 1.0 if stable else growth == pytest.approx(certificate.spectral_radius, rel=5e-3)
 
