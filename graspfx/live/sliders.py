@@ -134,16 +134,28 @@ def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit."""
-    plain = general(slider.key)
-    if plain not in GAINS or not plain.endswith(".stiffness"):
-        return slider
-    mode = plain.split(".")[1]
-    limit = max((row.limit for row in verdict.rows if row.mode == mode and math.isfinite(row.limit)), default=0.0)
+    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit.
+
+    The limit of a factor is its value in the verdict times the margin of its mode.
+    """
+    limit = max(filter(math.isfinite, _limits(slider, verdict)), default=0.0)
     if limit < slider.most:
         return slider
     most = _nice_above(BEYOND * limit)
     return replace(slider, most=most, step=_step(slider.least, most))
+
+
+def _limits(slider: Slider, verdict: Verdict) -> list[float]:
+    """List the stability limits of what a slider moves, of all objects."""
+    plain = general(slider.key)
+    if slider.stiffness is not None:
+        own = f"external {plain.rpartition('.')[2]}"
+        mode = own if any(row.mode == own for row in verdict.rows) else "external"  # where there is one mode
+        now = value_in(slider, verdict.values)
+        return [(slider.value if now is None else now) * row.margin for row in verdict.rows if row.mode == mode]
+    if plain not in GAINS or not plain.endswith(".stiffness"):
+        return []
+    return [row.limit for row in verdict.rows if row.mode == plain.split(".")[1]]
 
 
 def fixed_keys(scene: Scene) -> dict[str, str]:

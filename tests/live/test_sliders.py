@@ -9,6 +9,7 @@ import pytest
 import graspfx as gx
 from graspfx.live.certifier import Certifier
 from graspfx.live.sliders import Slider, fixed_keys, sliders, value_in, values_of, widened
+from graspfx.live.stability_verdict import MarginRow, Verdict
 
 FRICTION = "coupling.friction"
 SCENES = (
@@ -140,3 +141,14 @@ def test_without_a_rotation_there_is_one_factor() -> None:
     assert [slider.key.rpartition(".")[2] for slider in sliders(scene) if slider.stiffness is not None] == [
         "translation"
     ]
+
+
+def test_a_factor_is_widened_beyond_its_margin() -> None:
+    """By the margin of its mode, times the factor that the margin is of; one within the range stays."""
+    both = [slider for slider in sliders(stiff()) if slider.stiffness is not None]
+    rows = [MarginRow("external translation", "object", math.nan, math.nan, 4.0, 5.0),
+            MarginRow("external rotation", "object", math.nan, math.nan, math.inf, math.nan)]  # fmt: skip
+    key, now = next(iter(values_of(both[0], both, {both[0].key: 2.0, both[1].key: 1.0}).items()))
+    assert [widened(slider, Verdict(rows=tuple(rows))).most for slider in both] == [5.0, 5.0]
+    twice = Verdict(values={key: now}, rows=tuple(rows))
+    assert [widened(slider, twice).most for slider in both] == [20.0, 5.0]  # 1.5 x 2 x 4 = 12, rounded up
