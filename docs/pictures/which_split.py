@@ -1,4 +1,4 @@
-"""Draws the figure of docs/explanation/which-split.md; with the argument `table` prints its numbers."""
+"""Draws the figure of docs/explanation/which-split.md; with the argument `table` prints the page's table."""
 
 from __future__ import annotations
 
@@ -15,10 +15,21 @@ FloatArray = NDArray[np.float64]
 
 POINTS = np.array([[-0.03, 0.0], [0.01, 0.025], [0.03, 0.0], [0.01, -0.025]])  # [m]
 FORCE = np.array([[3.0, 0.0], [0.0, -1.0], [-1.0, 0.5], [0.0, 1.0]])  # of the fingers on the object [N]
-WEIGHTS = [3.0, 1.0, 1.0, 1.0]
+MASSES = [0.3, 0.1, 0.1, 0.1]  # of the fingers' devices [kg]
+WEIGHTS = [1.0, 1.0, 1.0, 3.0]
+SPRINGS = [1.0, 1.0, 4.0, 1.0]  # of fingers and pads, of any unit
 KINDS: dict[str, dict[str, Any]] = {
-    "pseudoinverse": {}, "mass": {"weights": WEIGHTS}, "stiffness": {"stiffness": [1.0, 1.0, 4.0, 1.0]},
+    "pseudoinverse": {}, "mass": {"weights": MASSES}, "weights": {"weights": WEIGHTS},
+    "stiffness": {"stiffness": SPRINGS}, "virtual-linkage": {},
 }  # fmt: skip
+SPLITS: dict[str, dict[str, Any]] = {  # of a scene; the springs count like weights
+    "pseudoinverse": {"split": "pseudoinverse"},
+    "mass": {"split": "mass"},
+    "weights": {"split": "weights", "weights": WEIGHTS},
+    "stiffness": {"split": "weights", "weights": SPRINGS},
+    "virtual-linkage": {"split": "pseudoinverse"},  # the same for contacts without moments
+}
+DRAWN = ("pseudoinverse", "mass", "stiffness")
 REACH = 0.012  # [m/N]
 
 
@@ -29,27 +40,41 @@ def divided() -> dict[str, tuple[FloatArray, FloatArray]]:
     return {kind: gx.divide(grasp, FORCE, kind=kind, **more) for kind, more in kinds.items()}
 
 
-def margins() -> dict[str, tuple[float, float]]:
-    """Give the internal and external margins of a pinch by devices of 0.3 and 0.1 kg, under each split of a scene."""
-    heavy = {"name": "simulated", "mass": 0.3, "damping": 0.4}
-    light = {"name": "simulated", "mass": 0.1, "damping": 0.2}
-    changes: dict[str, dict[str, Any]] = {
-        "pseudoinverse": {},
-        "mass": {"coupling.split": "mass"},
-        "weights 1 : 3": {"coupling.split": "weights", "coupling.weights": [1.0, 3.0]},
-        "object stiffness": {"coupling.external": {"object_stiffness": [60.0, 60.0, 0.0375]}},
-    }
-    found = {}
-    for name, change in changes.items():
-        scene = gx.load("paper-waving", {"finger.0.device": heavy, "finger.1.device": light, **change})
-        rows = {row.mode: row.margin for row in gx.certify(scene)[0].limits}
-        found[name] = rows["internal"], rows["external"]
-    return found
+def scene(split: dict[str, Any]) -> gx.Scene:
+    """The same grasp as a scene: four attached fingers, the first one's device three times as heavy as the others."""
+    return gx.Scene(
+        dimensions=2, period=0.005, duration=1.0,
+        object={"mass": 0.1, "inertia": 4e-5, "viscosity": 0.8, "rotational_viscosity": 3e-4,
+                "shape": {"kind": "box", "size": [0.06, 0.05]}},
+        coupling={"contact": "attached", "external": {"stiffness": 15.0}, "internal": {"stiffness": 60.0}, **split},
+        finger=[
+            {"device": {"name": "simulated", "mass": mass, "damping": 0.3}, "start": point,
+             "hand": {"stiffness": 33.0, "rest": point}}
+            for mass, point in zip(MASSES, POINTS.tolist(), strict=True)
+        ],
+    )  # fmt: skip
+
+
+def limits(kind: str) -> dict[str, float]:
+    """Give the stability limits of the gains, internal and external [N/m]."""
+    found = {row.mode: row.margin * row.gain for row in gx.certify(scene(SPLITS[kind]))[0].limits}
+    return {mode: found[mode] for mode in ("internal", "external")}
+
+
+def table() -> list[str]:
+    """Write the page's table: push and squeeze of each finger, and the limits of the gains."""
+    head = "| kind | push of each finger [N] | squeeze of each finger [N] | limit of kip [N/m] | limit of kep [N/m] |"
+    lines = [head, "|---|---|---|---|---|"]
+    for kind, parts in divided().items():
+        push, squeeze = (", ".join(f"{size:.2f}" for size in np.linalg.norm(part, axis=1)) for part in parts)
+        most = limits(kind)
+        lines.append(f"| {kind} | {push} | {squeeze} | {most['internal']:.0f} | {most['external']:.1f} |")
+    return lines
 
 
 def draw() -> None:
     with gx.style.look():
-        parts = divided()
+        parts = {kind: each for kind, each in divided().items() if kind in DRAWN}
         sheet = gx.style.figure([2.2], columns=len(parts))
         for axes, (kind, (external, internal)) in zip(sheet.panels[0], parts.items(), strict=True):
             axes.plot(*np.vstack([POINTS, POINTS[:1]]).T, color="0.8", lw=1.0)
@@ -62,16 +87,8 @@ def draw() -> None:
     gx.style.save(sheet, Path(__file__).parent / "which-split.png")
 
 
-def tell() -> None:
-    for kind, parts in divided().items():
-        push, squeeze = (np.linalg.norm(part, axis=1).round(3).tolist() for part in parts)
-        print(f"{kind}: push {push} N, squeeze {squeeze} N")
-    for name, (internal, external) in margins().items():
-        print(f"{name}: margin internal {internal:.2f}, external {external:.2f}")
-
-
 if __name__ == "__main__":
     if sys.argv[1:] == ["table"]:
-        tell()
+        print(*table(), sep="\n")
     else:
         draw()

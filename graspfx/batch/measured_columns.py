@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.groups import Group
-from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import UnknownNameError
 from graspfx.loop.columns import Column, Layout
@@ -64,6 +64,17 @@ def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
     }
 
 
+def _friction(group: Group, arena: FloatArray) -> list[float]:
+    """Read the fingers' coefficients of friction from a variant's buffers; 0 for none."""
+    program = group.program
+    found = [0.0] * len(program.servo.layout.fingers)
+    for part in program.servo.objects:
+        state = GraspState(arena, program.arena.place(part.grasped.block))
+        for finger, mu in zip(part.fingers, state.fingers.array(FingerState.coefficient), strict=True):
+            found[finger] = float(mu)
+    return found
+
+
 def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """Make what computes variables that follow from rows of variants which begin with these buffers, (v, arena).
 
@@ -71,21 +82,22 @@ def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[
         A function of their rows (r, width, v), which gives the variables' numbers, (r, numbers, v).
     """
     layout = group.program.servo.layout
-    alike: list[tuple[dict[str, dict[str, Any]], list[int]]] = []  # variants whose forces divide alike, together
+    alike: list[tuple[dict[str, dict[str, Any]], list[float], list[int]]] = []  # variants alike in both, together
     for k, arena in enumerate(arenas):
-        split = split_of(group, arena)
-        lanes = next((lanes for other, lanes in alike if other == split), None)
+        split, friction = split_of(group, arena), _friction(group, arena)
+        lanes = next((lanes for *other, lanes in alike if other == [split, friction]), None)
         if lanes is None:
-            alike.append((split, [k]))
+            alike.append((split, friction, [k]))
         else:
             lanes.append(k)
 
     def divide(rows: FloatArray) -> FloatArray:
         count, width, _ = rows.shape
         out: FloatArray | None = None
-        for split, lanes in alike:
+        for split, friction, lanes in alike:
+            mu = np.array([each or np.nan for each in friction])
             own = np.ascontiguousarray(rows[:, :, lanes].transpose(2, 0, 1)).reshape(-1, width)
-            parts = RowSplit(own, layout, [(0, split)]).derived(names)
+            parts = RowSplit(own, layout, [(0, split)], friction=[(0, mu)]).derived(names)
             whole = np.concatenate([parts[name].reshape(len(own), -1) for name in names], axis=1)
             if out is None:
                 out = np.empty((count, whole.shape[1], len(arenas)))

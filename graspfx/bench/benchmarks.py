@@ -10,7 +10,7 @@ from graspfx.bench.timing import FULL, MISSING, QUICK, Case, Row, measure
 from graspfx.errors import MissingPackageError
 
 BENCHMARKS = {name: f"graspfx.bench.{name}" for name in ("startup", "ticks", "eq4")}
-BESIDE_TESTS = ("runs", "batches", "maps", "projection", "contact", "bodies")
+BESIDE_TESTS = ("runs", "batches", "maps", "projection", "contact", "bodies", "creep")
 """Comparisons with other programs, which only a checkout has: `make bench`."""
 
 CHECKOUT = "in a checkout of GraspFX: make bench, or python -m tests.bench"

@@ -93,7 +93,7 @@ class Certificate(Carded):
         why_not_passive: Short reason if `passive` is None.
         grip: Friction in use f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient.
         edge: Names of the fingers on their cones' edges, which count as sticking.
-        notes: Possible consequences if those fingers slide.
+        notes: Possible consequences if those fingers slide; what the squeeze adds to a stiffness of the object.
         fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
             None.
         gap: Distance from the object to the nearest finger if no finger touches it [m]; else nan.

@@ -159,9 +159,23 @@ def _certificate(scene: Scene, loop: Linearised) -> Certificate:
             if not math.isnan(margin)
         },
         edge=tuple(scene.finger_names[i] for i in loop.edge),
-        notes=tuple(_sliding(scene, loop)),
+        notes=(*_sliding(scene, loop), *_squeezed(scene, loop)),
         fade=loop.fade[0],
     )
+
+
+def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
+    """Report the geometric stiffness of the squeeze beside a stiffness of the object, which is meant without one."""
+    geometric = loop.geometric[0]
+    if geometric is None:
+        return
+    thing = next(each for each in scene.object if each.name == loop.objects[0])
+    turns = int(sum(scene.free(thing)[scene.dimensions :]))
+    if turns:
+        part = geometric[-turns:, -turns:]
+        low, high = np.linalg.eigvalsh(0.5 * (part + part.T))[[0, -1]]
+        change = f"{low:+.3g}" if turns == 1 else f"{low:+.3g} to {high:+.3g}"
+        yield f"object_stiffness is that without a squeeze: contact forces at rest add {change} N m/rad to rotations"
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:

@@ -30,6 +30,7 @@ from graspfx.certificate.matrices import (
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
 from graspfx.certificate.rest import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.impedance import Coupling
@@ -79,6 +80,8 @@ class Linearised:
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
+        geometric: For each object with a stiffness of its own, what the contact forces at rest add to it, (r, r) on its
+            free freedoms, from moments about its centre; None for others and at the start.
     """
 
     linear: Linearisation
@@ -104,6 +107,7 @@ class Linearised:
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
     pads: tuple[FloatArray, FloatArray] | None = field(repr=False)
+    geometric: tuple[FloatArray | None, ...] = field(repr=False)
 
 
 @one_blas_thread()
@@ -181,6 +185,7 @@ class _ObjectMatrices:
     contacts: FloatArray
     viscosity: FloatArray
     integrator: str
+    geometric: FloatArray | None
 
     @property
     def force(self) -> FloatArray:
@@ -258,7 +263,10 @@ def _matrices(
     of_object = None
     if law.of_object:
         turn = np.kron(np.eye(n), R[:d, :d])
-        of_object = tuple(turn @ each @ turn.T for each in g.object_gains())
+        forces = np.arange(n * g.state.coordinates) % g.state.coordinates < d  # without the torsion of soft fingers
+        of_object = tuple(turn @ each[np.ix_(forces, forces)] @ turn.T for each in g.object_gains())
+        if g.soft:
+            assumed.append("the torsion that K_o gives to soft fingers stays as it is while K_o is scaled")
     gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
@@ -273,6 +281,9 @@ def _matrices(
         unit = grip.lengths() / grip.lengths()[0]
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
+    geometric = None
+    if of_object is not None and J is not None:
+        geometric = G @ K @ G_e.T + N[m:, m:] - _unsqueezed(grip, K, contacts, R)
     if not N.any():  # without a preload the arms are those of the contacts
         G = G_e = grip.wrenches(contacts)
     if ground is not None:
@@ -308,7 +319,22 @@ def _matrices(
         contacts=contacts + centre,
         viscosity=viscosity,
         integrator=_integrator(parts, table, assumed),
+        geometric=geometric,
     )
+
+
+def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) -> FloatArray:
+    """Compute the object's stiffness (r, r) without contact forces, G K G', with the torsion of soft fingers."""
+    g, G = grip.grasped, grip.wrenches(contacts)
+    if not g.soft:
+        return np.asarray(G @ K @ G.T)
+    n, d, c = grip.n, grip.d, g.state.coordinates
+    whole = np.zeros((grip.r, n, c))
+    whole[:, :, :d] = (G @ np.kron(np.eye(n), R)).reshape(grip.r, n, d)
+    turning = grip.axes >= 3
+    whole[turning, :, d] = (g.array(FingerState.patch)[:, None] * g.inward()).T[grip.axes[turning] - 3]
+    G = whole.reshape(grip.r, n * c)
+    return np.asarray(G @ sum(g.object_gains()[:3]) @ G.T)
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
@@ -418,6 +444,7 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
         slip=(V.T @ block_diagonal([p.slip[0] for p in shares]), V.T @ block_diagonal([p.slip[1] for p in shares])),
         standing=tuple(share.standing for share in shares),
         fade=tuple(fades),
+        geometric=tuple(share.geometric for share in shares),
         stiffness=stiffness,
         damping=damping,
         gains=gains,

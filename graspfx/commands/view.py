@@ -91,7 +91,9 @@ def _serve(scene: Scene, guide: Guide, options: Namespace) -> int:
     with interruptible() as stop, ExitStack() as stack:
         with waiting(f"starting {options.scene}"):
             numbers = sliders(scene)
-            run = stack.enter_context(LiveRun(scene, live=[each.key for each in numbers], guide=guide))
+            run = stack.enter_context(
+                LiveRun(scene, live=list(dict.fromkeys(each.live for each in numbers)), guide=guide)
+            )
             view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
             page = stack.enter_context(view)
         if run.has_hardware:

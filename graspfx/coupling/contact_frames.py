@@ -45,17 +45,18 @@ def add_block(
     grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
     out: Table,
 ) -> None:  # fmt: skip
-    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F."""
-    d = grasp.dimensions
-    for a in range(d):
-        for b in range(d):
+    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F; torsion has none."""
+    d, c = grasp.dimensions, grasp.coordinates
+    for a in range(c):
+        for b in range(c):
             total = 0.0
-            for p in range(d):
-                for q in range(d):
-                    value = elastic * grasp.stiffness[i * d + p, j * d + q]
-                    value += damping * grasp.damping[i * d + p, j * d + q]
-                    total += finger.frame[3 * a + p] * value * other.frame[3 * b + q]
-            out[i * d + a, j * d + b] += total
+            for p in range(a if a == d else 0, c if a == d else d):
+                for q in range(b if b == d else 0, c if b == d else d):
+                    value = elastic * grasp.stiffness[i * c + p, j * c + q]
+                    value += damping * grasp.damping[i * c + p, j * c + q]
+                    along = 1.0 if a == d else finger.frame[3 * a + p]
+                    total += along * value * (1.0 if b == d else other.frame[3 * b + q])
+            out[i * c + a, j * c + b] += total
 
 
 @kernel

@@ -82,8 +82,9 @@ class Grip:
             raise InputError(
                 "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
             )
-        if self.soft and self.matrices:
-            raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
+        directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
+        if self.soft and directed:
+            raise InputError("patch", rules.patch, "one number for each gain of soft fingers, or a gain of the object")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
             raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
         self._check_pads()
@@ -251,7 +252,7 @@ class _Room:
             "width": 4 if grip.soft else 3,
             "coordinates": coordinates,
             "unknowns": n * coordinates + (int((_free(grip) != 0.0).sum()) if grip.implicit else 0),
-            "components": n * d if grip.matrices else 0,
+            "components": n * coordinates if grip.matrices else 0,
             "matrix_entries": sum(matrix.size for matrix in squares),
             "object_freedoms": WIDE if grip.law.of_object else 0,
             "padded_count": n if grip.padded else 0,

@@ -51,7 +51,7 @@ def is_up_to_date(grasp: GraspState) -> bool:
             for a in range(grasp.dimensions):
                 same = same and finger.contact[a] == finger.gains_contact[a]
             finger.gains_contact = finger.contact
-        if grasp.axes_of_gains == CONTACT:
+        if grasp.axes_of_gains == CONTACT or grasp.coordinates > grasp.dimensions:
             for a in range(grasp.dimensions):
                 same = same and finger.normal[a] == finger.gains_normal[a]
             finger.gains_normal = finger.normal
@@ -85,17 +85,18 @@ def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out:
 @kernel
 def fill_rows(grasp: GraspState, k: int, whole: bool, A: Table, B: Table) -> None:
     """Compute u_k, w_k, u_k'A and u_k'B of mode k."""
-    d, rows, mode = grasp.dimensions, grasp.mode_rows, grasp.modes[k]
+    d, c, rows, mode = grasp.dimensions, grasp.coordinates, grasp.mode_rows, grasp.modes[k]
     for i, finger in enumerate(grasp.fingers):
         root = metric_root(finger)
-        motion = motion_of(mode, i, 3)
-        for a in range(d):
-            rows[U + k, i * d + a] = motion.shift[a] / root
-            rows[W + k, i * d + a] = motion.shift[a] * root
+        motion = motion_of(mode, i, grasp.width)
+        for a in range(c):
+            own = motion.twist if a >= d else motion.shift[a]
+            rows[U + k, i * c + a] = own / root
+            rows[W + k, i * c + a] = own * root
     for i in range(grasp.count):
-        first = 0 if whole else i * d
-        last = grasp.components if whole else i * d + d
-        for q in range(i * d, i * d + d):
+        first = 0 if whole else i * c
+        last = grasp.components if whole else i * c + c
+        for q in range(i * c, i * c + c):
             along = across = 0.0
             for p in range(first, last):
                 along += rows[U + k, p] * A[p, q]
@@ -152,9 +153,10 @@ def roots(blend: float) -> tuple[float, float]:
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
     """Write a gain X as a square in the object's axes: L R'X R L of each finger, R'X R if whole, zero of the object.
 
-    R turns from the object's axes to those of the gain: the world's, or a finger's contact frame.
+    R turns from the object's axes to those of the gain: the world's, or a finger's contact frame. The gain of torsion,
+    over the patch length, is the finger's number: no other gain goes with soft fingers.
     """
-    n, d, m = grasp.count, grasp.dimensions, grasp.components
+    n, d, c, m = grasp.count, grasp.dimensions, grasp.coordinates, grasp.components
     if gain.of_object:
         for p in range(m):
             for q in range(m):
@@ -169,16 +171,19 @@ def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
         elif grasp.axes_of_gains == CONTACT:
             R = finger.frame
         for j in range(n):
-            block = Table(out.buffer, out.offset + (i * d * out.columns + j * d), out.columns)
+            block = Table(out.buffer, out.offset + (i * c * out.columns + j * c), out.columns)
             if gain.whole:
                 turn_block(grasp, Table(X.buffer, X.offset + (i * d * m + j * d), m), R, 1.0, block)
-            elif i == j:
+                continue
+            if i != j or c > d:
+                for a in range(c):
+                    for b in range(c):
+                        block[a, b] = 0.0
+            if i == j:
                 weight = max(finger.weight, WEIGHT_FLOOR)
                 turn_block(grasp, Table(X.buffer, X.offset + i * d * d, d), R, weight, block)
-            else:
-                for a in range(d):
-                    for b in range(d):
-                        block[a, b] = 0.0
+                if c > d:
+                    block[d, d] = weight * X[i * d * d]
 
 
 @kernel

@@ -114,7 +114,7 @@ class GraspState(Record):
     coordinates: int  # contact coordinates per finger, c: d, or 4 in space where some finger is soft
     width: int  # entries of a finger in a mode: 3, or 4 where some finger is soft
     unknowns: int  # n c, and the object's free directions under the implicit integrator
-    components: int  # n d where gains are matrices, else 0
+    components: int  # n c where gains are matrices, else 0
     matrix_entries: int  # of the four gains together, 0 where they are numbers
     object_freedoms: int  # 6 where the external gains are the object's, else 0
     law: int  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one

@@ -258,6 +258,8 @@ class GraspedObject:
     def object_gains(self) -> tuple[FloatArray, ...]:
         """Give K of the object's shifts, of its turns and internal, D external and internal, (m, m) in its axes.
 
+        With soft fingers each has a row of torsion over its patch length behind its forces.
+
         As the contacts and weights of the last sample make them. All of K is of the shifts where K_o couples them with
         turns, so that what is left would not be a stiffness of its own.
         """

@@ -72,16 +72,16 @@ def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -
 @kernel
 def combine_matrices(grasp: GraspState, elastic: bool, damping: bool) -> None:
     """Compute f = K e + D e' with the matrices that stand in the block."""
-    d = grasp.dimensions
+    c = grasp.coordinates
     for i, finger in enumerate(grasp.fingers):
-        for a in range(d):
+        for a in range(c):
             f = 0.0
             for j, other in enumerate(grasp.fingers):
-                for b in range(d):
+                for b in range(c):
                     if elastic:
-                        f += grasp.stiffness[i * d + a, j * d + b] * other.displacement[b]
+                        f += grasp.stiffness[i * c + a, j * c + b] * other.displacement[b]
                     if damping:
-                        f += grasp.damping[i * d + a, j * d + b] * other.rate[b]
+                        f += grasp.damping[i * c + a, j * c + b] * other.rate[b]
             finger.local[a] = f
 
 

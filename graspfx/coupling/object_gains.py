@@ -72,6 +72,8 @@ def fill_wrenches(grasp: GraspState, first: int) -> None:
                     T[k, u] += dot(axis, f)
                 else:
                     T[k, u] += dot(cross(axis, finger.contact), f)
+                    if grasp.coordinates > grasp.dimensions:
+                        T[k, u] += root * finger.patch * motion.twist * dot(axis, finger.normal)
 
 
 @kernel
@@ -107,7 +109,7 @@ def scale_freedoms(grasp: GraspState, free: int) -> None:
         else:
             turning = max(turning, K[u, u])
     for finger in grasp.fingers:
-        square += finger.weight * dot(finger.contact, finger.contact)
+        square += finger.weight * (dot(finger.contact, finger.contact) + finger.patch * finger.patch)
         total += finger.weight
     if square > 0.0:
         if not turning > 0.0:

@@ -63,8 +63,7 @@ class RecordingView(Resource):
         side = viser.gui.add_panel()
         with side.add_tab("Forces"):
             self._legend = viser.gui.add_html("")
-            has_depth = "gap" in recording.layout.columns
-            self._charts = StripCharts(viser, scene.fingers, recording.layout.dimensions, has_depth)
+            self._charts = StripCharts(viser, scene.fingers, recording.layout)
         side.dock_left()
         side.set_width(WIDTH)
         viser.gui.main_panel.dock_right()

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.live import GAINS, INERTIA, value_of
+from graspfx.assembly.live import GAINS, INERTIA, OBJECT_GAINS, value_of
 from graspfx.assembly.steering import Steering
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
@@ -16,6 +20,9 @@ from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.part_tables import ObjectImpedance
 
+FloatArray = NDArray[np.float64]
+
+OBJECT_STIFFNESS = OBJECT_GAINS[0]
 GAIN_TEXTS = dict(zip(GAINS, (
     ("external stiffness", "k_ep", "N/m"), ("external damping", "k_ed", "N s/m"),
     ("internal stiffness", "k_ip", "N/m"), ("internal damping", "k_id", "N s/m"),
@@ -24,20 +31,23 @@ ABOVE = 4.0  # end of a range relative to the present value
 BEYOND = 1.5  # end of a range relative to the stability limit
 RELAXATION = 0.02  # largest damping relative to the stiffness [s]
 ROUGHEST = 1.5  # largest coefficient of friction
+FACTORS = (0.1, 5.0)  # on the object's stiffness
 STEPS = 200  # approximate number of steps of a range
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slider:
     """Value of a scene that can change during a run.
 
     Attributes:
-        key: Live key of the scene.
+        key: Live key of the scene; of a factor, followed by "translation" or "rotation".
         label: Description with the paper's symbol.
         unit: Unit of the value; empty for a coefficient.
         least, most: Range, which includes the present value.
         step: Step between values.
         value: Present value.
+        stiffness: Stiffness of the object at factor 1, (w, w), if the value is a factor on it; else None.
+        freedoms: Freedoms of the object whose stiffness the factor multiplies.
     """
 
     key: str
@@ -47,6 +57,13 @@ class Slider:
     most: float
     step: float
     value: float
+    stiffness: FloatArray | None = None
+    freedoms: tuple[int, ...] = ()
+
+    @property
+    def live(self) -> str:
+        """Live key of the scene that the slider moves."""
+        return self.key if self.stiffness is None else OBJECT_STIFFNESS
 
     @property
     def text(self) -> str:
@@ -57,7 +74,8 @@ class Slider:
 def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
-    Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits.
+    Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits. A stiffness
+    of the object has a factor on its translation and one on its rotation.
     """
     result = []
     for candidate, reason in _judged(scene):
@@ -66,20 +84,78 @@ def sliders(scene: Scene) -> list[Slider]:
             result.append(
                 Slider(candidate.key, candidate.label, candidate.unit, least, most, _step(least, most), candidate.value)
             )
-    return result
+    return [*_factors(scene), *result]
+
+
+def _factors(scene: Scene) -> Iterator[Slider]:
+    """List the factors on the object's stiffness, of translation and of rotation, if it can change."""
+    part = scene.coupling.external
+    if not isinstance(part, ObjectImpedance):
+        return
+    with build(scene, engine="interpreted") as servo:
+        if _obstacle(servo, scene, OBJECT_STIFFNESS, 1.0):
+            return
+    K, d = np.array(part.stiffness), scene.dimensions
+    least, most = FACTORS
+    for name, freedoms in ("translation", range(d)), ("rotation", range(d, len(K))):
+        if K.diagonal()[freedoms.start : freedoms.stop].any():
+            key, label = f"{OBJECT_STIFFNESS}.{name}", f"stiffness of the object in {name}, factor"
+            yield Slider(key, label, "", least, most, _step(least, most), 1.0, K, tuple(freedoms))
+
+
+def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the value of the live key that a slider moves: a number, or K_o with the factors of all its sliders.
+
+    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which stays
+    positive definite.
+
+    Args:
+        slider: The slider.
+        others: All sliders.
+        values: Value of each slider, by its key.
+    """
+    if slider.stiffness is None:
+        return {slider.live: values[slider.key]}
+    root = np.ones(len(slider.stiffness))
+    for each in others:
+        if each.stiffness is not None:
+            root[list(each.freedoms)] = math.sqrt(values[each.key])
+    return {slider.live: (slider.stiffness * np.outer(root, root)).tolist()}
+
+
+def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
+    """Return a slider's value where live keys have these values; None if they do not tell it."""
+    if slider.live not in values:
+        return None
+    if slider.stiffness is None:
+        return float(values[slider.live])
+    i = max(slider.freedoms, key=lambda k: float(np.asarray(slider.stiffness)[k, k]))
+    return float(np.asarray(values[slider.live])[i, i] / slider.stiffness[i, i])
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit."""
-    plain = general(slider.key)
-    if plain not in GAINS or not plain.endswith(".stiffness"):
-        return slider
-    mode = plain.split(".")[1]
-    limit = max((row.limit for row in verdict.rows if row.mode == mode and math.isfinite(row.limit)), default=0.0)
+    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit.
+
+    The limit of a factor is its value in the verdict times the margin of its mode.
+    """
+    limit = max(filter(math.isfinite, _limits(slider, verdict)), default=0.0)
     if limit < slider.most:
         return slider
     most = _nice_above(BEYOND * limit)
     return replace(slider, most=most, step=_step(slider.least, most))
+
+
+def _limits(slider: Slider, verdict: Verdict) -> list[float]:
+    """List the stability limits of what a slider moves, of all objects."""
+    plain = general(slider.key)
+    if slider.stiffness is not None:
+        own = f"external {plain.rpartition('.')[2]}"
+        mode = own if any(row.mode == own for row in verdict.rows) else "external"  # where there is one mode
+        now = value_in(slider, verdict.values)
+        return [(slider.value if now is None else now) * row.margin for row in verdict.rows if row.mode == mode]
+    if plain not in GAINS or not plain.endswith(".stiffness"):
+        return []
+    return [row.limit for row in verdict.rows if row.mode == plain.split(".")[1]]
 
 
 def fixed_keys(scene: Scene) -> dict[str, str]:

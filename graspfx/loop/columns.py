@@ -174,6 +174,8 @@ DERIVED = (  # what follows from a row; the two forces, and the moments with the
       "reader", "moments"),
     C("internal_displacement", "finger axis", "m", "by which the fingers squeeze, e - P'e", "reader"),
     C("external_displacement", "finger axis", "m", "the rigid motion of the contacts in e, P'e", "reader"),
+    C("grip_margin", "", "N", "least mu f_n - |f_t| of touching fingers with friction; NaN without any", "reader",
+      "has_margin"),
 )
 FORCES = ("internal_force", "external_force", "internal_moment", "external_moment")
 # fmt: on
@@ -295,6 +297,8 @@ class Layout:
         """List the columns, as far as the scene has them, that a variable follows from."""
         if name == "displayed_force":
             return ("finger_force",)
+        if name == "grip_margin":
+            return ("finger_force", "contact_normal", "touching")
         displacement = name.endswith("displacement")
         own = ("finger_position", "torsion_displacement") if displacement else ("finger_force", "finger_moment")
         names = {*own, "contact_position", "gap", "contact_normal", "torsion_axis"}
@@ -324,6 +328,10 @@ class Layout:
         }
 
     always = True
+
+    @property
+    def has_margin(self) -> bool:
+        return self.slips and self.normals and "contact_normal" not in self.absent
 
     @property
     def unlimited(self) -> bool:

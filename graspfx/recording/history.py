@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspfx.card import Card, Carded, counted
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
-from graspfx.recording.grip import coefficients, grip, rows_of
+from graspfx.recording.grip import coefficients
 from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcome
 from graspfx.recording.rows import MemoryRows, RowStore, Window
 from graspfx.recording.split import RowSplit, splits_of, work
@@ -341,19 +341,17 @@ class History:
         NaN if none of them touches, if contacts stick or slip freely, and in recordings of earlier formats, which have
         no normals.
         """
+        return self.grip_margin_of(range(len(self.layout.fingers)))
+
+    def grip_margin_of(self, fingers: Sequence[int]) -> FloatArray:
+        """Friction margin of some fingers' grip, by their numbers, as `grip_margin`, (N,) [N]."""
         self.require("contact_normal", "finger_force", "touching")
         if "contact_normal" not in self.layout.columns:
             return np.full(len(self), np.nan)
-        found = coefficients(self.header, self.outcome.changes, len(self.layout.fingers))
-        margins = [np.zeros(0)]
-        first = self.start
-        for each in self.parts():
-            normal, force = (np.moveaxis(each.array(name), 0, -1) for name in ("contact_normal", "finger_force"))
-            touching = each.array("touching").T != 0.0
-            mu = rows_of(found, first, len(each))
-            margins.append(grip(normal[:, : force.shape[1]], force, touching, mu)[0])
-            first += len(each)
-        return np.concatenate(margins)
+        found, own = coefficients(self.header, self.outcome.changes, len(self.layout.fingers)), list(fingers)
+        return self._gathered(
+            (), lambda part: RowSplit(part.store, part.layout, [(0, {})], part.start, found).grip(own)[0]
+        )
 
     @property
     def _external_display(self) -> FloatArray:

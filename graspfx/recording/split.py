@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from graspfx.coupling.two_forces import Samples, SplitRule, divide, moment_of, torsion_over_patch
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Layout, RunFault
+from graspfx.recording.grip import grip, rows_of
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.recording.rows import MemoryRows, RowStore
 
@@ -39,12 +40,14 @@ class RowSplit:
         layout: their columns.
         splits: how forces divide, each from a row of the recording on; none where that is not asked for.
         start: number of the first row in it.
+        friction: fingers' coefficients (n,), each from a row of the recording on, as `grip.coefficients` lists them.
     """
 
     def __init__(
-        self, rows: FloatArray | RowStore, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0
+        self, rows: FloatArray | RowStore, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0,
+        friction: Sequence[tuple[int, FloatArray]] = (),
     ) -> None:  # fmt: skip
-        self.layout, self._splits, self._start = layout, splits, start
+        self.layout, self._splits, self._start, self._friction = layout, splits, start, friction
         self._store = rows if isinstance(rows, RowStore) else MemoryRows(rows)
         self._count, self._columns = len(rows), dict[str, FloatArray]()
 
@@ -103,7 +106,17 @@ class RowSplit:
             external = self.external_displacements()
             internal = self.column("finger_position") - self.column("contact_position") - external
             variables |= {"internal_displacement": internal, "external_displacement": external}
+        if "grip_margin" in names:
+            variables["grip_margin"], _ = self.grip()
         return {name: np.moveaxis(values, -1, 0) for name, values in variables.items()}
+
+    def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
+        """Compute fingers' friction margin (r,) [N] and the coefficients that they need (n, r), by `grip.grip`."""
+        mu, own = rows_of(self._friction, self._start, self._count), slice(None) if fingers is None else list(fingers)
+        force = self.column("finger_force")
+        normal = self.column("contact_normal")[:, : force.shape[1]]
+        touching = np.not_equal(self.column("touching"), 0.0)
+        return grip(normal[own], force[own], touching[own], mu[own])
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.recording.grip import coefficients, grip, rows_of
+from graspfx.recording.grip import coefficients
 from graspfx.recording.history import History
 from graspfx.recording.split import GraspRows, RowSplit, splits_of
 from graspfx.recording.vibration import Vibration
@@ -186,7 +186,7 @@ class Tally:
 
     def add(self, rows: FloatArray, start: int) -> None:
         """Add rows (r, width), of which `start` is the first."""
-        block = RowSplit(rows, self.layout, self.splits or [(0, {})], start)
+        block = RowSplit(rows, self.layout, self.splits or [(0, {})], start, self.friction)
         self.rows += len(rows)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
         if on is not None:
@@ -198,9 +198,7 @@ class Tally:
             external, _ = block.external_forces()
             parts = {"internal_force": block.column("finger_force") - external, "external_force": external}
         if on is not None and self.has("contact_normal", "finger_force"):
-            mu = rows_of(self.friction, start, len(rows))
-            force = block.column("finger_force")
-            margin, needed = grip(block.column("contact_normal")[:, : force.shape[1]], force, on, mu)
+            margin, needed = block.grip()
             self.grip_margin = float(np.fmin.reduce(margin, initial=self.grip_margin))
             self.friction_needed = max(self.friction_needed, float(needed.max(initial=0.0)))
         self._add_places(block, on)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.show.modes import Modes, directions, mean, modes
-from graspfx.show.style import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
+from graspfx.show.style import FINGERS_TOGETHER, MARGIN, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:
     from graspfx.recording.history import ObjectMotion
@@ -177,6 +177,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
         if not any(forces) or any(len(view.fingers) > 2 for view in columns):
             panels = tuple(_forces(view, strokes) for view in columns)
             rows_.append(Row("force of a\nfinger [N]", panels, LOW, signed=True))
+        rows_.append(Row("grip margin [N]", tuple(map(_grip, columns)), LOW, signed=True))
         rows_ += _turns(columns)
         drawn = [row for row in rows_ if any(row.panels)]
         return drawn or rows_[:1]
@@ -243,6 +244,15 @@ def _parts(
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
     return _of_fingers(view, np.linalg.norm(view.finger_force, axis=2), strokes) if view.has("finger_force") else ()
+
+
+def _grip(view: View) -> tuple[Curve, ...]:
+    """Plot the friction margin of the view's fingers, if some touch with a coefficient of friction."""
+    try:
+        margin = view.recording.grip_margin_of(view.fingers)
+    except RecordingError:  # columns are left out
+        return ()
+    return (curve("least $\\mu f_n - |f_t|$", margin, MARGIN),) if np.isfinite(margin).any() else ()
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:

@@ -85,6 +85,8 @@ def _ends(part: Recording) -> NDArray[np.intp]:
     drawn = [part.array(name) for name in names if name in part.layout.columns]
     with suppress(RecordingError):  # of one that does not say how forces divide
         drawn += [part.external_force, part.internal_displacement]
+    with suppress(RecordingError):  # of one that leaves normals out
+        drawn.append(part.grip_margin)
     numbers = np.concatenate([np.nan_to_num(each.reshape(len(part), -1)) for each in drawn], axis=1)
     return np.unique(np.concatenate([[0], numbers.argmin(axis=0), numbers.argmax(axis=0)]))
 

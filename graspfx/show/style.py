@@ -340,6 +340,7 @@ OBJECT = Stroke(INK, THICK)  # so wide that it shows on either side of a finger
 FINGERS_TOGETHER = Stroke(NEUTRAL, LINE, (0.0, (ON, OFF)))
 SQUEEZE = Stroke(INTERNAL, 2.6)  # so wide that it shows beneath a push of the same size
 PUSHES = tuple(Stroke(EXTERNAL, LINE, dashes) for dashes in AXES)
+MARGIN = Stroke(INK, LINE)
 TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
 
 

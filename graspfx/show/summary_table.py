@@ -125,6 +125,8 @@ ROWS: tuple[Row, ...] = (
     ("external force, mean", "external_force_mean", "N", 1.0),
     ("external force, vibration above 5 Hz", "external_force_vibration", "mN", 1e3),
     ("moment of internal forces, of |f| r", "internal_moment", "%", 100.0),
+    ("friction margin of the grip, least", "grip_margin", "N", 1.0),
+    ("coefficient of friction needed", "friction_needed", "", 1.0),
     ("finger vibration above 5 Hz, RMS", "finger_vibration", "um", 1e6),
     ("object vibration above 5 Hz, RMS", "object_vibration", "um", 1e6),
     ("energy at each device port", "port_energy", "mJ", 1e3),

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from graspfx.bench.benchmarks import Benchmark
     from graspfx.bench.timing import Row
 
-NAMES = ("startup", "ticks", "runs", "batches", "maps", "eq4", "projection", "contact", "bodies")
-HERE = ("runs", "batches", "maps", "eq4", "projection", "contact", "bodies")  # the others are the package's
+NAMES = ("startup", "ticks", "runs", "batches", "maps", "eq4", "projection", "contact", "bodies", "creep")
+HERE = ("runs", "batches", "maps", "eq4", "projection", "contact", "bodies", "creep")  # the others are the package's
 
 
 def module(name: str) -> Benchmark:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import graspfx as gx
 from graspfx.bench.eq4 import EXTERNAL, INTERNAL, GraspMatrix, exact_force
 from graspfx.bench.timing import Case, check
-from tests.bench import batches, bodies, contact, eq4, maps, peers, projection, runs
+from tests.bench import batches, bodies, contact, creep, eq4, maps, peers, projection, runs
 from tests.support.brute_force import brute_force, perpendicular_feet
 from tests.support.closed_forms import turned_freely, turned_steadily, viscous_motion
 from tests.support.exact import distance
@@ -240,3 +240,14 @@ def test_clarabel_finds_the_forces_without_friction() -> None:
     solve = projection.ByClarabel(4, 1e-12)
     for p in problems:
         np.testing.assert_allclose(solve(p), p.force, rtol=0, atol=1e-7 * np.abs(p.force).max())
+
+
+def test_a_pinched_box_creeps_in_mujoco_unless_it_projects_and_not_here() -> None:
+    """Regularised friction: 150 um/s at impratio 10, ten times that at 1, more with pyramids; noslip, ours none."""
+    pytest.importorskip("mujoco")
+    [case] = creep.cases(quick=True)
+    found = {name.rpartition(", ")[2]: 1e6 * error for name, error in errors(case).items()}
+    assert found["whole tick"] < 1e-3 and found["noslip"] < 1.0
+    assert 50.0 < found["impratio 10"] < 300.0
+    assert found["elliptic"] == pytest.approx(10.0 * found["impratio 10"], rel=0.02)
+    assert found["pyramidal"] > found["elliptic"]

@@ -17,7 +17,8 @@ from graspfx.coupling.closed_motion import worst_turn
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
-from graspfx.grasp.impedance import ActiveCouplingWarning, Coupling
+from graspfx.grasp.impedance import ActiveCouplingWarning, Coupling, Impedance
+from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.objects.body import NativeBody
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.closed_paths import gain_per_loop
@@ -138,10 +139,17 @@ def test_contact_axes_are_a_normal_and_a_tangential_gain() -> None:
     np.testing.assert_allclose(g.force, 120.0 * deep + 30.0 * (e - deep), rtol=0.0, atol=1e-13)
 
 
-def energy_of_sliding(seed: int, count: int) -> float:
-    """Measure what a finger spends on a closed path deep in a locked ball, over the most that its springs hold."""
+def energy_of_sliding(seed: int, count: int, of_object: bool = False) -> float:
+    """Measure what a finger spends on a closed path deep in a ball that stays, over the most that its springs hold.
+
+    With the object's stiffness its translations count as free, so that all of a lone finger's force is external.
+    """
     K = np.diag([120.0, 30.0, 60.0])
-    g = grasped(1, 3, law(K, K, form="symmetric"), Rules(fade=None), shape=Sphere(0.03), free=[False] * 6)
+    gains = law(K, K, form="symmetric")
+    if of_object:
+        gains = Coupling(ObjectImpedance([120.0, 30.0, 60.0, 0.0, 0.0, 0.0]), Impedance(70.0))
+    free = [of_object] * 3 + [False] * 3
+    g = grasped(1, 3, gains, Rules(fade=None), shape=Sphere(0.03), free=free)
     rng = np.random.default_rng(seed)
     a, middle = rng.normal(size=(3, 2, 3)), rng.normal(size=3)
     phase = 2.0 * np.pi * np.arange(2 * count) / count  # the second round counts
@@ -157,13 +165,14 @@ def energy_of_sliding(seed: int, count: int) -> float:
     return float(spent / (0.5 * np.einsum("ki,ij,kj->k", f, np.linalg.inv(K), f)).max())
 
 
+@pytest.mark.parametrize("of_object", [False, True])
 @pytest.mark.parametrize("seed", [1, 6, 7, 10])
-def test_contacts_that_slip_freely_keep_what_the_springs_hold(seed: int) -> None:
+def test_contacts_that_slip_freely_keep_what_the_springs_hold(seed: int, of_object: bool) -> None:
     """Equal matrices without friction, as the limit of a small coefficient: what sliding makes goes with the step.
 
     With the closest point as the contact these paths make or take 25, 36, 27 and 12 % of the peak at any step.
     """
-    coarse, fine = (abs(energy_of_sliding(seed, count)) for count in (400, 800))
+    coarse, fine = (abs(energy_of_sliding(seed, count, of_object)) for count in (400, 800))
     assert fine < 0.006
     assert fine < 0.8 * coarse
 

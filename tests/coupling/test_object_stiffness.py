@@ -219,3 +219,47 @@ def test_closed_motions_create_nothing(kind: str, d: int) -> None:
     energy = worst_turn(g, contacts * 0.95)
     assert energy.peak > 1e-3
     assert abs(energy.share) < 1e-9
+
+
+RHO = 0.008  # patch length of soft fingers [m]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_soft_fingers_take_moments_by_their_patch_length(n: int) -> None:
+    """K of forces and torsions over rho is X K_c X' with M = rho^2 on torsions: 1e-9 of the largest entry.
+
+    Two soft fingers hold all six freedoms, where two points leave the turn about their line free: G K G' = K_o.
+    """
+    rng = np.random.default_rng(n)
+    K_o, kip = object_gain(rng, 3), 70.0
+    gains = gx.Coupling(gx.ObjectImpedance(K_o), gx.Impedance(kip))
+    contacts = rng.normal(size=(n, 3))
+    contacts *= 0.03 / np.linalg.norm(contacts, axis=1)[:, None]
+    weights = rng.uniform(0.5, 1.5, n)
+    rules = Rules(attached=True, patch=RHO, share=weights.tolist(), blend=(1e-9, 2e-9))
+    g = grasped(n, 3, gains, rules, shape=Sphere(0.03), inertia=INERTIA[3])
+    g.meet(contacts)
+    respond(g, contacts)
+    own = g.state.stiffness.array(4 * n)
+    grasp = gx.Grasp(contacts, -contacts, model="soft")
+    split = grasp.split(metric=grasp.metric(torsion_length=RHO, weights=weights))
+    unit = np.where(grasp.torsion_columns, 1.0 / RHO, 1.0)
+    wanted = gains.stiffness(split) * np.outer(unit, unit)
+    np.testing.assert_allclose(own, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+    assert np.array_equal(own, own.T)
+    if n > 1:
+        G = grasp.matrix / unit
+        np.testing.assert_allclose(G @ own @ G.T, K_o, rtol=0.0, atol=1e-9 * np.abs(K_o).max())
+
+
+def test_soft_fingers_create_nothing_on_closed_motions() -> None:
+    """Turns of +-0.5 rad with shifts, weights, fingertips pressed in: 1e-9 of the largest energy stored."""
+    gains = gx.Coupling(gx.ObjectImpedance(object_gain(np.random.default_rng(3), 3)), gx.Impedance(200.0))
+    contacts = np.pad(polygon(3, 0.025), ((0, 0), (0, 1)))
+    contacts *= 0.03 / np.linalg.norm(contacts, axis=1)[:, None]
+    rules = Rules(attached=True, patch=RHO, share=[0.5, 1.0, 1.5])
+    g = grasped(3, 3, gains, rules, shape=Sphere(0.03), inertia=INERTIA[3])
+    g.meet(contacts)
+    energy = worst_turn(g, contacts * 0.95)
+    assert energy.peak > 1e-3
+    assert abs(energy.share) < 1e-9

@@ -64,7 +64,10 @@ def stated(scene: str, **changes: Any) -> gx.Scene:
     )
 
 
-KINDS = [
+SOFT: dict[str, Any] = {
+    f"finger__{i}__{key}": value for i in range(3) for key, value in (("model", "soft"), ("patch", 0.008))
+}
+KINDS: list[tuple[str, dict[str, Any]]] = [
     ("reference-1dof", {}),
     ("paper-waving", {}),
     ("paper-waving", {"coupling__friction": 0.0}),
@@ -75,10 +78,19 @@ KINDS = [
     ("sphere-three-fingers", {"coupling__friction": 0.0}),
     ("sphere-three-fingers", {"coupling__friction": "stick"}),
     ("sphere-three-fingers", {"coupling__split": "weights", "coupling__weights": [1.0, 2.0, 0.5]}),
+    ("sphere-three-fingers", SOFT),
+    ("sphere-three-fingers", SOFT | {"coupling__contact": "attached"}),
+    ("sphere-three-fingers", SOFT | {"object__integrator": "implicit"}),
+    ("sphere-three-fingers", SOFT | {"coupling__passivity": "observe", "coupling__damping_depth": 0.002}),
 ]
 
 
-@pytest.mark.parametrize(("name", "changes"), KINDS, ids=[f"{name} {changes}" for name, changes in KINDS])
+def name_of(changes: dict[str, Any]) -> str:
+    soft = "soft " if SOFT.items() <= changes.items() else ""
+    return f"{soft}{ {key: value for key, value in changes.items() if not soft or key not in SOFT} }"
+
+
+@pytest.mark.parametrize(("name", "changes"), KINDS, ids=[f"{name} {name_of(changes)}" for name, changes in KINDS])
 def test_every_contact_case_runs_to_the_same_bits(name: str, changes: dict[str, Any]) -> None:
     """Interpreted and compiled, and one of a batch: finite forces, the same bits."""
     scene = stated(name, **changes)
@@ -156,3 +168,59 @@ def test_metric_is_another_name_for_the_mass_split() -> None:
         gx.run(gx.load("paper-waving", {key: "mass"}), duration=0.2) for key in ("coupling.metric", "coupling.split")
     )
     np.testing.assert_array_equal(one.finger_force, other.finger_force)
+
+
+def soft_pinch(damping: float, **changes: Any) -> gx.Scene:
+    """Two soft fingers on a bar, with 0.2 N m/rad about the line between them and a damping of turns [N m s/rad]."""
+    gains = {
+        "object_stiffness": [600.0, 600.0, 600.0, 0.2, 0.2, 0.2],
+        "object_damping": [1.0, 1.0, 1.0, damping, damping, damping],
+        "object_point": [-0.015, 0.0, 0.0],  # on the line
+    }
+    return gx.load("soft-pinch", {"coupling.external": gains, "coupling.blend": [1e-4, 1e-3], **changes})
+
+
+def test_two_soft_fingers_hold_a_bar_beside_its_centre() -> None:
+    """0.2 N m/rad about the line of a pinch, which points cannot hold: the bar sags by m g 15 mm / 0.2, 1e-3."""
+    scene = soft_pinch(1e-3)
+    rec = gx.run(scene, duration=1.0)
+    orientation = rec.objects["bar"].orientation
+    assert orientation is not None
+    turn = 2.0 * np.arcsin(orientation[-1, 1])
+    assert abs(turn) == pytest.approx(0.03 * 9.81 * 0.015 / 0.2, rel=1e-3)
+
+
+@pytest.mark.parametrize(("damping", "stable"), [(1e-4, True), (2e-3, False)])
+def test_a_certificate_of_soft_fingers_is_that_of_the_run(damping: float, stable: bool) -> None:
+    """A small turn of the bar about its axis dies away, or grows by the spectral radius in each sample, 0.5 %."""
+    [certificate] = gx.certify(soft_pinch(damping))
+    assert (certificate.spectral_radius < 1.0) == stable
+    assert any("torsion that K_o gives" in text for text in certificate.assumed)
+    rec = gx.run(soft_pinch(damping, **{"object.angular_velocity": [1e-7, 0.0, 0.0]}), duration=0.1)
+    velocity = rec.objects["bar"].angular_velocity
+    assert velocity is not None
+    spin = np.abs(velocity[:, 0])
+    growth = (spin[45] / spin[15]) ** (1.0 / 30.0)
+    assert growth < 1.0 if stable else growth == pytest.approx(certificate.spectral_radius, rel=5e-3)
+
+
+def test_the_squeeze_adds_its_geometric_stiffness() -> None:
+    """Two fingers in the plane: 2 kep r^2 [(1 - d/r)^2 + (kip/kep)(d/r)(1 - d/r)] where K_o has 2 kep r^2.
+
+    To 1e-6 of the difference.
+    """
+    kep, kip, r = 30.0, 70.0, 0.025
+    scene = gx.load("paper-waving", {
+        "object.free": [True, True, True], "object.rotational_viscosity": 1e-3,
+        "coupling.external": {"object_stiffness": [2.0 * kep, 2.0 * kep, 2.0 * kep * r**2]},
+    })  # fmt: skip
+    loop = linearise(scene, "squeezed")
+    [geometric] = loop.geometric
+    assert geometric is not None
+    d = float(np.abs(loop.tips - loop.contacts)[:, 0].max()) / r
+    added = 2.0 * kep * r**2 * ((1.0 - d) ** 2 + kip / kep * d * (1.0 - d) - 1.0)
+    wanted = np.diag([0.0, 0.0, added])
+    np.testing.assert_allclose(geometric, wanted, rtol=0.0, atol=1e-6 * added)
+    [note] = gx.certify(scene)[0].notes
+    assert f"add {added:+.3g} N m/rad to rotations" in note
+    assert linearise(gx.load("paper-waving"), "squeezed").geometric == (None,)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -110,3 +112,11 @@ def test_a_bare_matrix_and_contacts_with_moments() -> None:
         gx.divide(gx.Grasp(POINTS, POINTS, model="soft"), np.zeros(16), kind="stiffness", stiffness=WEIGHTS)
     with pytest.raises(UnknownNameError, match="kind of split"):
         gx.divide(gx.Grasp(POINTS), np.zeros(12), kind="equal")  # type: ignore[arg-type]
+
+
+def test_the_page_has_the_table_of_its_script() -> None:
+    """Push, squeeze and limits of each kind on one grasp and load, computed anew."""
+    docs = Path(__file__).parents[2] / "docs"
+    script = runpy.run_path(str(docs / "pictures" / "which_split.py"))
+    page = (docs / "explanation" / "which-split.md").read_text(encoding="utf-8")
+    assert "\n".join(script["table"]()) in page

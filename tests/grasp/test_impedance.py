@@ -360,3 +360,32 @@ def test_the_input_is_not_kept():
     k[:] = 5.0
     assert np.array_equal(impedance.stiffness, [1.0, 2.0])
     assert isinstance(gx.Impedance(3).stiffness, float)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_an_object_stiffness_on_soft_fingers_has_no_unit(n: int) -> None:
+    """Metres or millimetres, any reference: K_ep the same to 1e-11, P K_ep = K_ep = K_ep P', G K_ep G' = K_c."""
+    rng = np.random.default_rng(n)
+    points = 0.03 * rng.normal(size=(n, 3))
+    normals = -points / np.linalg.norm(points, axis=1)[:, None]
+    size = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    A = rng.normal(size=(6, 6))
+    K_o = 50.0 * (A @ A.T) * np.outer(size, size)
+    found = []
+    for unit in (1.0, 1000.0):
+        for origin in np.zeros(3), np.array([0.1, 0.2, -0.3]):
+            grasp = gx.Grasp(unit * points, normals, model="soft", origin=unit * origin)
+            split = grasp.split(metric=grasp.metric(torsion_length=0.008 * unit))
+            turns = np.array([1.0] * 3 + [unit] * 3)
+            K = gx.ObjectImpedance(K_o * np.outer(turns, turns) / unit, point=np.zeros(3))
+            K_ep = gx.Coupling(K, gx.Impedance(0.0)).stiffness(split)
+            torsion = np.where(grasp.torsion_columns, 1.0 / unit, 1.0)
+            found.append(K_ep * np.outer(torsion, torsion) * unit)  # of forces in N, moments in N m
+            P, scale = split.external, np.abs(K_ep).max()
+            np.testing.assert_allclose(P @ K_ep, K_ep, rtol=0.0, atol=1e-11 * scale)
+            np.testing.assert_array_equal(K_ep, K_ep.T)
+            if n > 1:  # two soft fingers hold all six freedoms
+                felt = gx.Grasp(points, normals, model="soft").matrix
+                np.testing.assert_allclose(felt @ found[-1] @ felt.T, K_o, rtol=0.0, atol=1e-9 * np.abs(K_o).max())
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=0.0, atol=1e-11 * np.abs(found[0]).max())

@@ -8,7 +8,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.live.certifier import Certifier
-from graspfx.live.sliders import Slider, fixed_keys, sliders, widened
+from graspfx.live.sliders import Slider, fixed_keys, sliders, value_in, values_of, widened
+from graspfx.live.stability_verdict import MarginRow, Verdict
 
 FRICTION = "coupling.friction"
 SCENES = (
@@ -95,3 +96,59 @@ def test_ranges_reach_beyond_limits(name: str) -> None:
             assert widened(wide, verdict) is wide
         else:
             assert wide is slider
+
+
+def stiff(**more: object) -> gx.Scene:
+    """The pinch of the paper with a stiffness of the object whose freedoms are coupled."""
+    K = [[80.0, 5.0, 0.3], [5.0, 60.0, 0.1], [0.3, 0.1, 0.05]]
+    return gx.load("paper-waving", {"coupling.external": {"object_stiffness": K}, **more})
+
+
+def test_a_stiffness_of_the_object_has_two_factors() -> None:
+    """On translation and rotation, at 1; both act together on K_o, whose coupling goes by the root of both."""
+    scene = stiff()
+    both = [slider for slider in sliders(scene) if slider.stiffness is not None]
+    assert [slider.label for slider in both] == [
+        f"stiffness of the object in {s}, factor" for s in ("translation", "rotation")
+    ]
+    assert [(slider.least, slider.value, slider.most) for slider in both] == [(0.1, 1.0, 5.0)] * 2
+    values = {both[0].key: 4.0, both[1].key: 0.25}
+    [(key, K)] = values_of(both[0], both, values).items()
+    assert key == "coupling.external.object_stiffness"
+    assert K == [[320.0, 20.0, 0.3], [20.0, 240.0, 0.1], [0.3, 0.1, 0.0125]]
+    assert values_of(both[1], both, values) == {key: K}
+    assert [value_in(slider, {key: K}) for slider in both] == [4.0, 0.25]
+    assert value_in(both[0], {"coupling.friction": 0.3}) is None
+
+
+def test_the_factors_move_a_run() -> None:
+    """A run takes both ends of both factors."""
+    scene = stiff()
+    both = [slider for slider in sliders(scene) if slider.stiffness is not None]
+    key = "coupling.external.object_stiffness"
+    with gx.open(scene, live=[key]) as session:
+        session.step(20)
+        for slider in both:
+            for value in (slider.least, slider.most, 1.0):
+                session.set(key, values_of(slider, both, {each.key: 1.0 for each in both} | {slider.key: value})[key])
+                session.step(5)
+        assert not session.fault
+        assert [change.key for change in session.recording.changes] == [key] * 6
+
+
+def test_without_a_rotation_there_is_one_factor() -> None:
+    scene = gx.load("reference-1dof", {"coupling.external": {"object_stiffness": 40.0}})
+    assert [slider.key.rpartition(".")[2] for slider in sliders(scene) if slider.stiffness is not None] == [
+        "translation"
+    ]
+
+
+def test_a_factor_is_widened_beyond_its_margin() -> None:
+    """By the margin of its mode, times the factor that the margin is of; one within the range stays."""
+    both = [slider for slider in sliders(stiff()) if slider.stiffness is not None]
+    rows = [MarginRow("external translation", "object", math.nan, math.nan, 4.0, 5.0),
+            MarginRow("external rotation", "object", math.nan, math.nan, math.inf, math.nan)]  # fmt: skip
+    key, now = next(iter(values_of(both[0], both, {both[0].key: 2.0, both[1].key: 1.0}).items()))
+    assert [widened(slider, Verdict(rows=tuple(rows))).most for slider in both] == [5.0, 5.0]
+    twice = Verdict(values={key: now}, rows=tuple(rows))
+    assert [widened(slider, twice).most for slider in both] == [20.0, 5.0]  # 1.5 x 2 x 4 = 12, rounded up

@@ -100,11 +100,9 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     if finger.patch is None:
         yield at, "required for a soft finger: the length that torsion is measured with, the radius of its patch [m]"
     coupling = scene.coupling
-    gains = [
-        np.ndim(gain) for part in (coupling.external, coupling.internal) for gain in (part.stiffness, part.damping)
-    ]
-    if any(gains):
-        yield ("finger", i, "model"), "soft fingers expect each gain as one number"
+    parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
+    if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):
+        yield ("finger", i, "model"), "soft fingers expect each gain as one number, or as one of the object"
     if coupling.contact == "attached":
         if scene.object[scene.finger_objects[i]].shape is None:
             yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from graspfx.live.sliders import Slider, widened
+from graspfx.live.sliders import Slider, value_in, values_of, widened
 from graspfx.live.view.words_on_page import heading
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class GainSliders:
         self._order, self._remark = order, remark
         self._lock = threading.Lock()
         self.values = {slider.key: slider.value for slider in sliders}
+        self._asked = dict(self.values)  # also by orders that are pending: factors on one stiffness go together
         self._newest = dict.fromkeys(self.values, 0)
         self._handles: dict[str, Any] = {}
         if sliders:
@@ -44,7 +45,7 @@ class GainSliders:
         for slider in sliders:
             handle = server.gui.add_slider(
                 label(slider), float(slider.least), float(slider.most), float(slider.step), float(slider.value),
-                hint=f"{slider.label}: {slider.key}",
+                hint=f"{slider.label}: {slider.live}",
             )  # fmt: skip
             handle.on_update(self._mover(slider.key))
             self._handles[slider.key] = handle
@@ -70,10 +71,13 @@ class GainSliders:
         """Order a value; if the order is clamped or refused, the slider moves to the actual value."""
         if self._handles[key].value != value:
             self._handles[key].value = value
+        slider = next(each for each in self._sliders if each.key == key)
         with self._lock:
             self._newest[key] += 1
             number = self._newest[key]
-        self._order({key: value}).add_done_callback(lambda future: self._settle(key, number, value, future))
+            self._asked[key] = value
+            order = values_of(slider, self._sliders, self._asked)
+        self._order(order).add_done_callback(lambda future: self._settle(key, number, value, future))
 
     def _settle(self, key: str, number: int, order_value: float, future: Future[Order]) -> None:
         """Process the result of an order; a newer pending order takes precedence."""
@@ -81,8 +85,11 @@ class GainSliders:
         order = None if error is not None else future.result()
         with self._lock:
             if order is not None:
-                self.values.update({name: float(each) for name, each in order.values.items()})
+                told = {each.key: value_in(each, order.values) for each in self._sliders}
+                self.values.update({name: each for name, each in told.items() if each is not None})
             is_newest = number == self._newest[key]
+            if is_newest:
+                self._asked[key] = self.values[key]
         if error is not None:
             self._remark(f"{key} = {order_value:.5g} was not set: {error}")
         elif is_newest and order is not None:

@@ -67,7 +67,7 @@ class LiveView(Resource):
         viser.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(55, 71, 79))
         with self._side_panel(viser):
             self._legend = viser.gui.add_html("")
-            self._charts = StripCharts(viser, drawn.fingers, run.layout.dimensions, "gap" in run.layout.columns)
+            self._charts = StripCharts(viser, drawn.fingers, run.layout)
         viser.gui.add_html(words.PAGE_STYLE)
         self._status = viser.gui.add_html("")
         self._banner = viser.gui.add_html(words.banner("", panel=False))

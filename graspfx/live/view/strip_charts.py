@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.live.frame import Frames
-from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, NOTE
+from graspfx.loop.columns import Layout
+from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, NOTE
 
 if TYPE_CHECKING:
     import viser
@@ -28,21 +29,23 @@ class StripCharts:
     Args:
         server: Server of the page.
         fingers: Names of the fingers.
-        dimensions: Number of dimensions d of the scene.
-        has_depth: Whether rows contain the penetration depth.
+        layout: Columns of the rows: depth and friction margin are drawn if rows tell them.
     """
 
-    def __init__(self, server: viser.ViserServer, fingers: tuple[str, ...], dimensions: int, has_depth: bool) -> None:
-        self._axes = min(dimensions, 3)
+    def __init__(self, server: viser.ViserServer, fingers: tuple[str, ...], layout: Layout) -> None:
+        has_depth = "gap" in layout.columns
+        self._has_margin = has_margin = "grip_margin" in [column.name for column in layout.derived]
+        self._axes = min(layout.dimensions, 3)
         self._time = np.linspace(-SECONDS + EVERY, 0.0, COUNT)
-        self._forces = np.zeros((1 + self._axes, COUNT))
+        self._forces = np.zeros((1 + self._axes + has_margin, COUNT))
         self._depths = np.zeros((len(fingers), COUNT))
         pushes = [
             _series(f"push {'xyz'[axis]} [N]", EXTERNAL, DASHES[axis], 2.0 if axis == 0 else 1.5)
             for axis in range(self._axes)
         ]
         squeeze = _series("squeeze, mean [N]", INTERNAL, None, 2.5)
-        self._force_chart = _chart(server, "Force [N]", self._time, self._forces, [squeeze, *pushes])
+        margin = [_series("grip margin [N]", INK, None, 1.5)] if has_margin else []
+        self._force_chart = _chart(server, "Force [N]", self._time, self._forces, [squeeze, *pushes, *margin])
         own = [_series(name, FINGERS[i % len(FINGERS)], None, 1.5) for i, name in enumerate(fingers)]
         self._depth_chart = (
             _chart(server, "Depth of fingers [mm]", self._time, self._depths, own) if has_depth else None
@@ -65,10 +68,12 @@ class StripCharts:
         steps = 1 if not np.isfinite(self._next) else 1 + min(COUNT - 1, int((time - self._next) / EVERY))
         self._next = time + EVERY if not np.isfinite(self._next) else self._next + steps * EVERY
         squeezes = [each for each in frames.modes.values() if np.isfinite(each.mean_squeeze[-1])]
-        point = np.zeros(1 + self._axes)
+        point = np.zeros(len(self._forces))
         if frames.modes:
             first = squeezes[0] if squeezes else next(iter(frames.modes.values()))
-            point[0], point[1:] = first.mean_squeeze[-1], first.push[-1][: self._axes]
+            point[0], point[1 : 1 + self._axes] = first.mean_squeeze[-1], first.push[-1][: self._axes]
+        if self._has_margin:
+            point[-1] = frames.history.grip_margin[-1]
         _shift(self._forces, np.nan_to_num(point), steps)
         if self._depth_chart is not None:
             gap = frames.history.array("gap")[-1]

@@ -212,19 +212,19 @@ def stretch(split: ModeSplit, fingers: Many[FingerBooks], kep: float, kip: float
 @kernel
 def stretch_by_matrix(grasp: GraspState, ledger: LedgerState) -> bool:
     """Compute h = K^-1 fe with the K that stands in the block; False, and nothing, where K has no inverse."""
-    d, m = grasp.dimensions, ledger.components
+    c, m = grasp.coordinates, ledger.components
     square, vector = ledger.square, ledger.vector
     for p in range(m):
         for q in range(m):
             square[p, q] = grasp.stiffness[p, q]
     for i, finger in enumerate(ledger.fingers):
-        for a in range(d):
-            vector[i * d + a] = finger.force[a]
+        for a in range(c):
+            vector[i * c + a] = finger.force[a]
     if not eliminate(square, vector, m):
         return False
     for i, finger in enumerate(ledger.fingers):
-        for a in range(d):
-            finger.stretch[a] = vector[i * d + a]
+        for a in range(c):
+            finger.stretch[a] = vector[i * c + a]
     return True
 
 

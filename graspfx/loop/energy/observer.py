@@ -63,7 +63,7 @@ class Observer:
         matrices = grasped.matrices and not block.attached
         width = block.width
         room = size_for(ModeSplit, fingers=n, width=width)
-        sizes = {"count": n, "components": n * grasped.dimensions if matrices else 0, "split_entries": room}
+        sizes = {"count": n, "components": n * grasped.state.coordinates if matrices else 0, "split_entries": room}
         self.buffer = B = zeros(size_for(LedgerState, **sizes))
         self._grasp, self._ledger = block, LedgerState(B.data)
         ledger = self._ledger
