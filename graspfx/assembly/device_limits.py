@@ -105,7 +105,7 @@ def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
 
     None for a simulation without the table.
     """
-    if scene.safety is not None or not any(is_hardware(wire.device) for wire in wired):
+    if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety
     from graspfx.scene.tables.safety_table import Safety  # a scene from the cache goes without what checks tables
 
@@ -130,7 +130,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     return SafetyLimits(
         force=force,
         rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]) / scale,
-        speed=np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale,
+        speed=np.array([_speed(scene, table, f) for f in range(n)]) * scale,
         lower=lower,
         upper=upper,
         hold=table.hold,
@@ -143,6 +143,12 @@ def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
     own = scene.finger[f].safety
     value = None if own is None else getattr(own, name)
     return getattr(table, name) if value is None else value
+
+
+def _speed(scene: Scene, table: Safety, f: int) -> float:
+    """Give the largest speed of a finger; with a host no more than that for which its tanks vouch."""
+    speed = float(_own(scene, table, f, "speed") or np.inf)
+    return speed if scene.host is None else min(speed, float(scene.host.speed))
 
 
 def _largest(scene: Scene, table: Safety, wire: Wire, f: int) -> float:

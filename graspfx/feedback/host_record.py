@@ -19,7 +19,6 @@ first word is the number and whose last word is the sum, added in order; else it
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,4 +112,4 @@ def reason(code: int, silence: float) -> str:
 
 def total(slot: FloatArray) -> float:
     """Add the words of a slot but for the last, in order."""
-    return math.fsum(()) + sum(slot[:-1].tolist())
+    return float(sum(slot[:-1].tolist()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.loop.safety.safety_state import Pace
 
-STALE, QUICK, NOT_FINITE, DEADMAN = 1, 2, 3, 4  # causes; with the number of a device or a finger: cause + CAUSES number
+STALE, QUICK, NOT_FINITE, DEADMAN, HOST = 1, 2, 3, 4, 5  # causes; with the number of a device or a finger: cause + CAUSES number
 CAUSES = 8
 DECAY = 0.02  # over which forces decay [s]
 
@@ -26,6 +26,8 @@ def keep_pace(pace: Pace, k: int) -> int:
     for i in range(pace.devices):
         if cause == 0 and pace.misses[i] > pace.hold:
             cause = STALE + CAUSES * i
+    if cause == 0 and pace.host != 0:
+        cause = HOST + CAUSES * (pace.host - 1)
     half = 0.5 * pace.fading  # nearer than that to an end is there: rounding adds no sample
     if cause == 0 and not pace.resting:
         pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
