@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -15,7 +16,7 @@ import graspfx as gx
 from graspfx.feedback.host_link import HostLink, Operator
 
 FloatArray = NDArray[np.float64]
-NAMES = count()
+NAMES = (f"test-{os.getpid()}-{k}" for k in count())
 HALF = 0.02  # of the fingers' distance at first [m]
 
 
@@ -24,7 +25,7 @@ def hosted_scene(
     *,
     fingers: int = 2,
     dimensions: int = 3,
-    hand: dict[str, Any] | None = None,
+    hand: dict[str, Any] | Callable[[int], dict[str, Any]] | None = None,
     mass: float = 0.1,
     damping: float = 0.5,
     **scene: Any,
@@ -33,16 +34,17 @@ def hosted_scene(
     angles = 2.0 * np.pi * np.arange(fingers) / fingers
     places = np.stack([-HALF * np.cos(angles), HALF * np.sin(angles), 0.0 * angles], axis=1)[:, :dimensions]
     holds = {"stiffness": 200.0, "damping": 1.0} if hand is None else hand
+    hold = holds if callable(holds) else lambda i: holds
     return gx.Scene(**{
         "dimensions": dimensions, "period": 0.001, "duration": 1.0, "engine": "compiled",
-        "host": {"name": f"test-{next(NAMES)}", **(host or {})},
+        "host": {"name": next(NAMES), **(host or {})},
         "safety": {"soft_start": 0.0, "force": 1e3},
         "finger": [
             {
                 "device": {"name": "simulated", "mass": mass, "damping": damping},
-                "start": p.tolist(), **({"hand": {"rest": p.tolist(), **holds}} if holds else {}),
+                "start": p.tolist(), **({"hand": {"rest": p.tolist(), **hold(i)}} if holds else {}),
             }
-            for p in places
+            for i, p in enumerate(places)
         ],
         **scene,
     })  # fmt: skip
