@@ -32,14 +32,19 @@ class ContactSplitState(Record):
     touching: int  # fingers that touch
     time: float  # [s]
     before: float  # time of the sample before [s]
+    largest: float  # plausible component of a force [N]
     fade: float  # time over which a change of contacts is faded [s]
     grip: float  # [N]
     grip_offset: float
     changed: float  # time of the last sample before contacts changed [s]
     reference: Vector  # point of the moment [m]
-    moment: Vector  # [N m]; in the plane the last entry
     moment_offset: Vector
-    push: Vector  # [N]
+    push: Vector  # felt: from here to `touched` is one piece [N]
+    moment: Vector  # [N m]; in the plane the last entry
+    felt: Table = table("fingers", "3")  # force on each finger [N]
+    external: Table = table("fingers", "3")  # its two parts, after their gains and faded
+    internal: Table = table("fingers", "3")
+    touched: Floats = floats("fingers")  # whether each finger touches
     finger: Floats = floats("capacity")  # of each contact
     point: Table = table("capacity", "3")  # [m]
     force: Table = table("capacity", "3")  # of the object on the finger [N]
@@ -48,14 +53,11 @@ class ContactSplitState(Record):
     push_gain: Table = table("3", "3")
     squeeze_gain: Table = table("3", "3")
     moment_gain: Table = table("3", "3")
-    touched: Floats = floats("fingers")  # whether each finger touches
     touched_before: Floats = floats("fingers")
     weight: Floats = floats("fingers")  # sum of |force| of a finger's contacts [N]
     place: Table = table("fingers", "3")  # point of each finger's force [m]
     load: Table = table("fingers", "3")  # force on each finger [N]
     inward: Table = table("fingers", "3")  # unit normal into the object, zero where there is none
-    external: Table = table("fingers", "3")  # after its gain, and faded [N]
-    internal: Table = table("fingers", "3")
     external_offset: Table = table("fingers", "3")  # of the last change, which fades
     internal_offset: Table = table("fingers", "3")
     grasp: PointGrasp = room("grasp_entries")
@@ -84,7 +86,7 @@ def divide_contacts(block: NDArray[np.float64]) -> None:
 @kernel
 def divide_sample(state: ContactSplitState) -> int:
     """Merge, divide, apply the gains, and fade changes of contacts; return 1 for numbers that are not finite."""
-    if not is_finite(state):
+    if not is_sound(state):
         state.faulty = True
         return 1
     state.faulty = False
@@ -99,13 +101,19 @@ def divide_sample(state: ContactSplitState) -> int:
 
 
 @kernel
-def is_finite(state: ContactSplitState) -> bool:
-    """Tell whether all given numbers are finite."""
+def is_sound(state: ContactSplitState) -> bool:
+    """Tell whether all given numbers are finite, and no force is too large to be meant."""
+    most = 0.0
     sums = state.time + state.reference.x + state.reference.y + state.reference.z
     for j in range(state.contacts):
         for a in range(3):
-            sums += state.point[j, a] + state.force[j, a] + state.normal[j, a] + state.torque[j, a]
-    return 0.0 * sums == 0.0
+            sums += state.point[j, a] + state.force[j, a]
+            if state.torques:
+                sums += state.torque[j, a]
+            if state.normals:
+                sums += state.normal[j, a]
+            most = max(most, abs(state.force[j, a]))
+    return 0.0 * sums == 0.0 and most <= state.largest
 
 
 @kernel
@@ -133,7 +141,8 @@ def merge(state: ContactSplitState) -> None:
                 state.place[i, a] + share * (state.point[j, a] - state.place[i, a])
             )
             state.load[i, a] += state.force[j, a]
-            state.inward[i, a] += size * state.normal[j, a]
+            if state.normals:
+                state.inward[i, a] += size * state.normal[j, a]
     state.touching = 0
     for i in range(state.fingers):
         state.touching += int(state.touched[i])
@@ -213,7 +222,8 @@ def apply_gains(state: ContactSplitState) -> Vector:
         point = row_of(state.point, j)
         force = row_of(state.force, j)
         moment += cross(point - state.reference, force)
-        moment += row_of(state.torque, j)
+        if state.torques:
+            moment += row_of(state.torque, j)
     state.grip = 0.0
     for i in range(state.fingers):
         squeezed = scaled(state.squeeze_gain, row_of(state.internal, i))
@@ -256,4 +266,5 @@ def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
             state.external[i, a] += left * state.external_offset[i, a]
             state.internal[i, a] += left * state.internal_offset[i, a]
         push += row_of(state.external, i)
+        write_row(state.felt, i, row_of(state.external, i) + row_of(state.internal, i))
     state.push = push

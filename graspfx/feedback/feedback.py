@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,22 +14,22 @@ from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.feedback.contact_split import ContactSplitState, divide_contacts
+from graspfx.feedback.host_limits import gain_limits
 from graspfx.grasp.point_grasp import PointGrasp
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
-    from graspfx.feedback.host_limits import GainLimits
     from graspfx.feedback.host_link import HostLink
 
 FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # of the split's rank, as of `Split`
 ROOM = 8  # contacts that there is room for at first
+SCALARS = ("contacts", "normals", "torques", "referred", "faulty", "time", "grip")
 NO_CONTACT = "no contact: all forces fade to zero"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class Shown(NamedTuple):
     """Forces on the operator, each after its gain.
 
     Attributes:
@@ -106,7 +105,7 @@ class Feedback(Carded):
             raise InputError("engine", engine, "'auto', 'compiled' or 'interpreted'")
         self._fixed, self._engine = fingers, engine
         self._state: ContactSplitState | None = None
-        self._dimensions = 0
+        self._dimensions, self._time = 0, -math.inf
 
     def update(
         self,
@@ -151,11 +150,21 @@ class Feedback(Carded):
             if numbers.shape != (m,) or (m and (numbers.dtype.kind not in "iu" or numbers.min() < 0)):
                 raise InputError("finger", finger, f"{m} whole numbers, zero or above: the finger of each contact")
         most = m if numbers is None else int(numbers.max(initial=-1)) + 1
-        state = self._prepare(d, m, most)
-        self._contacts(state, m, d, p, f, numbers)
-        state.normals, state.torques, state.referred = normals is not None, torques is not None, reference is not None
+        self._prepare(d, m, most)
+        t = float(time)
+        if not t > self._time:
+            raise InputError("time", t, f"a time after that of the sample before, {self._time:g} s")
+        view, at = self._view, self._at
+        view[at["contacts"]], view[at["time"]] = m, t
+        view[at["normals"]], view[at["torques"]], view[at["referred"]] = (
+            float(each is not None) for each in (normals, torques, reference)
+        )
         if m:
-            self._normal[:m] = self._torque[:m] = 0.0
+            self._point[:m, :d], self._force[:m, :d] = p, f
+            if numbers is not None:
+                self._finger[:m], self._is_plain = numbers, False
+            elif not self._is_plain:
+                self._finger[:], self._is_plain = self._range, True
             if normals is not None:
                 self._normal[:m, :d] = _fitting("normals", normals, (m, d))
             if torques is not None:
@@ -164,35 +173,21 @@ class Feedback(Carded):
                 self._torque[:m, width] = _fitting("torques", torques, shape).reshape(m, -1)
         if reference is not None:
             self._reference[:d] = _fitting("reference", reference, (d,))
-        t = float(time)
-        if state.begun and not t > self._time:
-            raise InputError("time", t, f"a time after that of the sample before, {self._time:g} s")
-        state.time = t
-        if m and not abs(f).max() <= self.largest:
-            self._refuse(f, p)
         self._compute()
-        if state.faulty:
+        if view[at["faulty"]]:
             self._refuse(f, p)
         self._time = t
         return self._shown(d, m)
 
-    def _contacts(
-        self, state: ContactSplitState, m: int, d: int, p: FloatArray, f: FloatArray, numbers: Any
-    ) -> None:  # fmt: skip
-        state.contacts = m
-        if m:
-            self._point[:m, :d], self._force[:m, :d] = p, f
-            self._finger[:m] = self._range[:m] if numbers is None else numbers
-
     def _shown(self, d: int, m: int) -> Shown:
-        out = self._out.copy()
-        external, internal = out[: self._n, :d], out[self._n :, :d]
-        head = self._head.copy()  # moment, moment offset, push
-        moment = head[:3] if d == 3 else head[2:3]
-        return Shown(
-            head[6 : 6 + d], moment, float(self._grip[0]), external + internal, external, internal,
-            self._touched != 0.0, "" if m else NO_CONTACT,
-        )  # fmt: skip
+        out, n = self._out.copy(), self._n  # push, moment, and three rows for each finger, then who touches
+        rows = out[6 : 6 + 9 * n].reshape(3, n, 3)
+        if d < 3:
+            rows = rows[:, :, :d]
+        felt, external, internal = rows
+        moment = out[3:6] if d == 3 else out[5:6]
+        grip, touching = self._view[self._at["grip"]], out[6 + 9 * n :] != 0.0
+        return Shown(out[:d], moment, grip, felt, external, internal, touching, "" if m else NO_CONTACT)
 
     def _refuse(self, f: FloatArray, p: FloatArray) -> None:
         """Say which number cannot be used."""
@@ -205,13 +200,13 @@ class Feedback(Carded):
             )  # fmt: skip
         raise InputError("normals, torques, reference, time", self._state, "finite numbers")
 
-    def _prepare(self, d: int, contacts: int, most: int) -> ContactSplitState:
-        """Give the state, with room for so many contacts and fingers."""
+    def _prepare(self, d: int, contacts: int, most: int) -> None:
+        """Make room for so many contacts and fingers."""
         state = self._state
         if state is not None and contacts <= self._capacity and most <= self._n:
             if d != self._dimensions:
                 raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the samples before")
-            return state
+            return
         n = max(most, 1, self._n if state is not None else 0) if self._fixed is None else self._fixed
         if most > n:
             raise InputError("finger", most - 1, f"contacts of fingers 0 to {n - 1}, as Feedback(fingers={n})")
@@ -220,9 +215,9 @@ class Feedback(Carded):
         for name, gain in self._gains.items():
             if gain.ndim and gain.shape != (d, d):
                 raise InputError(name, gain, f"a number or a matrix ({d}, {d}), as points have {d} coordinates")
-        return self._made(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
+        self._make(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
 
-    def _made(self, d: int, n: int, capacity: int) -> ContactSplitState:
+    def _make(self, d: int, n: int, capacity: int) -> None:
         """Make a state, and carry over what is felt."""
         old, before = self._state, None if self._state is None else self._views()
         grasp = size_for(PointGrasp, count=n, dimensions=d)
@@ -231,7 +226,7 @@ class Feedback(Carded):
         self._state = state = ContactSplitState(block)
         for name, count in counts.items():
             setattr(state, name, count)
-        state.grasp.tolerance, state.fade = TOLERANCE, self.fade
+        state.grasp.tolerance, state.fade, state.largest = TOLERANCE, self.fade, self.largest
         self._n, self._dimensions, self._capacity = n, d, capacity
         for name, gain in self._gains.items():
             matrix = np.zeros((3, 3))
@@ -246,7 +241,6 @@ class Feedback(Carded):
             for name in ("grip", "grip_offset", "changed", "moment", "moment_offset", "push", "begun", "before"):
                 setattr(state, name, getattr(old, name))
         self._bind(state, block)
-        return state
 
     def _views(self) -> dict[str, FloatArray]:
         """Give what is felt of each finger, by name."""
@@ -264,12 +258,10 @@ class Feedback(Carded):
         self._point, self._force, self._normal, self._torque = map(table, ("point", "force", "normal", "torque"))
         self._finger, self._range = state.array(ContactSplitState.finger), np.arange(float(self._capacity))
         self._reference = state.array(ContactSplitState.reference)
-        self._grip = state.array(ContactSplitState.grip)
-        self._touched = state.array(ContactSplitState.touched)
-        place = ContactSplitState.moment.place(state)
-        self._head = block[place : place + 9]
-        place = ContactSplitState.external.place(state)
-        self._out = block[place : place + 6 * self._n].reshape(-1, 3)
+        self._view = memoryview(block)
+        self._at = {name: int(getattr(ContactSplitState, name).place(state)) for name in SCALARS}
+        place = int(ContactSplitState.push.place(state))  # type: ignore[attr-defined]
+        self._out, self._is_plain = block[place : place + 6 + 10 * self._n], False
         kernel: Any = divide_contacts
         if self._engine != "interpreted":
             try:
@@ -295,12 +287,7 @@ class Feedback(Carded):
 
         return HostLink(name, timeout=timeout)
 
-    @staticmethod
-    def limits(**loop: Any) -> GainLimits:
-        """Compute the largest push and squeeze gain for a linear environment; see `graspfx.feedback.host_limits`."""
-        from graspfx.feedback.host_limits import gain_limits
-
-        return gain_limits(**loop)
+    limits = staticmethod(gain_limits)
 
     def _card(self) -> Card:
         rows = [(name.replace("_", " "), str(gain.tolist())) for name, gain in self._gains.items()]

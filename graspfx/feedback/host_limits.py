@@ -98,7 +98,7 @@ def gain_limits(
     }
     if type(host_ticks) is not int or host_ticks < 1:
         raise InputError("host_ticks", host_ticks, "a whole number of ticks, one or more")
-    low, high = (delay, delay) if isinstance(delay, int) else delay
+    low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
     if not (type(low) is int and type(high) is int and 0 <= low <= high):
         raise InputError("delay", delay, "a whole number of ticks, or two of them (least, most)")
     if predict not in ("hold", "linear", "model"):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +36,7 @@ LOOK = 0.01  # between two looks whether the loop is there [s]
 TRIES = 100  # looks for a whole sample: the loop writes one in a microsecond
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Operator:
+class Operator(NamedTuple):
     """The operator in a tick of the loop.
 
     Attributes:
@@ -97,15 +95,16 @@ class HostLink:
                     f"no loop with host.name {name!r} runs: start its scene first, `graspfx run SCENE --real-time`"
                 )
             time.sleep(LOOK)
-        self._words: FloatArray = words
+        self._words = words.data  # whose numbers are Python's
         self.fingers, self.dimensions = int(words[FINGERS]), int(words[DIMENSIONS])
         first, size = int(words[HOST_FIRST]), int(words[HOST_SIZE])
         self._slots = [words[first + size * k :][:size] for k in range(SLOTS)]
         first, size = int(words[LOOP_FIRST]), int(words[LOOP_SIZE])
         self._told = [words[first + size * k :][:size] for k in range(SLOTS)]
         self._sample, self._number = np.zeros(int(words[HOST_SIZE])), int(words[HOST_NUMBER])
-        m = self.fingers * self.dimensions
+        self._head, m = self._sample.data, self.fingers * self.dimensions
         shape = (self.fingers, self.dimensions)
+        self._shape = (3, *shape)
         self._external = self._sample[SAMPLE : SAMPLE + m].reshape(shape)
         self._internal = self._sample[SAMPLE + m : SAMPLE + 2 * m].reshape(shape)
         self._origin = self._sample[SAMPLE + 2 * m : SAMPLE + 3 * m].reshape(shape)
@@ -117,15 +116,15 @@ class HostLink:
             DeviceError: The loop has ended, or has a fault.
         """
         self._require_running()
-        m, shape = self.fingers * self.dimensions, (3, self.fingers, self.dimensions)
         for _ in range(TRIES):
             number = self._words[LOOP_NUMBER]
             slot = self._told[int(number) % SLOTS].copy()
             numbers = slot.tolist()
-            if numbers[0] == number and sum(numbers[:-1]) == numbers[-1] and number:
-                where, speed, force = slot[LOOP_SAMPLE : LOOP_SAMPLE + 3 * m].reshape(shape)
+            check = numbers.pop()
+            if numbers[0] == number and sum(numbers) == check and number:
+                where, speed, force = slot[LOOP_SAMPLE:-1].reshape(self._shape)
                 self._origin[:] = where
-                time_, age, push, squeeze, lost, late = numbers[1:LOOP_SAMPLE]
+                _, time_, age, push, squeeze, lost, late = numbers[:LOOP_SAMPLE]
                 return Operator(time_, where, speed, force, age, push, squeeze, int(lost), int(late))
             time.sleep(LOOK)
         raise DeviceError(f"host.name {self.name!r}: the loop writes no samples")
@@ -170,14 +169,13 @@ class HostLink:
         """Tell the loop that the host has ended."""
         if self._words[STATE] == RUNNING:
             self._sample[SAMPLE:] = 0.0
-            self._write(float(self._sample[1]), float(HOST_ENDED))
+            self._write(self._head[1], float(HOST_ENDED))
 
     def _write(self, time: float, code: float) -> None:
         self._number += 1
-        sample = self._sample
-        sample[0], sample[1], sample[2] = self._number, time, code
-        sample[-1] = total(sample)
-        self._slots[self._number % SLOTS][:] = sample
+        self._head[0], self._head[1], self._head[2] = self._number, time, code
+        self._head[-1] = total(self._sample)
+        self._slots[self._number % SLOTS][:] = self._sample
         self._words[HOST_NUMBER] = self._number
 
     def _require_running(self) -> None:

@@ -135,7 +135,7 @@ def test_a_sample_that_is_half_written_is_not_taken():
     scene = hosted_scene()
     with hosted(scene) as (session, link):
         exchange(session, link, 1, [0.1, 0.0, 0.0])
-        words = link._words
+        words = np.asarray(link._words)
         slot = words[int(words[6]) + 2 * int(words[7]) :]
         slot[:4], words[12] = [2.0, 0.02, 0.0, 7.0], 2.0
         session.step(10)

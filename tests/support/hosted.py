@@ -81,7 +81,7 @@ def hosted(scene: gx.Scene) -> Iterator[tuple[Any, HostLink]]:
 
 def raw(link: HostLink, number: int, external: FloatArray, internal: FloatArray, origin: FloatArray, time: float) -> None:
     """Write a sample as any program does that knows the layout of the record."""
-    words = link._words
+    words = np.asarray(link._words)
     first, size = int(words[6]), int(words[7])
     slot = words[first + size * (number % 8) :][:size]
     slot[:3] = number, time, 0.0
