@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from time import monotonic, sleep
 from types import TracebackType
 from typing import NamedTuple, Self
 
@@ -33,6 +33,7 @@ from graspfx.feedback.host_record import (
 FloatArray = NDArray[np.float64]
 
 LOOK = 0.01  # between two looks whether the loop is there [s]
+DEAD = 2.0  # without a sample after which a loop counts as killed [s]
 TRIES = 100  # looks for a whole sample: the loop writes one in a microsecond
 
 
@@ -88,13 +89,13 @@ class HostLink:
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
-        self.name, end = name, time.monotonic() + timeout
+        self.name, end = name, monotonic() + timeout
         while (words := find_record(name)) is None:
-            if time.monotonic() >= end:
+            if monotonic() >= end:
                 raise DeviceError(
                     f"no loop with host.name {name!r} runs: start its scene first, `graspfx run SCENE --real-time`"
                 )
-            time.sleep(LOOK)
+            sleep(LOOK)
         self._words = words.data  # whose numbers are Python's
         self.fingers, self.dimensions = int(words[FINGERS]), int(words[DIMENSIONS])
         first, size = int(words[HOST_FIRST]), int(words[HOST_SIZE])
@@ -104,17 +105,24 @@ class HostLink:
         self._sample, self._number = np.zeros(int(words[HOST_SIZE])), int(words[HOST_NUMBER])
         self._head, m = self._sample.data, self.fingers * self.dimensions
         shape = (self.fingers, self.dimensions)
+        self._ahead: float | None = None  # of the loop's clock before the host's [s]
         self._shape = (3, *shape)
         self._external = self._sample[SAMPLE : SAMPLE + m].reshape(shape)
         self._internal = self._sample[SAMPLE + m : SAMPLE + 2 * m].reshape(shape)
         self._origin = self._sample[SAMPLE + 2 * m : SAMPLE + 3 * m].reshape(shape)
 
-    def read(self) -> Operator:
+    def read(self, time: float | None = None) -> Operator:
         """Read where the operator is.
+
+        Args:
+            time: Time on the host's clock [s], for which to wait on the loop's: both count from the first read with a
+                time. At once if not given.
 
         Raises:
             DeviceError: The loop has ended, or has a fault.
         """
+        if time is not None:
+            self._wait(time)
         self._require_running()
         for _ in range(TRIES):
             number = self._words[LOOP_NUMBER]
@@ -126,8 +134,20 @@ class HostLink:
                 self._origin[:] = where
                 _, time_, age, push, squeeze, lost, late = numbers[:LOOP_SAMPLE]
                 return Operator(time_, where, speed, force, age, push, squeeze, int(lost), int(late))
-            time.sleep(LOOK)
+            sleep(LOOK)
         raise DeviceError(f"host.name {self.name!r}: the loop writes no samples")
+
+    def _wait(self, time: float) -> None:
+        """Wait until the loop is as far as the host."""
+        if self._ahead is None:
+            self._ahead = self.read().time - time
+        end, last = monotonic() + DEAD, -1.0
+        while (now := self.read().time - self._ahead) < time:
+            if now > last:
+                end, last = monotonic() + DEAD, now
+            elif monotonic() > end:
+                raise DeviceError(f"host.name {self.name!r}: the loop has written nothing for {DEAD:g} s; it was killed")
+            sleep(min(time - now, LOOK))
 
     def show(self, shown: Shown, time: float) -> None:
         """Show forces to the operator.
