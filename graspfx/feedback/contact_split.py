@@ -137,8 +137,10 @@ def merge(state: ContactSplitState) -> None:
         state.weight[i] += size
         state.touched[i] = 1.0
         for a in range(3):
-            state.place[i, a] = state.point[j, a] if share == 1.0 else (
-                state.place[i, a] + share * (state.point[j, a] - state.place[i, a])
+            state.place[i, a] = (
+                state.point[j, a]
+                if share == 1.0
+                else (state.place[i, a] + share * (state.point[j, a] - state.place[i, a]))
             )
             state.load[i, a] += state.force[j, a]
             if state.normals:

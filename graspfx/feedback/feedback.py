@@ -258,7 +258,7 @@ class Feedback(Carded):
         self._point, self._force, self._normal, self._torque = map(table, ("point", "force", "normal", "torque"))
         self._finger, self._range = state.array(ContactSplitState.finger), np.arange(float(self._capacity))
         self._reference = state.array(ContactSplitState.reference)
-        self._view = memoryview(block)
+        self._view: Any = memoryview(block)
         self._at = {name: int(getattr(ContactSplitState, name).place(state)) for name in SCALARS}
         place = int(ContactSplitState.push.place(state))  # type: ignore[attr-defined]
         self._out, self._is_plain = block[place : place + 6 + 10 * self._n], False
@@ -292,16 +292,17 @@ class Feedback(Carded):
     def _card(self) -> Card:
         rows = [(name.replace("_", " "), str(gain.tolist())) for name, gain in self._gains.items()]
         rows += [("fade", f"{self.fade:g} s"), ("fingers", str(self._fixed or "as many as touch"))]
-        return Card("Feedback of another simulator's grasp", rows, ".update(points, forces, time), .connect(name), .limits(...)")
+        return Card(
+            "Feedback of another simulator's grasp", rows, ".update(points, forces, time), .connect(name), .limits(...)"
+        )
 
 
 def _gain(name: str, argument: ArrayLike) -> FloatArray:
     value = finite(name, argument, "a number, or a matrix (d, d)")
     if value.ndim not in (0, 2) or (value.ndim == 0 and not value >= 0.0):
         raise InputError(name, argument, "a number, zero or above, or a matrix (d, d)")
-    if value.ndim == 2 and not math.isclose(np.linalg.eigvalsh(value + value.T).min(initial=0.0), 0.0, abs_tol=1e-12):
-        if np.linalg.eigvalsh(value + value.T).min() < 0.0:
-            raise InputError(name, argument, "a matrix whose symmetric part has no negative eigenvalue")
+    if value.ndim == 2 and np.linalg.eigvalsh(value + value.T).min(initial=0.0) < -1e-12 * np.abs(value).max():
+        raise InputError(name, argument, "a matrix whose symmetric part has no negative eigenvalue")
     return value
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from time import monotonic, sleep
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,14 +96,15 @@ class HostLink:
                     f"no loop with host.name {name!r} runs: start its scene first, `graspfx run SCENE --real-time`"
                 )
             sleep(LOOK)
-        self._words = words.data  # whose numbers are Python's
+        self._words: Any = words.data  # whose numbers are Python's
         self.fingers, self.dimensions = int(words[FINGERS]), int(words[DIMENSIONS])
         first, size = int(words[HOST_FIRST]), int(words[HOST_SIZE])
         self._slots = [words[first + size * k :][:size] for k in range(SLOTS)]
         first, size = int(words[LOOP_FIRST]), int(words[LOOP_SIZE])
         self._told = [words[first + size * k :][:size] for k in range(SLOTS)]
         self._sample, self._number = np.zeros(int(words[HOST_SIZE])), int(words[HOST_NUMBER])
-        self._head, m = self._sample.data, self.fingers * self.dimensions
+        self._head: Any = self._sample.data
+        m = self.fingers * self.dimensions
         shape = (self.fingers, self.dimensions)
         self._ahead: float | None = None  # of the loop's clock before the host's [s]
         self._shape = (3, *shape)
@@ -146,7 +147,9 @@ class HostLink:
             if now > last:
                 end, last = monotonic() + DEAD, now
             elif monotonic() > end:
-                raise DeviceError(f"host.name {self.name!r}: the loop has written nothing for {DEAD:g} s; it was killed")
+                raise DeviceError(
+                    f"host.name {self.name!r}: the loop has written nothing for {DEAD:g} s; it was killed"
+                )
             sleep(min(time - now, LOOK))
 
     def show(self, shown: Shown, time: float) -> None:

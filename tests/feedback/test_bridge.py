@@ -1,12 +1,13 @@
 """The bridge of rates in the tick: energy, predictions, lost and late samples, silence, and what no host may send."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import graspfx as gx
 from graspfx.errors import DeviceError, InputError, SceneError
 from tests.support.hosted import Line, hosted, hosted_scene, raw, spring
-
 
 
 def moving(i):
@@ -33,7 +34,7 @@ def late_run(scene, *, delay, jitter=0, lost=0.0, every=10, push=300.0, squeeze=
             if rng.uniform() >= lost:
                 due = session.tick + delay + int(rng.integers(0, jitter + 1))
                 sample = (number, external, internal, read.position, 0.001 * session.tick)
-                line.send(due, lambda s=sample: raw(link, *s))
+                line.send(due, partial(raw, link, *sample))
         host = session.servo.host.state
         return session.recording, session.fault, {
             "lost": host.lost, "late": host.late,
@@ -149,7 +150,7 @@ def test_a_silent_host_fades_to_zero_and_is_named(engine):
     scene = hosted_scene({"silence": 0.05}, engine=engine)
     with hosted(scene) as (session, link):
         exchange(session, link, 1, [1.0, 0.0, 0.0], ticks=45)
-        assert session.fault is None
+        assert not str(session.fault or "")
         session.step(60)
         recording, fault = session.recording, session.fault
         with pytest.raises(DeviceError, match="fault"):
@@ -250,6 +251,6 @@ def test_what_needs_the_object_is_refused():
     ):  # fmt: skip
         with pytest.raises(InputError, match="host"):
             refused()
-    with pytest.raises(SceneError, match="the host|program has it"):
+    with pytest.raises(SceneError, match="program has it"):
         hosted_scene(object={"mass": 1.0, "viscosity": 0.0, "rotational_viscosity": 0.0})
     assert gx.Scene(**scene.to_dict()) == scene

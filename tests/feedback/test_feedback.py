@@ -39,7 +39,7 @@ def test_both_engines_give_the_same_bits():
 
 
 def test_an_object_between_two_fingers_opens_the_hand():
-    """Pressed by 2 N a finger, an object pushes the fingers apart: the operator's are opened by 2 N, and none is pushed."""
+    """Pressed by 2 N a finger, an object pushes the fingers apart: the operator's are opened by 2 N."""
     shown = settled(gx.Feedback(), PINCH, np.array([[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
     assert shown.grip == pytest.approx(-2.0)
     assert np.allclose(shown.push, 0.0)
@@ -74,11 +74,11 @@ def test_moment_has_torques_and_moves_with_the_reference():
     feedback = gx.Feedback()
     shown = settled(feedback, PINCH, forces, torques=torques)
     assert np.allclose(shown.moment, [0.0, 0.0, -0.04 + 0.01])
-    moved = PINCH + [0.3, 0.0, 0.0]
-    both = feedback.update(moved, forces + [0.0, 1.0, 0.0], 2.0, torques=torques, reference=[0.3, 0.0, 0.0])
+    moved, more = PINCH + np.array([0.3, 0.0, 0.0]), forces + np.array([0.0, 1.0, 0.0])
+    both = feedback.update(moved, more, 2.0, torques=torques, reference=[0.3, 0.0, 0.0])
     assert np.allclose(both.moment, shown.moment)  # the same about the object's centre, wherever that is
-    away = feedback.update(moved, forces + [0.0, 1.0, 0.0], 3.0, torques=torques, reference=[0.0, 0.0, 0.0])
-    assert np.allclose(away.moment, shown.moment + [0.0, 0.0, 0.3 * 2.0])
+    away = feedback.update(moved, more, 3.0, torques=torques, reference=[0.0, 0.0, 0.0])
+    assert np.allclose(away.moment, shown.moment + np.array([0.0, 0.0, 0.3 * 2.0]))
 
 
 def test_a_finger_with_several_contacts_is_one_finger():
@@ -91,7 +91,7 @@ def test_a_finger_with_several_contacts_is_one_finger():
 
 
 def test_contacts_that_come_and_go_make_no_step():
-    """Three fingers, one of which touches and lets go again and again: |change of a force| <= 2 F dt/fade, F all forces."""
+    """Fingers touch and let go again and again: |change of a force| <= 2 F dt/fade, F all forces."""
     fade, dt, forces = 0.05, 1e-3, np.array([[-2.0, 0.5, 0.0], [1.0, -1.0, 0.3], [1.0, 0.4, 0.0]])
     feedback, steps, largest = gx.Feedback(fade=fade, fingers=3), [], 0.0
     before = None

@@ -1,5 +1,8 @@
 """`gx.Feedback.limits`: against the wall's closed form, the poles by another way, and runs 3 % to either side."""
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -8,8 +11,14 @@ import graspfx as gx
 from graspfx.errors import InputError
 from tests.support.hosted import Line, hosted, hosted_scene, raw, spring
 
-DEVICE = {"mass": 0.1, "damping": 0.5, "period": 0.001, "push_stiffness": 100.0, "squeeze_stiffness": 50.0}
-HAND = {"hand_stiffness": 200.0, "hand_damping": 2.0}
+DEVICE: dict[str, Any] = {
+    "mass": 0.1,
+    "damping": 0.5,
+    "period": 0.001,
+    "push_stiffness": 100.0,
+    "squeeze_stiffness": 50.0,
+}
+HAND: dict[str, Any] = {"hand_stiffness": 200.0, "hand_damping": 2.0}
 
 
 @pytest.mark.parametrize(("ticks", "delay"), [(1, 0), (1, 1), (1, 7), (5, 0), (10, 10), (10, 20)])
@@ -89,7 +98,7 @@ def amplitude(predict, delay, port, stiffness):
             read, j = link.read(), session.tick - 1
             external, internal = spring(read, rest, stiffness, stiffness)
             sample = (number, external, internal, read.position, 0.001 * j)
-            line.send(j + delay, lambda s=sample: raw(link, *s))
+            line.send(j + delay, partial(raw, link, *sample))
             for _ in range(10):
                 line.deliver(session.tick)
                 session.step()

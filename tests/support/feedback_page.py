@@ -32,7 +32,11 @@ def scene(folder: Path, **overrides: Any) -> gx.Scene:
 
 
 def run_host(
-    block: str, loop: gx.Scene, duration: float, names: dict[str, Any] | None = None, watch: Callable[..., None] | None = None
+    block: str,
+    loop: gx.Scene,
+    duration: float,
+    names: dict[str, Any] | None = None,
+    watch: Callable[..., None] | None = None,
 ) -> tuple[dict[str, Any], gx.Recording]:
     """Run a host of the page beside its loop in real time; give the host's variables and the loop's recording.
 

@@ -79,7 +79,9 @@ def hosted(scene: gx.Scene) -> Iterator[tuple[Any, HostLink]]:
             yield session, link
 
 
-def raw(link: HostLink, number: int, external: FloatArray, internal: FloatArray, origin: FloatArray, time: float) -> None:
+def raw(
+    link: HostLink, number: int, external: FloatArray, internal: FloatArray, origin: FloatArray, time: float
+) -> None:
     """Write a sample as any program does that knows the layout of the record."""
     words = np.asarray(link._words)
     first, size = int(words[6]), int(words[7])

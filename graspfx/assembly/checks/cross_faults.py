@@ -56,7 +56,12 @@ def host_faults(scene: SceneTable) -> Iterator[Finding]:
         return
     with suppress(NotValid):
         things = scene.object
-        if len(things) != 1 or things[0].name != OBJECT["name"] or things[0].shape is not None or any(scene.free(things[0])):
+        if (
+            len(things) != 1
+            or things[0].name != OBJECT["name"]
+            or things[0].shape is not None
+            or any(scene.free(things[0]))
+        ):
             yield ("object",), "expected no object beside [host], whose program has it; leave it out"
     if scene.obstacle:
         yield ("obstacle",), "expected no obstacle beside [host], whose program has the world; leave it out"

@@ -5,7 +5,13 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.loop.safety.safety_state import Pace
 
-STALE, QUICK, NOT_FINITE, DEADMAN, HOST = 1, 2, 3, 4, 5  # causes; with the number of a device or a finger: cause + CAUSES number
+STALE, QUICK, NOT_FINITE, DEADMAN, HOST = (
+    1,
+    2,
+    3,
+    4,
+    5,
+)  # causes; with the number of a device or a finger: cause + CAUSES number
 CAUSES = 8
 DECAY = 0.02  # over which forces decay [s]
 

@@ -18,10 +18,10 @@ class Host(Table):
         description="forces between two samples: held, along the slope of the last two, or by the stiffnesses below",
     )
     push_stiffness: NotNegative = Field(
-        default=0.0, description="stiffness that a finger feels when all move together, for `predict = \"model\"` [N/m]"
+        default=0.0, description='stiffness that a finger feels when all move together, for `predict = "model"` [N/m]'
     )
     squeeze_stiffness: NotNegative = Field(
-        default=0.0, description="stiffness that a finger feels in a squeeze, for `predict = \"model\"` [N/m]"
+        default=0.0, description='stiffness that a finger feels in a squeeze, for `predict = "model"` [N/m]'
     )
     silence: Positive = Field(
         default=0.1, description="time without a new sample after which forces fade to zero in 20 ms, a fault [s]"
