@@ -254,3 +254,16 @@ def test_what_needs_the_object_is_refused():
     with pytest.raises(SceneError, match="program has it"):
         hosted_scene(object={"mass": 1.0, "viscosity": 0.0, "rotational_viscosity": 0.0})
     assert gx.Scene(**scene.to_dict()) == scene
+
+
+def test_the_plan_is_the_hosts():
+    """What a tick runs in a host's scene stands in the plan, and nothing of the law that it has not."""
+    rows = {row.step: row.runs for row in gx.check(hosted_scene()).plan}
+    assert rows["host"]
+    assert rows["tanks"]
+    assert not rows["predict between samples"]
+    assert rows["safety"]
+    assert not {"impedance", "split", "contact points", "reaction"} & rows.keys()
+    off = {row.step: row.runs for row in gx.check(hosted_scene({"tank": 0.0, "predict": "linear"})).plan}
+    assert not off["tanks"]
+    assert off["predict between samples"]
