@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,33 @@ from graspfx.grasp.direct import couple_points
 from graspfx.grasp.point_grasp import PointGrasp
 from graspfx.spatial import Vector, cross, dot
 
+FloatArray = NDArray[np.float64]
+
 LEAST = 1e-30  # square of a length that is a direction [m^2]
+
+
+class Shown(NamedTuple):
+    """Forces on the operator, each after its gain.
+
+    Attributes:
+        push: Net force of the object on the hand, for one device, (d,) [N].
+        moment: Net moment about the reference point, (3,), or (1,) in the plane [N m].
+        grip: Mean over the fingers of the internal force along the normal into the object [N]; positive closes the
+            hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
+        fingers: Force on each finger, for a device a finger, (n, d) [N]: `external` + `internal`.
+        external, internal: Its two parts, (n, d) [N].
+        touching: Fingers that touch, (n,).
+        message: What is missing, in words; empty in a grasp.
+    """
+
+    push: FloatArray
+    moment: FloatArray
+    grip: float
+    fingers: FloatArray
+    external: FloatArray
+    internal: FloatArray
+    touching: NDArray[np.bool_]
+    message: str
 
 
 class ContactSplitState(Record):

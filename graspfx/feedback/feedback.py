@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.feedback.contact_split import ContactSplitState, divide_contacts
+from graspfx.feedback.contact_split import ContactSplitState, Shown, divide_contacts
 from graspfx.feedback.host_limits import gain_limits
 from graspfx.grasp.point_grasp import PointGrasp
 from graspfx.numeric import finite, number
@@ -27,30 +27,6 @@ TOLERANCE = 1e-6  # of the split's rank, as of `Split`
 ROOM = 8  # contacts that there is room for at first
 SCALARS = ("contacts", "normals", "torques", "referred", "faulty", "time", "grip")
 NO_CONTACT = "no contact: all forces fade to zero"
-
-
-class Shown(NamedTuple):
-    """Forces on the operator, each after its gain.
-
-    Attributes:
-        push: Net force of the object on the hand, for one device, (d,) [N].
-        moment: Net moment about the reference point, (3,), or (1,) in the plane [N m].
-        grip: Mean over the fingers of the internal force along the normal into the object [N]; positive closes the
-            hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
-        fingers: Force on each finger, for a device a finger, (n, d) [N]: `external` + `internal`.
-        external, internal: Its two parts, (n, d) [N].
-        touching: Fingers that touch, (n,).
-        message: What is missing, in words; empty in a grasp.
-    """
-
-    push: FloatArray
-    moment: FloatArray
-    grip: float
-    fingers: FloatArray
-    external: FloatArray
-    internal: FloatArray
-    touching: NDArray[np.bool_]
-    message: str
 
 
 class Feedback(Carded):

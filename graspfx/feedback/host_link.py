@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError, InputError
-from graspfx.feedback.feedback import Shown
+from graspfx.feedback.contact_split import Shown
 from graspfx.feedback.host_record import (
     DIMENSIONS,
     FINGERS,

@@ -50,6 +50,12 @@ def hosted_scene(
     })  # fmt: skip
 
 
+def name_of(scene: gx.Scene) -> str:
+    """Name under which a scene's loop is found."""
+    assert scene.host is not None
+    return str(scene.host.name)
+
+
 class Line:
     """Samples on their way from a host to the loop, each late by its own time, and some lost.
 
@@ -75,7 +81,7 @@ def hosted(scene: gx.Scene) -> Iterator[tuple[Any, HostLink]]:
     """Open a scene and connect to it."""
     with gx.open(scene) as session:
         session.step()
-        with HostLink(scene.host.name, timeout=0.0) as link:  # type: ignore[union-attr]
+        with HostLink(name_of(scene), timeout=0.0) as link:
             yield session, link
 
 
