@@ -120,6 +120,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     n, d = len(scene.finger), scene.dimensions
     lower, upper = np.full((n, d), -np.inf), np.full((n, d), np.inf)
     force, scale = np.full(n, DEFAULT), np.ones(n)
+    vouched = np.inf if scene.host is None else float(scene.host.speed)  # by the tanks of a host
     for wire in wired:
         scale[wire.used] = wire.fitting.scale
         for f in wire.used.tolist():
@@ -130,7 +131,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     return SafetyLimits(
         force=force,
         rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]) / scale,
-        speed=np.array([_speed(scene, table, f) for f in range(n)]) * scale,
+        speed=np.minimum(np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale, vouched),
         lower=lower,
         upper=upper,
         hold=table.hold,
@@ -143,12 +144,6 @@ def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
     own = scene.finger[f].safety
     value = None if own is None else getattr(own, name)
     return getattr(table, name) if value is None else value
-
-
-def _speed(scene: Scene, table: Safety, f: int) -> float:
-    """Give the largest speed of a finger; with a host no more than that for which its tanks vouch."""
-    speed = float(_own(scene, table, f, "speed") or np.inf)
-    return speed if scene.host is None else min(speed, float(scene.host.speed))
 
 
 def _largest(scene: Scene, table: Safety, wire: Wire, f: int) -> float:

@@ -19,13 +19,9 @@ from graspfx.feedback.host_record import (
     CODE,
     FAULT,
     HOST_ENDED,
-    HOST_FIRST,
     HOST_NUMBER,
-    HOST_SIZE,
-    LOOP_FIRST,
     LOOP_NUMBER,
     LOOP_SAMPLE,
-    LOOP_SIZE,
     NOT_FINITE,
     SAMPLE,
     SLOTS,
@@ -58,6 +54,10 @@ class HostState(Record):
     size: int  # n d
     grasp_entries: int
     words: int  # place of the record
+    host_first: int  # of its host's slots, and their words: the record's own header may be overwritten
+    host_size: int
+    loop_first: int
+    loop_size: int
     period: float  # T [s]
     method: int  # HOLD, LINEAR or MODEL
     silence: float  # ticks without news after which forces fade
@@ -68,6 +68,7 @@ class HostState(Record):
     squeeze_model: float
     number: float  # of the last sample taken
     seen: float  # of the last one that was looked at
+    begun: float  # ticks since the first sample
     age: float  # ticks since the last sample was taken
     time: float  # of the last sample on the host's clock [s]
     interval: float  # from the one before to it [s]
@@ -96,6 +97,8 @@ def host_forces(state: GraspState, host: HostState) -> int:
     settle(state, host)
     host.age += 1.0
     take_sample(host)
+    if host.number > 0.0:
+        host.begun += 1.0
     if host.number > 0.0 and host.age > host.silence and host.quiet == 0:
         host.quiet = 1
     elif host.quiet == 1 and host.age <= host.silence:  # it is back before the forces were zero
@@ -209,8 +212,8 @@ def take_sample(host: HostState) -> None:
     number = words[HOST_NUMBER]
     if number == host.seen or not (number >= 1.0 and number < MOST_NUMBER):
         return
-    size = int(words[HOST_SIZE])
-    slot = Floats(host.buffer, host.words + int(words[HOST_FIRST]) + size * (int(number) % SLOTS))
+    size = host.host_size
+    slot = Floats(host.buffer, host.words + host.host_first + size * (int(number) % SLOTS))
     total = 0.0
     for k in range(size - 1):
         total += slot[k]
@@ -320,10 +323,8 @@ def hand_over(state: GraspState, host: HostState) -> None:
 def write_sample(state: GraspState, host: HostState) -> None:
     """Tell the host where the operator is, and what was displayed in the last tick."""
     words = Floats(host.buffer, host.words)
-    number, size, m, d = host.written + 1.0, int(words[LOOP_SIZE]), host.size, host.dimensions
-    if size == 0:  # nobody listens
-        return
-    slot = Floats(host.buffer, host.words + int(words[LOOP_FIRST]) + size * (int(number) % SLOTS))
+    number, size, m, d = host.written + 1.0, host.loop_size, host.size, host.dimensions
+    slot = Floats(host.buffer, host.words + host.loop_first + size * (int(number) % SLOTS))
     slot[0] = number
     slot[1] = host.written * host.period
     slot[2] = host.age * host.period

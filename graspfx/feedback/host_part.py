@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import size_for
 from graspfx.feedback.bridge import HOLD, LINEAR, MODEL, HostState
-from graspfx.feedback.host_record import HostRecord, make_record
+from graspfx.feedback.host_record import HOST_FIRST, LOOP_SIZE, HostRecord, make_record
 from graspfx.grasp.point_grasp import PointGrasp
 
 FloatArray = NDArray[np.float64]
@@ -67,4 +67,6 @@ def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> H
     state.array(HostState.most)[:] = most
     state.grasp.count, state.grasp.dimensions, state.grasp.tolerance = n, d, 1e-6
     state.grasp.external_stiffness = 1.0
-    return HostPart(make_record(table.name, n, d, period), block, table.silence)
+    record = make_record(table.name, n, d, period)
+    state.host_first, state.host_size, state.loop_first, state.loop_size = record.words[HOST_FIRST : LOOP_SIZE + 1]
+    return HostPart(record, block, table.silence)

@@ -21,7 +21,7 @@ from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.loop.safety.tank import adjust
-from graspfx.loop.safety.trust import CAUSES, HOST, keep_pace
+from graspfx.loop.safety.trust import CAUSES, HOST, keep_pace, soft_share
 from graspfx.loop.world import (
     BEGIN,
     KERNEL,
@@ -216,6 +216,7 @@ def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)
     pace.host = host.quiet
+    pace.soft = soft_share(host.begun, pace)  # from the host's first sample on
     soften(state, safety, pace, code)
     apply_gain(state, safety)
     if code != 0:

@@ -174,6 +174,28 @@ def test_a_host_that_is_back_in_time_is_felt_again():
         assert session.recording.displayed_force[-1, 0, 0] == pytest.approx(1.0)
 
 
+def test_soft_start_begins_with_the_hosts_first_sample():
+    """A host that comes late is felt gradually: 3 x^2 - 2 x^3 of its force, x = ticks since its first sample/500."""
+    scene = hosted_scene(safety={"soft_start": 0.5, "force": 1e3})
+    with hosted(scene) as (session, link):
+        session.step(999)
+        for number in range(1, 61):
+            exchange(session, link, number, [1.0, 0.0, 0.0])
+        force = session.recording.displayed_force[1000:, 0, 0]
+    x = np.minimum(np.arange(1, 601) / 500.0, 1.0)
+    assert np.allclose(force, x * x * (3.0 - 2.0 * x), rtol=0, atol=1e-12)
+
+
+def test_a_host_that_overwrites_the_header_is_not_followed_astray():
+    """Sizes and places of the slots are the loop's own: a wild host writes at most its own forces."""
+    with hosted(hosted_scene()) as (session, link):
+        exchange(session, link, 1, [0.1, 0.0, 0.0])
+        np.asarray(link._words)[2:10] = 1e12
+        session.step(10)
+        assert session.fault is None
+        assert np.allclose(session.recording.displayed_force[-1], [[0.1, 0.0, 0.0]] * 2)
+
+
 def test_a_loop_that_waits_for_its_host_shows_nothing():
     with gx.open(hosted_scene({"silence": 0.01})) as session:
         session.step(200)

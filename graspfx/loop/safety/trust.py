@@ -17,6 +17,15 @@ DECAY = 0.02  # over which forces decay [s]
 
 
 @kernel
+def soft_share(ticks: float, pace: Pace) -> float:
+    """Compute the soft start's share 3 x^2 - 2 x^3, x = ticks/ramp."""
+    x = 1.0
+    if ticks < pace.ramp:
+        x = ticks / pace.ramp
+    return x * x * (3.0 - 2.0 * x)
+
+
+@kernel
 def keep_pace(pace: Pace, k: int) -> int:
     """Compute the soft start's share 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; give 0 or a cause.
 
@@ -24,10 +33,7 @@ def keep_pace(pace: Pace, k: int) -> int:
     there is another cause, and grows as slowly once readings come again. At zero it gives the cause, a fault. At the
     end of a run it falls without one.
     """
-    x = 1.0
-    if k < pace.ramp:
-        x = k / pace.ramp
-    pace.soft = x * x * (3.0 - 2.0 * x)
+    pace.soft = soft_share(k, pace)
     cause = pace.cause
     for i in range(pace.devices):
         if cause == 0 and pace.misses[i] > pace.hold:
