@@ -50,6 +50,7 @@ pictures: demo ## draw every figure of the docs: of the demo, scenes and explana
 	@$(INTERPRETER) docs/pictures/device_masses.py
 	@$(INTERPRETER) docs/pictures/which_split.py
 	@$(INTERPRETER) docs/pictures/your_own_scene.py
+	@$(INTERPRETER) docs/pictures/feedback.py
 	@$(BIN)/graspfx stability paper-spring --sweep object.viscosity=0.8:1.5:15 --out $(OUT)/fig-15 --overwrite >/dev/null
 	@cp $(OUT)/fig-15/stability.png docs/pictures/stability-paper-spring.png
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \

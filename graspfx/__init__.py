@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from graspfx.certificate.certify_operators import certify_operators as certify_operators
     from graspfx.certificate.report import Report as Report
     from graspfx.certificate.report import check as check
+    from graspfx.feedback.feedback import Feedback as Feedback
     from graspfx.grasp.divide import divide as divide
     from graspfx.grasp.grasp import Grasp as Grasp
     from graspfx.grasp.impedance import Coupling as Coupling
@@ -51,6 +52,7 @@ _HOMES = {
     "Batch": "graspfx.batch.batch",
     "Certificates": "graspfx.certificate.certify",
     "Coupling": "graspfx.grasp.impedance",
+    "Feedback": "graspfx.feedback.feedback",
     "Grasp": "graspfx.grasp.grasp",
     "Impedance": "graspfx.grasp.impedance",
     "ObjectImpedance": "graspfx.grasp.object_impedance",
@@ -98,6 +100,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "PointCoupling",
     "unilateral_force",
     "least_friction",
+    "Feedback",
     "Scene",
     "load",
     "run",

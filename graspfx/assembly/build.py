@@ -20,6 +20,7 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire, outside_faults, placing_faults
 from graspfx.compile.memory import ROOM, Memory, within, without
 from graspfx.errors import DeviceError
+from graspfx.feedback.host_part import make_host
 from graspfx.loop.columns import Layout, chosen_layout
 from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
@@ -207,6 +208,11 @@ def build(
                     stack.enter_context(wire.device)
                     wire.device.open(scene.period)
         observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
+        host = None
+        if scene.host is not None and safety is not None:
+            host = make_host(scene.host, safety.limits.force, scene.dimensions, scene.period)
+            safety.silence = host.silence
+            stack.callback(host.record.close)
         layout, every = make_layout(parts, real_time=real_time), 1
         if varying:
             layout = replace(layout, varying=True)
@@ -214,7 +220,8 @@ def build(
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         servo = Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every, guards=guards_of(parts.scene, parts.wires), safety=safety, memory=memory,
+            record=record, every=every, guards=guards_of(parts.scene, parts.wires), safety=safety, host=host,
+            memory=memory,
         )  # fmt: skip
         with without():
             yield servo

@@ -105,7 +105,7 @@ def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
 
     None for a simulation without the table.
     """
-    if scene.safety is not None or not any(is_hardware(wire.device) for wire in wired):
+    if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety
     from graspfx.scene.tables.safety_table import Safety  # a scene from the cache goes without what checks tables
 
@@ -120,6 +120,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     n, d = len(scene.finger), scene.dimensions
     lower, upper = np.full((n, d), -np.inf), np.full((n, d), np.inf)
     force, scale = np.full(n, DEFAULT), np.ones(n)
+    vouched = np.inf if scene.host is None else float(scene.host.speed)  # by the tanks of a host
     for wire in wired:
         scale[wire.used] = wire.fitting.scale
         for f in wire.used.tolist():
@@ -130,7 +131,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     return SafetyLimits(
         force=force,
         rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]) / scale,
-        speed=np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale,
+        speed=np.minimum(np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale, vouched),
         lower=lower,
         upper=upper,
         hold=table.hold,

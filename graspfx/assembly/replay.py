@@ -15,7 +15,7 @@ import numpy as np
 from graspfx.assembly.hardware import meet_hardware
 from graspfx.assembly.live import numbered
 from graspfx.assembly.provenance import header_of
-from graspfx.assembly.resolve import resolve
+from graspfx.assembly.resolve import require_no_host, resolve
 from graspfx.assembly.session import Session
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
@@ -107,6 +107,7 @@ def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
     _require(original)
     is_open = any(key != OWN for key in overrides)
     scene = _scene_of(original, overrides)
+    require_no_host(scene, "a replay")
     parts = resolve(scene)
     _require_meshes(original, parts)
     largest = _largest_forces(original, scene, overrides) if _lacks_largest(original, parts) else None

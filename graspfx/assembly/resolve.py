@@ -390,6 +390,25 @@ def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
             yield wire, late
 
 
+def require_no_host(scene: Scene, action: str) -> None:
+    """Refuse what needs the object of a scene whose object another program has.
+
+    Args:
+        scene: the scene.
+        action: what was asked for, as the reason names it.
+
+    Raises:
+        InputError: the scene has a host.
+    """
+    host = getattr(scene, "host", None)
+    if host is not None:
+        raise InputError(
+            "host", host.name, f"a scene whose object is its own, for {action}",
+            "the host has the object, and its forces are nowhere in the scene; gx.Feedback.limits judges a host that "
+            "is linear",
+        )  # fmt: skip
+
+
 def require_prompt_simulations(parts: Parts) -> None:
     """Refuse to simulate devices whose forces are to come late by part of a sample: they begin with a sample.
 

@@ -148,6 +148,12 @@ def run(
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
+    host: Any = getattr(scene_, "host", None)
+    if host is not None and not real_time:
+        raise InputError(
+            "real_time", False, f"True for the scene of a host, {host.name!r}, whose clock is the wall's",
+            "`graspfx run SCENE --real-time`; gx.open(scene) steps it beside a host in the same program",
+        )  # fmt: skip
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
     kind = RealTimeRun if real_time else WholeRun

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.resolve import require_prompt_simulations, resolve
+from graspfx.assembly.resolve import require_no_host, require_prompt_simulations, resolve
 from graspfx.batch.columns import Columns, NotAlikeError, plain_keys
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.batch.part_memory import PartMemory
@@ -54,6 +54,7 @@ class Variants:
         beside: Mapping[str, Any] | None = None,
         memory: PartMemory | None = None,
     ) -> None:
+        require_no_host(scene, "a batch")
         self.beside = dict(beside or {})
         self.scene, self.values, self.numbers = scene, {key: list(items) for key, items in values.items()}, numbers
         self.keys = list(self.values)

@@ -14,7 +14,7 @@ from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.assembly.grasps import set_fade, still_hands
 from graspfx.assembly.mechanics import mechanics
-from graspfx.assembly.resolve import ObjectPart, Parts, resolve
+from graspfx.assembly.resolve import ObjectPart, Parts, require_no_host, resolve
 from graspfx.certificate.grip import EDGE, LOW, Grip, Ground, edge_directions, ground_under
 from graspfx.certificate.matrices import (
     ScaledGains,
@@ -135,6 +135,7 @@ def linearise(
         NoRestError: No rest of a grasp is found.
         UnknownNameError: No object has that name.
     """
+    require_no_host(scene, "a certificate")
     if at not in WHERE:
         raise UnknownNameError("place of a linearisation", at, WHERE)
     names = [thing.name for thing in scene.object]

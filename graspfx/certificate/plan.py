@@ -69,6 +69,37 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from _starts(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
+    yield from _host_rows(scene) if scene.host is not None else _law_rows(parts)
+    yield from safety_rows(parts)
+    yield from loop_rows(parts)
+    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
+    yield from moment_rows(scene)
+    yield from lateness_rows(parts)
+    for thing in scene.object if scene.host is None else ():
+        yield _of_object(scene, thing, "move"), True, _body(scene, thing)
+        yield _of_object(scene, thing, "turn"), *_turn(scene, thing)
+        if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
+            yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
+    if scene.obstacle:
+        yield "fingers on obstacles", False, "fingers pass through obstacles, which only objects meet"
+    yield _hand(scene)
+    yield "record", True, "a row per tick, to disk in blocks outside it"
+    yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
+
+
+def _host_rows(scene: Scene) -> Iterator[Row]:
+    """Yield what a tick does with the forces of another program."""
+    host = scene.host
+    assert host is not None
+    yield "host", True, f"forces of {host.name!r}, another program; they fade after {host.silence:g} s without a sample"
+    yield "predict between samples", host.predict != "hold", host.predict
+    first = f"{host.tank:g} J each for push and squeeze, {host.tank_room:g} J at most"
+    yield "tanks", host.tank > 0.0, first if host.tank > 0.0 else "host.tank = 0: the host may create energy"
+
+
+def _law_rows(parts: Parts) -> Iterator[Row]:
+    """Yield what a tick does from the fingers' motion to the forces of the law."""
+    scene = parts.scene
     for thing in scene.object:
         yield _of_object(scene, thing, "predict"), *_prediction(thing)
     yield from _contact_points(parts)
@@ -84,21 +115,6 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from _limits(parts)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
-    yield from safety_rows(parts)
-    yield from loop_rows(parts)
-    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
-    yield from moment_rows(scene)
-    yield from lateness_rows(parts)
-    for thing in scene.object:
-        yield _of_object(scene, thing, "move"), True, _body(scene, thing)
-        yield _of_object(scene, thing, "turn"), *_turn(scene, thing)
-        if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
-            yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
-    if scene.obstacle:
-        yield "fingers on obstacles", False, "fingers pass through obstacles, which only objects meet"
-    yield _hand(scene)
-    yield "record", True, "a row per tick, to disk in blocks outside it"
-    yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
 
 
 def packages(scene: Scene) -> list[str]:

@@ -185,6 +185,9 @@ class Arena:
         if parts.safety is not None:
             yield parts.safety.pace
             yield from parts.safety.buffers
+        if parts.host is not None:
+            yield parts.host.block
+            yield parts.host.record.words
         for mover in parts.movers:
             if isinstance(mover.body, NativeBody) and mover.body.buffer is not None:
                 yield mover.body.buffer
@@ -430,6 +433,9 @@ class Arena:
         if self.parts.safety is not None:
             record["safety"] = self.place(self.parts.safety.buffers[i])
             record["steered"] = self.parts.safety.is_steered(i)
+        if self.parts.host is not None:
+            self.parts.host.state.words = self.place(self.parts.host.record.words)
+            record["host"] = self.place(self.parts.host.block)
         return record
 
     def _stuck_body(self, i: int) -> int:

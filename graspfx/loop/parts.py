@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import GraspedObject
+from graspfx.feedback.host_part import HostPart
 from graspfx.loop.columns import Layout
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
@@ -70,6 +71,7 @@ class Parts:
     observers: Sequence[Observer]
     every: int = 1  # ticks from one recorded row to the next
     safety: SafetyChain | None = None
+    host: HostPart | None = None
 
 
 def guest_of(body: object) -> Guest | None:

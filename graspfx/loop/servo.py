@@ -13,6 +13,7 @@ from graspfx import log
 from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
+from graspfx.feedback.host_part import HostPart
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout, RowTaker, RunFault
 from graspfx.loop.device import is_hardware
@@ -102,6 +103,7 @@ class Servo:
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
         safety: the chain between law and devices, if the scene has one.
+        host: another program that has the object, if the scene has one.
         guards: of devices that are no simulations.
         memory: in which the parts' blocks stand.
     """
@@ -120,6 +122,7 @@ class Servo:
         record: bool = True,
         every: int = 1,
         safety: SafetyChain | None = None,
+        host: HostPart | None = None,
         guards: Guards = GUARDS,
         memory: Memory | None = None,
     ) -> None:
@@ -127,7 +130,7 @@ class Servo:
         self.period, self.layout, self.every, self.guards = period, layout, every, guards
         self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
         self.observers = observers  # one for each object, or none at all
-        self.safety = safety
+        self.safety, self.host = safety, host
         self.fault: RunFault | None = None
         self._nowhere = np.empty((1, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
@@ -175,7 +178,7 @@ class Servo:
         """All that runs."""
         return Parts(
             self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every,
-            self.safety,
+            self.safety, self.host,
         )  # fmt: skip
 
     @property
@@ -267,6 +270,8 @@ class Servo:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         self._ready()
         self.watch.require()
+        if self.host is not None:
+            self.host.record.publish()
         if pacer is None:
             self._run(ticks, recorder, stop)
         elif self.native is not None and recorder is not None and isinstance(pacer.clock, WallClock):

@@ -12,6 +12,7 @@ from graspfx.coupling.contacts import LOST
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
+from graspfx.feedback.bridge import HostState, host_forces, tell_fault
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.watch import watch
 from graspfx.loop.kernels import call, invoke, invoke_at, invoke_beside
@@ -20,7 +21,7 @@ from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.loop.safety.tank import adjust
-from graspfx.loop.safety.trust import keep_pace
+from graspfx.loop.safety.trust import CAUSES, HOST, keep_pace, soft_share
 from graspfx.loop.world import (
     BEGIN,
     KERNEL,
@@ -171,15 +172,19 @@ def couple_objects(world: World, servo: ServoState, k: int) -> None:
         if code != 0:
             latch(servo, k, SAFETY, 0, code)
     for i, grasp in enumerate(world.grasps):
+        if servo.faulted and grasp.host != NONE:
+            tell_fault(HostState(world.buffer, grasp.host), servo.code)
         if not servo.faulted:
             state = GraspState(world.buffer, grasp.state)
-            if grasp.safety != NONE:
+            if grasp.host != NONE:
+                code = couple_to_host(world, servo, grasp, k)
+            elif grasp.safety != NONE:
                 code = couple_safely(world, grasp)
             elif grasp.limited:  # what the object receives is what is displayed
                 code = conclude(state, limit(state, couple(state)))
             else:
                 code = sample(state)
-            if code != 0:
+            if code != 0 and not servo.faulted:
                 latch(servo, k, OBJECT_, i, code)
                 if code == LOST:
                     memory[grasp.stuck] = 1.0
@@ -201,6 +206,21 @@ def couple_safely(world: World, grasp: Grasp) -> int:
     code = soften(state, safety, Pace(world.buffer, world.pace), code)
     code = limit(state, code)
     apply_gain(state, safety)
+    return conclude(state, code)
+
+
+@kernel
+def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int:
+    """Give the fingers the forces of another program, through soft start and trust like the law's; or none."""
+    state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
+    host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
+    code = host_forces(state, host)
+    pace.host = host.quiet
+    pace.soft = soft_share(host.begun, pace)  # from the host's first sample on
+    soften(state, safety, pace, code)
+    apply_gain(state, safety)
+    if code != 0:
+        latch(servo, k, SAFETY, 0, HOST + CAUSES * code)
     return conclude(state, code)
 
 

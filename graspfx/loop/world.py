@@ -102,6 +102,7 @@ class Grasp(Record):
     state: int
     ledger: int
     safety: int
+    host: int  # of a scene whose object another program has
     stuck: int  # entry of its body
     limited: bool
     steered: bool  # a gain may change in mid-run

@@ -13,12 +13,13 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 
 from graspfx.card import Card, Carded, counted, listed, span
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.feedback.host_part import COUPLING, OBJECT
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.source import Source
 from graspfx.scene.table_memory import current_memory
-from graspfx.scene.tables.reading import Readable
+from graspfx.scene.tables.reading import WIDTHS, Readable
 from graspfx.scene.tables.scene_table import SceneTable
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class Scene(Carded, SceneTable):
 
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
+        if table.get("host") is not None:  # which has the object
+            table = without_object(table)
         origin = source or Source()
         memory = current_memory()
         checked = memory.recall(table, origin) if memory is not None else None
@@ -150,6 +153,13 @@ class Scene(Carded, SceneTable):
         changes = by_key(overrides)
         source = replace(self._source, overrides={**self._source.overrides, **changes})
         return make_scene(self.to_dict(), changes, source)
+
+
+def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a scene with a host, with an object that never moves in the place of the host's."""
+    d = table.get("dimensions")
+    thing = {**OBJECT, "free": (False,) * WIDTHS.get(d, 1) if isinstance(d, int) else ()}
+    return {"object": thing, "coupling": dict(COUPLING), **table}
 
 
 def make_scene(

@@ -27,6 +27,7 @@ from graspfx.assembly.resolve import placement_faults
 from graspfx.assembly.wiring import wiring_faults
 from graspfx.cones.friction import LEAST
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.feedback.host_part import OBJECT
 from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
@@ -49,6 +50,27 @@ def safety_faults(scene: SceneTable) -> Iterator[Finding]:
             yield ("safety", "watchdog"), text
 
 
+def host_faults(scene: SceneTable) -> Iterator[Finding]:
+    """Find what stands beside a host in a scene, which has the object and its contacts."""
+    if scene.host is None:
+        return
+    with suppress(NotValid):
+        things = scene.object
+        if (
+            len(things) != 1
+            or things[0].name != OBJECT["name"]
+            or things[0].shape is not None
+            or any(scene.free(things[0]))
+        ):
+            yield ("object",), "expected no object beside [host], whose program has it; leave it out"
+    if scene.obstacle:
+        yield ("obstacle",), "expected no obstacle beside [host], whose program has the world; leave it out"
+    with suppress(NotValid):
+        law = scene.coupling
+        if law.passivity != "off" or law.contact != "attached":
+            yield ("coupling",), "expected no coupling beside [host], whose program has the contacts; leave it out"
+
+
 def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     """Find the faults of a finger's own limits."""
     if finger.safety is not None:
@@ -60,7 +82,7 @@ def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Ite
     hardware = any(map(is_hardware, connected.values()))
     if scene.safety is None:
         for i, finger in enumerate(scene.finger):
-            if finger.safety is not None and not hardware:
+            if finger.safety is not None and not hardware and scene.host is None:
                 text = "expected a scene with [safety], which switches the chain on; add that table"
                 yield ("finger", i, "safety"), text
     elif hardware and scene.safety.soft_start == 0.0:
@@ -218,6 +240,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield _orientation(scene, ("obstacle", i), thing)
     yield _unique(scene, "obstacle")
     yield meeting_faults(scene, stock, faults)
+    yield host_faults(scene)
     yield safety_faults(scene)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _start(scene, i, finger, stock)

@@ -14,8 +14,9 @@ from graspfx.compile.records import entries_of, size_for
 from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
+from graspfx.feedback.host_record import reason
 from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale, Tank
-from graspfx.loop.safety.trust import CAUSES, DEADMAN, DECAY, QUICK, STALE
+from graspfx.loop.safety.trust import CAUSES, DEADMAN, DECAY, HOST, QUICK, STALE
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -74,6 +75,7 @@ class SafetyChain:
         live: Collection[str] = (),
     ) -> None:
         self.limits = limits
+        self.silence = 0.0  # of a host after which forces fade [s]
         self.pace = zeros(size_for(Pace, devices=devices))
         pace = Pace(self.pace)
         pace.devices, pace.hold, pace.trust, pace.elapsed = devices, float(limits.hold), 1.0, 1.0
@@ -127,6 +129,8 @@ class SafetyChain:
         if cause == QUICK:
             most = self.limits.speed[number]
             return f"{fingers[number]} was quicker than safety.speed, {most:g} m/s; all forces are zero"
+        if cause == HOST:
+            return reason(number, self.silence)
         if cause == DEADMAN:
             return f"the deadman switch of {devices[number]} was let go; all forces are zero"
         return "a force, or what it is made from, is not finite; all forces are zero"

@@ -16,6 +16,7 @@ class Pace(Record):
     soft: float  # of the soft start: 0 at first, then 1
     trust: float  # 1, or less while forces decay
     cause: int  # why they do, 0 for no reason
+    host: int  # 1 more than why another program's forces are to fade, 0 for no reason
     resting: bool  # they do as the run ends, which is no fault
     elapsed: float  # periods since the last tick, 1 unless some were left out
     misses: Floats = floats("devices")  # samples in a row without a new reading

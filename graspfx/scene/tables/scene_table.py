@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import INVALID, Name, NotValid, Number, Positive, Table, Vector, listed
 from graspfx.scene.tables.hands import AnySharedHand
+from graspfx.scene.tables.host_table import Host
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, Record, SharedDevice, World
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.safety_table import Safety
@@ -143,6 +144,10 @@ class SceneTable(Readable, Table):
     world: World = Field(default=World(), description="contact of objects with obstacles and one another")
     safety: Safety | None = Field(
         default=None, description="safety chain between law and devices; none in a simulation without the table"
+    )
+    host: Host | None = Field(
+        default=None,
+        description="host program that simulates the object; `object` and `coupling` are left out then",
     )
     record: Annotated[Record, BeforeValidator(_columns)] = Field(
         default=Record(), description="columns and ticks of a recording"

@@ -1,0 +1,346 @@
+"""The bridge from a host's rate to the loop's: samples taken, predicted, and kept passive by a tank on each port.
+
+The forces of tick k act on the operator until tick k + 1: their work is known then, sum_i f_i.(x_i(k + 1) - x_i(k)),
+and a port's tank pays for it. No finger moves farther in a tick than the stride v T, so that a share
+
+    s = min(1, E/(v T sum_i |f_i|))
+
+of a port's forces never takes more than its tank holds. What the operator puts in fills the tank, up to its room.
+"""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Record, floats, room
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.feedback.host_record import (
+    CODE,
+    FAULT,
+    HOST_ENDED,
+    HOST_NUMBER,
+    LOOP_NUMBER,
+    LOOP_SAMPLE,
+    NOT_FINITE,
+    SAMPLE,
+    SLOTS,
+    STATE,
+    TOO_LARGE,
+)
+from graspfx.grasp.direct import couple_points
+from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.spatial import NOTHING, dot
+
+HOLD, LINEAR, MODEL = 0, 1, 2  # predictions between two samples
+MOST_NUMBER = 2.0**53
+
+
+class PortTank(Record):
+    """Energy of a port, from which its forces on the operator are paid."""
+
+    level: float  # E [J]
+    most: float  # that it holds [J]
+    share: float  # of the port's forces in this tick
+    given: float  # to the operator so far, net [J]
+    exchanged: float  # in either direction [J]
+
+
+class HostState(Record):
+    """The bridge of one host."""
+
+    fingers: int  # n
+    dimensions: int  # d
+    size: int  # n d
+    grasp_entries: int
+    words: int  # place of the record
+    host_first: int  # of its host's slots, and their words: the record's own header may be overwritten
+    host_size: int
+    loop_first: int
+    loop_size: int
+    period: float  # T [s]
+    method: int  # HOLD, LINEAR or MODEL
+    silence: float  # ticks without news after which forces fade
+    largest: float  # plausible force of a finger [N]
+    stride: float  # longest way of a finger in a tick for which the tanks vouch [m]
+    tanked: bool
+    push_model: float  # stiffness that the operator feels between two samples [N/m]
+    squeeze_model: float
+    number: float  # of the last sample taken
+    seen: float  # of the last one that was looked at
+    begun: float  # ticks since the first sample
+    age: float  # ticks since the last sample was taken
+    time: float  # of the last sample on the host's clock [s]
+    interval: float  # from the one before to it [s]
+    lost: float  # samples
+    late: float
+    written: float  # samples of the loop
+    quiet: int  # 1 more than why forces are to fade, 0 for no reason
+    code: int  # why they are zero at once, 0 for no reason
+    push_tank: PortTank
+    squeeze_tank: PortTank
+    most: Floats = floats("fingers")  # largest force of each finger [N]
+    external: Floats = floats("size")  # of the last sample, on the operator [N]
+    internal: Floats = floats("size")
+    external_slope: Floats = floats("size")  # [N/s]
+    internal_slope: Floats = floats("size")
+    origin: Floats = floats("size")  # where the operator was for that sample [m]
+    before: Floats = floats("size")  # where the operator was in the last tick [m]
+    pushed: Floats = floats("size")  # external forces of this tick, on the operator [N]
+    squeezed: Floats = floats("size")  # internal ones
+    grasp: PointGrasp = room("grasp_entries")
+
+
+@kernel
+def host_forces(state: GraspState, host: HostState) -> int:
+    """Give the fingers the host's forces of this tick; give 0, or why they are none."""
+    settle(state, host)
+    host.age += 1.0
+    take_sample(host)
+    if host.number > 0.0:
+        host.begun += 1.0
+    if host.number > 0.0 and host.age > host.silence and host.quiet == 0:
+        host.quiet = 1
+    elif host.quiet == 1 and host.age <= host.silence:  # it is back before the forces were zero
+        host.quiet = 0
+    if host.code == 0:
+        predict(state, host)
+        bound(host)
+        host.push_tank.share = pay(host, host.push_tank, host.pushed)
+        host.squeeze_tank.share = pay(host, host.squeeze_tank, host.squeezed)
+    write_sample(state, host)
+    hand_over(state, host)
+    return host.code
+
+
+@kernel
+def tell_fault(host: HostState, code: int) -> None:
+    """Tell the host that the run has a fault."""
+    words = Floats(host.buffer, host.words)
+    words[CODE] = code
+    words[STATE] = FAULT
+
+
+# Tanks ----------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def settle(state: GraspState, host: HostState) -> None:
+    """Let the tanks pay for the work of the last tick's forces as they were displayed."""
+    d = host.dimensions
+    pushed = squeezed = 0.0
+    for i, finger in enumerate(state.fingers):
+        wanted = shown = push = squeeze = 0.0
+        for a in range(d):
+            k = i * d + a
+            f, step = host.pushed[k] + host.squeezed[k], finger.position[a] - host.before[k]
+            wanted += f * f
+            shown -= f * finger.force[a]  # the chain scales a finger's force as a whole
+            push += host.pushed[k] * step
+            squeeze += host.squeezed[k] * step
+        if wanted > 0.0:
+            pushed += shown / wanted * push
+            squeezed += shown / wanted * squeeze
+        for a in range(d):
+            host.before[i * d + a] = finger.position[a]
+    book(host.push_tank, pushed)
+    book(host.squeeze_tank, squeezed)
+
+
+@kernel
+def book(tank: PortTank, work: float) -> None:
+    """Take the work on the operator from a tank."""
+    tank.level = min(tank.level - work, tank.most)
+    tank.given += work
+    tank.exchanged += abs(work)
+
+
+@kernel
+def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
+    """Scale the forces of a port to what its tank can pay for in a tick; give the share."""
+    if not host.tanked:
+        return 1.0
+    d, price = host.dimensions, 0.0
+    for i in range(host.fingers):
+        square = 0.0
+        for a in range(d):
+            square += forces[i * d + a] * forces[i * d + a]
+        price += math.sqrt(square) * host.stride
+    share = 1.0
+    if price > tank.level:
+        share = max(tank.level, 0.0) / price
+        for k in range(host.size):
+            forces[k] *= share
+    return share
+
+
+@kernel
+def bound(host: HostState) -> None:
+    """Keep each finger within its largest force: less squeeze for all of them first, then less of everything."""
+    d = host.dimensions
+    outer = squeeze = 1.0
+    for i in range(host.fingers):
+        most, square = host.most[i], 0.0
+        for a in range(d):
+            square += host.pushed[i * d + a] * host.pushed[i * d + a]
+        if square > most * most:
+            outer = min(outer, most / math.sqrt(square))
+    for i in range(host.fingers):
+        most, along, square = host.most[i], 0.0, 0.0
+        rest = most * most
+        for a in range(d):
+            e, s = outer * host.pushed[i * d + a], host.squeezed[i * d + a]
+            rest -= e * e
+            along += e * s
+            square += s * s
+        if square + 2.0 * along > rest:  # |e + l s| = L
+            root = along * along + square * max(rest, 0.0)
+            squeeze = min(squeeze, max((math.sqrt(root) - along) / square, 0.0))
+    if outer < 1.0 or squeeze < 1.0:
+        for k in range(host.size):
+            host.pushed[k] *= outer
+            host.squeezed[k] *= squeeze
+
+
+# Samples --------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def take_sample(host: HostState) -> None:
+    """Take the host's newest sample if it is new and whole."""
+    words = Floats(host.buffer, host.words)
+    number = words[HOST_NUMBER]
+    if number == host.seen or not (number >= 1.0 and number < MOST_NUMBER):
+        return
+    size = host.host_size
+    slot = Floats(host.buffer, host.words + host.host_first + size * (int(number) % SLOTS))
+    total = 0.0
+    for k in range(size - 1):
+        total += slot[k]
+    if total != total:  # NaN
+        host.code = NOT_FINITE
+        return
+    if slot[0] != number or slot[size - 1] != total:
+        return  # it is being written
+    host.seen = number
+    if number < host.number:
+        host.late += 1.0
+        return
+    if host.number > 0.0:
+        host.lost += number - host.number - 1.0
+    if slot[2] != 0.0:
+        code = int(slot[2])
+        if code == HOST_ENDED:
+            host.quiet = 1 + HOST_ENDED
+            return
+        host.code = code
+        return
+    check_sample(host, slot)
+    if host.code == 0:
+        keep_sample(host, slot, number)
+
+
+@kernel
+def check_sample(host: HostState, slot: Floats) -> None:
+    """Refuse forces that are not finite, or too large to be meant."""
+    d, m = host.dimensions, host.size
+    for i in range(host.fingers):
+        square, sums = 0.0, 0.0
+        for a in range(d):
+            k = SAMPLE + i * d + a
+            f = slot[k] + slot[k + m]
+            square += f * f
+            sums += slot[k] * 0.0 + slot[k + m] * 0.0 + slot[k + 2 * m] * 0.0
+        if sums != 0.0:
+            host.code = NOT_FINITE
+        elif square > host.largest * host.largest:
+            host.code = TOO_LARGE
+
+
+@kernel
+def keep_sample(host: HostState, slot: Floats, number: float) -> None:
+    """Keep a sample's forces, and their slopes from the one before."""
+    m, interval = host.size, slot[1] - host.time
+    known = host.number > 0.0 and interval > 0.1 * host.period
+    for k in range(m):
+        external, internal = slot[SAMPLE + k], slot[SAMPLE + m + k]
+        host.external_slope[k] = (external - host.external[k]) / interval if known else 0.0
+        host.internal_slope[k] = (internal - host.internal[k]) / interval if known else 0.0
+        host.external[k], host.internal[k] = external, internal
+        host.origin[k] = slot[SAMPLE + 2 * m + k]
+    host.interval = interval if known else 0.0
+    host.time, host.number, host.age = slot[1], number, 0.0
+
+
+@kernel
+def predict(state: GraspState, host: HostState) -> None:
+    """Find both ports' forces now: the sample's own, along its slope, or by the environment's stiffness."""
+    ahead = 0.0
+    if host.method == LINEAR:
+        ahead = min(host.age * host.period, host.interval)
+    for k in range(host.size):
+        host.pushed[k] = host.external[k] + ahead * host.external_slope[k]
+        host.squeezed[k] = host.internal[k] + ahead * host.internal_slope[k]
+    if host.method == MODEL and host.number > 0.0:
+        d, grasp = host.dimensions, host.grasp
+        pushes = squeezes = False
+        for i, finger in enumerate(state.fingers):
+            for a in range(d):
+                k = i * d + a
+                grasp.points[k] = finger.position[a]
+                grasp.displacement[k] = finger.position[a] - host.origin[k]
+                grasp.rate[k] = 0.0
+                pushes = pushes or host.external[k] != 0.0
+                squeezes = squeezes or host.internal[k] != 0.0
+        couple_points(grasp)  # P (x - x_sample)
+        for k in range(host.size):
+            moved = grasp.force[k]
+            if pushes:
+                host.pushed[k] -= host.push_model * moved
+            if squeezes:
+                host.squeezed[k] -= host.squeeze_model * (grasp.displacement[k] - moved)
+
+
+@kernel
+def hand_over(state: GraspState, host: HostState) -> None:
+    """Write the forces into the fingers: those on the object are the opposite of those on the operator."""
+    d = host.dimensions
+    for i, finger in enumerate(state.fingers):
+        for a in range(d):
+            k = i * d + a
+            finger.local[a] = -(host.pushed[k] + host.squeezed[k]) if host.code == 0 else 0.0
+        for a in range(d, 4):
+            finger.local[a] = 0.0
+        f = finger.local.vector
+        finger.touching = dot(f, f) > 0.0
+        finger.law_force = f
+        finger.elastic = NOTHING
+        finger.displacement = NOTHING
+        finger.rate = NOTHING
+
+
+@kernel
+def write_sample(state: GraspState, host: HostState) -> None:
+    """Tell the host where the operator is, and what was displayed in the last tick."""
+    words = Floats(host.buffer, host.words)
+    number, size, m, d = host.written + 1.0, host.loop_size, host.size, host.dimensions
+    slot = Floats(host.buffer, host.words + host.loop_first + size * (int(number) % SLOTS))
+    slot[0] = number
+    slot[1] = host.written * host.period
+    slot[2] = host.age * host.period
+    slot[3] = host.push_tank.level
+    slot[4] = host.squeeze_tank.level
+    slot[5] = host.lost
+    slot[6] = host.late
+    for i, finger in enumerate(state.fingers):
+        for a in range(d):
+            k = LOOP_SAMPLE + i * d + a
+            slot[k] = finger.position[a]
+            slot[k + m] = finger.velocity[a]
+            slot[k + 2 * m] = -finger.force[a]
+    total = 0.0
+    for k in range(size - 1):
+        total += slot[k]
+    slot[size - 1] = total
+    words[LOOP_NUMBER] = number
+    host.written = number

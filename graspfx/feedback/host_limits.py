@@ -1,0 +1,175 @@
+"""Largest gains of the loop of operator, device, bridge and a linear environment, from its exact sampled model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.stability.loop import advance
+from graspfx.card import Card, Carded
+from graspfx.errors import InputError
+from graspfx.numeric import number
+
+FloatArray = NDArray[np.float64]
+
+DECADES, PER_DECADE = (-9.0, 1.0), 60  # gains that are tried, as stiffness in units of m/T^2
+STEADY = 1e-10  # |z| - 1 up to which a slow motion counts as stable
+STEPS = 60  # bisections
+
+
+@dataclass(frozen=True, eq=False)
+class GainLimits(Carded):
+    """Gains up to which the loop is stable.
+
+    Attributes:
+        push: Largest push gain; inf if none is too large.
+        squeeze: Largest squeeze gain.
+        stiffness: Largest stiffness that a finger may feel, gain times environment, of either port [N/m].
+        delay: Delay of the range at which it is reached [ticks].
+        frequency: Frequency of the oscillation there [Hz].
+    """
+
+    push: float
+    squeeze: float
+    stiffness: float
+    delay: int
+    frequency: float
+
+    def _card(self) -> Card:
+        rows = [
+            ("push gain", f"below {self.push:.4g}"),
+            ("squeeze gain", f"below {self.squeeze:.4g}"),
+            ("felt stiffness", f"{self.stiffness:.4g} N/m, at a delay of {self.delay} ticks, {self.frequency:.3g} Hz"),
+        ]
+        return Card("Limits of a host's gains, in a linear environment", rows, ".push, .squeeze, .stiffness")
+
+
+def gain_limits(
+    *,
+    mass: float,
+    damping: float,
+    period: float,
+    host_ticks: int,
+    delay: int | tuple[int, int],
+    push_stiffness: float,
+    squeeze_stiffness: float,
+    hand_stiffness: float = 0.0,
+    hand_damping: float = 0.0,
+    predict: str = "hold",
+    model: float = 1.0,
+) -> GainLimits:
+    """Compute the largest push and squeeze gain g of one finger's loop in each port.
+
+        m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
+
+    The host samples the operator at ticks R i; tick j uses the sample R floor((j - D)/R), with y_j that sample x_s
+    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after its arrival ("linear"), or (1 - r) x_s + r x_j, a model of r
+    times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on
+    their way; the gain grows until an eigenvalue leaves the unit circle.
+
+    Every constant delay of a range is judged, not one that changes from sample to sample. The first loss of stability
+    is looked for at 60 gains a decade, then bisected to rounding.
+
+    Args:
+        mass: Device's mass m at a finger [kg].
+        damping: Its viscous damping b [N s/m].
+        period: Period T of the loop [s].
+        host_ticks: Ticks R from one sample of the host to the next.
+        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; at least
+            1, as an answer comes after the tick that it is about.
+        push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger, at gain 1, if all fingers move
+            together, and if they close [N/m].
+        hand_stiffness, hand_damping: Operator's finger, to ground [N/m, N s/m].
+        predict: "hold", "linear" or "model".
+        model: Ratio r of the model's stiffness to g k.
+
+    Raises:
+        InputError: An argument is invalid.
+    """
+    m, T = number("mass", mass, "a mass [kg]", zero=False), number("period", period, "a time [s]", zero=False)
+    b, k_h = number("damping", damping, "N s/m"), number("hand_stiffness", hand_stiffness, "N/m")
+    b_h = number("hand_damping", hand_damping, "N s/m")
+    stiffness = {
+        "push": number("push_stiffness", push_stiffness, "N/m"),
+        "squeeze": number("squeeze_stiffness", squeeze_stiffness, "N/m"),
+    }
+    if type(host_ticks) is not int or host_ticks < 1:
+        raise InputError("host_ticks", host_ticks, "a whole number of ticks, one or more")
+    low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
+    if not (type(low) is int and type(high) is int and 0 <= low <= high):
+        raise InputError("delay", delay, "a whole number of ticks, or two of them (least, most)")
+    if predict not in ("hold", "linear", "model"):
+        raise InputError("predict", predict, "'hold', 'linear' or 'model'")
+    r = number("model", model, "a ratio, zero or above") if predict == "model" else 0.0
+    E = advance(np.array([[k_h / m]]), np.array([[(b + b_h) / m]]), np.array([[1.0 / m]]), T)
+    worst, at, angle = math.inf, low, 0.0
+    for D in range(low, high + 1):
+        limit, turn = _first_loss(LiftedLoop(E, host_ticks, D, predict == "linear", r), m / T**2)
+        if limit < worst:
+            worst, at, angle = limit, D, turn
+    gains = {name: worst / k if k > 0.0 else math.inf for name, k in stiffness.items()}
+    return GainLimits(gains["push"], gains["squeeze"], worst, at, angle / (2.0 * math.pi * host_ticks * T))
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedLoop:
+    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), x_i the sample that the host takes at their beginning.
+
+    Attributes:
+        E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
+        R: Ticks from one sample to the next.
+        D: Delay [ticks].
+        linear: Whether forces follow the slope of the last two samples.
+        r: Part of the force that follows the position at once.
+    """
+
+    E: FloatArray
+    R: int
+    D: int
+    linear: bool
+    r: float
+
+    def matrix(self, stiffness: float) -> FloatArray:
+        """Compute the map of s over R ticks for a felt stiffness g k [N/m]."""
+        back = -(-self.D // self.R) + int(self.linear)  # samples that are kept
+        size = 2 + back
+        samples = np.eye(size)[[0, *range(2, size)]]  # x_i, x_(i-1), ...
+        motion = np.eye(size)[:2]
+        for j in range(self.R):
+            age, past = (j - self.D) % self.R, -((j - self.D) // self.R)
+            y = samples[past]
+            if self.linear:
+                y = y + (y - samples[past + 1]) * (age / self.R)
+            f = -stiffness * ((1.0 - self.r) * y + self.r * motion[0])
+            motion = self.E @ np.vstack([motion, f])
+        return np.asarray(np.vstack([motion, samples[:back]]))
+
+    def radius(self, stiffness: float) -> tuple[float, float]:
+        """Compute the largest |z| of its eigenvalues, and that one's angle [rad]."""
+        values = np.linalg.eigvals(self.matrix(stiffness))
+        z = values[np.argmax(np.abs(values))]
+        return float(abs(z)), float(abs(np.angle(z)))
+
+
+def _first_loss(loop: LiftedLoop, unit: float) -> tuple[float, float]:
+    """Find the smallest stiffness at which the loop is lost [N/m], and the eigenvalue's angle there [rad]."""
+    low = 0.0
+    for power in np.linspace(*DECADES, int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1).tolist():
+        high = unit * 10.0**power
+        if loop.radius(high)[0] > 1.0 + STEADY:
+            break
+        low = high
+    else:
+        return math.inf, 0.0
+    if low == 0.0:
+        return 0.0, 0.0
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        if loop.radius(middle)[0] > 1.0:
+            high = middle
+        else:
+            low = middle
+    return low, loop.radius(high)[1]

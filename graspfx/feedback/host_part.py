@@ -1,0 +1,72 @@
+"""The host of a scene as its loop has it: settings, record and bridge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.memory import zeros
+from graspfx.compile.records import size_for
+from graspfx.feedback.bridge import HOLD, LINEAR, MODEL, HostState
+from graspfx.feedback.host_record import HOST_FIRST, LOOP_SIZE, HostRecord, make_record
+from graspfx.grasp.point_grasp import PointGrasp
+
+FloatArray = NDArray[np.float64]
+METHODS = {"hold": HOLD, "linear": LINEAR, "model": MODEL}
+
+# Tables of the object and the coupling that stand in a scene with a host: the host has the object.
+OBJECT: Mapping[str, Any] = {"name": "host", "mass": 1.0, "viscosity": 0.0}
+COUPLING: Mapping[str, Any] = {"contact": "attached", "external": {"stiffness": 0.0}, "internal": {"stiffness": 0.0}}
+
+
+@dataclass(frozen=True, eq=False)
+class HostPart:
+    """A host's record and its bridge.
+
+    Attributes:
+        record: Shared with the host.
+        block: Memory of the bridge, `HostState`.
+        silence: Time without news after which forces fade [s].
+    """
+
+    record: HostRecord
+    block: FloatArray
+    silence: float
+
+    @property
+    def state(self) -> HostState:
+        """The bridge."""
+        return HostState(self.block)
+
+
+def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> HostPart:
+    """Make the bridge of a scene's table `host`.
+
+    Args:
+        table: Its settings, as the scene has them.
+        most: Largest force of each finger, (n,) [N].
+        dimensions: d.
+        period: T [s].
+    """
+    n, d = len(most), dimensions
+    grasp = size_for(PointGrasp, count=n, dimensions=d)
+    counts = {"fingers": n, "dimensions": d, "size": n * d, "grasp_entries": grasp}
+    block = zeros(size_for(HostState, **counts))
+    state = HostState(block)
+    for name, count in counts.items():
+        setattr(state, name, count)
+    state.period, state.method, state.silence = period, METHODS[table.predict], table.silence / period
+    state.largest, state.stride, state.tanked = table.largest, table.speed * period, table.tank > 0.0
+    state.push_model, state.squeeze_model = table.push_stiffness, table.squeeze_stiffness
+    for tank in (state.push_tank, state.squeeze_tank):
+        tank.level, tank.most, tank.share = table.tank, max(table.tank_room, table.tank), 1.0
+    state.array(HostState.most)[:] = most
+    state.grasp.count, state.grasp.dimensions, state.grasp.tolerance = n, d, 1e-6
+    state.grasp.external_stiffness = 1.0
+    record = make_record(table.name, n, d, period)
+    state.host_first, state.host_size, state.loop_first, state.loop_size = record.words[HOST_FIRST : LOOP_SIZE + 1]
+    return HostPart(record, block, table.silence)

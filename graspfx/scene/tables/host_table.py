@@ -1,0 +1,38 @@
+"""Table `host` of a scene: another program has the object, and the loop displays its forces."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from graspfx.scene.tables.fields import Name, NotNegative, Positive, Table
+
+
+class Host(Table):
+    """Host program whose forces the devices display, in place of an object and its coupling (`gx.Feedback`)."""
+
+    name: Name = Field(description="name under which the host finds the loop: `feedback.connect(name)`")
+    predict: Literal["hold", "linear", "model"] = Field(
+        default="hold",
+        description="forces between two samples: held, along the slope of the last two, or by the stiffnesses below",
+    )
+    push_stiffness: NotNegative = Field(
+        default=0.0, description='stiffness that a finger feels when all move together, for `predict = "model"` [N/m]'
+    )
+    squeeze_stiffness: NotNegative = Field(
+        default=0.0, description='stiffness that a finger feels in a squeeze, for `predict = "model"` [N/m]'
+    )
+    silence: Positive = Field(
+        default=0.1, description="time without a new sample after which forces fade to zero in 20 ms, a fault [s]"
+    )
+    tank: NotNegative = Field(
+        default=0.05, description="first energy of the tanks of push and squeeze, each [J]; 0 switches them off"
+    )
+    tank_room: NotNegative = Field(default=0.5, description="most energy of a tank [J]")
+    speed: Positive = Field(
+        default=1.0, description="largest speed of a finger for which the tanks vouch; beyond it the run ends [m/s]"
+    )
+    largest: Positive = Field(
+        default=1e3, description="largest force of a finger that the host can mean; a larger one is a fault [N]"
+    )
