@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +16,6 @@ from graspfx.grasp.point_grasp import PointGrasp
 
 FloatArray = NDArray[np.float64]
 METHODS = {"hold": HOLD, "linear": LINEAR, "model": MODEL}
-
-# Tables of the object and the coupling that stand in a scene with a host: the host has the object.
-OBJECT: Mapping[str, Any] = {"name": "host", "mass": 1.0, "viscosity": 0.0}
-COUPLING: Mapping[str, Any] = {"contact": "attached", "external": {"stiffness": 0.0}, "internal": {"stiffness": 0.0}}
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,11 @@ from graspfx.assembly.resolve import placement_faults
 from graspfx.assembly.wiring import wiring_faults
 from graspfx.cones.friction import LEAST
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
-from graspfx.feedback.host_part import OBJECT
 from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.host_table import OBJECT
 from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from pydantic import Field
 
 from graspfx.scene.tables.fields import Name, NotNegative, Positive, Table
+
+# Tables of the object and the coupling that stand in a scene with a host: the host has the object.
+OBJECT: Mapping[str, Any] = {"name": "host", "mass": 1.0, "viscosity": 0.0}
+COUPLING: Mapping[str, Any] = {"contact": "attached", "external": {"stiffness": 0.0}, "internal": {"stiffness": 0.0}}
 
 
 class Host(Table):
