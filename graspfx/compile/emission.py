@@ -45,13 +45,17 @@ def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = F
     return _emitted(text, _machine(level, wide=wide), level, lanes=lanes)
 
 
-def portable(text: str, triple: str, processor: str) -> bytes:
-    """Emit machine code of FULL level for another processor than this, to be linked as a shared library."""
+def portable(text: str, triple: str, processor: str = "", features: str = "", reloc: str = "pic") -> bytes:
+    """Emit code of FULL level for another target than this, to be linked as a shared library or a module."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=FULL, reloc="pic")
+    machine = llvm.Target.from_triple(triple).create_target_machine(
+        cpu=processor, features=features, opt=FULL, reloc=reloc, codemodel="default"
+    )
+    if not processor:  # that LLVM takes from here else
+        text = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n{text}'
     return _emitted(text, machine, FULL, lanes=False)
 
 

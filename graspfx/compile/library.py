@@ -15,6 +15,7 @@ import subprocess
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from graspfx import log
@@ -53,6 +54,21 @@ def find(key: str) -> Native | None:
     """Load a program of the library; None if it has none of these sources, or its file is not what was built."""
     from graspfx.compile.native import Native
 
+    content = read(key)
+    if content is None:
+        return None
+    entry = _table()[key]
+    try:
+        engine = SharedLibrary(FOLDER / entry["file"])
+    except OSError as error:
+        _warn(FOLDER / entry["file"], error)
+        return None
+    log.info("program %s: %d kB of machine code, compiled ahead of time", key[:12], len(content) // 1000)
+    return Native(entry["description"], engine, size=len(content), place=str(FOLDER))
+
+
+def read(key: str) -> bytes | None:
+    """Read the file of a program; None if the library does not have it, or if the file is not what was built."""
     entry = _table().get(key)
     if entry is None:
         return None
@@ -61,12 +77,10 @@ def find(key: str) -> Native | None:
         content = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != entry["sha256"]:
             raise OSError("it is not what was built")
-        engine = SharedLibrary(path)
     except OSError as error:
         _warn(path, error)
         return None
-    log.info("program %s: %d kB of machine code, compiled ahead of time", key[:12], len(content) // 1000)
-    return Native(entry["description"], engine, size=len(content), place=str(FOLDER))
+    return content
 
 
 @cache
@@ -88,11 +102,14 @@ def _warn(path: Path, error: Exception) -> None:
 # How it is built ------------------------------------------------------------------------------------------------------
 
 
-def build(programs: Mapping[str, tuple[str, LlvmProgram]], folder: Path) -> str:
+def build(
+    programs: Mapping[str, tuple[str, LlvmProgram]], folder: Path, modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({})
+) -> str:  # fmt: skip
     """Compile programs for all processors of the kind, and link each as a shared library.
 
     Args:
         programs: by key, a name for the file and the program.
+        modules: by key, a name for the file and a WebAssembly module, which are put there too.
         folder: new or empty, where they are put.
 
     Returns:
@@ -127,6 +144,9 @@ def build(programs: Mapping[str, tuple[str, LlvmProgram]], folder: Path) -> str:
         table[key] = {"file": file, "sha256": digest, "description": description_of(program)}
         for rest in (f"{name}.o", f"{name}.s"):
             (folder / rest).unlink()
+    for key, (name, content) in modules.items():
+        (folder / f"{name}.wasm").write_bytes(content)
+        table[key] = {"file": f"{name}.wasm", "sha256": hashlib.sha256(content).hexdigest()}
     (folder / TABLE).write_text(json.dumps(table, indent=1) + "\n", encoding="ascii")
     return f"manylinux_2_{newest}_x86_64"
 

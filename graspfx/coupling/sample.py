@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats
 from graspfx.coupling.attached import attached
-from graspfx.coupling.contacts import AGAIN, EXCESSIVE, approach, refactor, turn_axes
+from graspfx.coupling.contacts import AGAIN, EXCESSIVE, approach, fade, refactor, turn_axes
 from graspfx.coupling.coulomb import force_with_friction, move_anchors
 from graspfx.coupling.fade import compliance_of_numbers
 from graspfx.coupling.frictionless import frictionless_force
@@ -17,6 +18,7 @@ from graspfx.coupling.limit import forget_limits, limit
 from graspfx.coupling.pad import press, relax
 from graspfx.coupling.react import FINE, react
 from graspfx.coupling.unilateral import unilateral
+from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import NOTHING, ZERO, dot
 
 
@@ -133,3 +135,43 @@ def check_fade(grasp: GraspState) -> None:
     for finger in grasp.fingers:
         total += normal_force(finger)
     grasp.shortfall = max(grasp.shortfall, release * total - grasp.fade_start)
+
+
+@kernel
+def external_forces(grasp: GraspState, out: Floats) -> int:
+    """Write P f of each finger, world axes [N], three numbers each: the external part of the forces of this sample.
+
+    P is as `two_forces.divide` has it, from the grasp's own modes, which are computed anew; give FINE.
+    """
+    if grasp.mixed:
+        turn_axes(grasp)
+    if grasp.fade:
+        for finger in grasp.fingers:
+            fade(grasp, finger)
+    refactor(grasp)
+    for i in range(grasp.count):
+        finger = grasp.fingers[i]
+        f = ZERO
+        if finger.weight > 0.0:
+            root = math.sqrt(finger.weight)
+            for k in range(grasp.mode_count):
+                mode = grasp.modes[k]
+                f += (mode[0] * root * along_mode(grasp, mode)) * motion_of(mode, i, grasp.width).shift
+        if grasp.dimensions > 1:
+            f = grasp.motion.rotation @ f
+        out[3 * i], out[3 * i + 1], out[3 * i + 2] = f.x, f.y, f.z
+    return FINE
+
+
+@kernel
+def along_mode(grasp: GraspState, mode: Floats) -> float:
+    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i), over the fingers that have a weight."""
+    z = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        if finger.weight > 0.0:
+            motion = motion_of(mode, i, grasp.width)
+            share = dot(motion.shift, finger.local.vector)
+            if grasp.width > 3:
+                share += motion.twist * finger.local.t
+            z += share / math.sqrt(finger.weight)
+    return z

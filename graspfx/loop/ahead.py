@@ -1,13 +1,16 @@
 """The programs that a wheel brings: `python -m graspfx.loop.ahead FOLDER` compiles them (`graspfx.compile.library`).
 
-It needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which they run.
+It needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which they run. Where `ziglang` is
+installed, the module of `steps` for browsers is one of them (`graspfx.compile.webassembly`).
 """
 
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+from graspfx.compile import webassembly
 from graspfx.compile.footprints import footprint
 from graspfx.compile.library import build
 from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
@@ -33,5 +36,13 @@ def programs() -> dict[str, tuple[str, LlvmProgram]]:
     return found
 
 
+def modules() -> dict[str, tuple[str, bytes]]:
+    """Compile the module of `steps` for browsers; none without `ziglang`."""
+    if find_spec("ziglang") is None:
+        return {}
+    key = program.program_key()
+    return {webassembly.module_key(key): ("steps", webassembly.build(llvm_program(program.source())))}
+
+
 if __name__ == "__main__":
-    print(build(programs(), Path(sys.argv[1])))
+    print(build(programs(), Path(sys.argv[1]), modules()))

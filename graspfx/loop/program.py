@@ -7,15 +7,17 @@ from functools import cache
 from typing import Any
 
 from graspfx.compile.marks import parameter_kinds, written
-from graspfx.coupling.sample import sample
+from graspfx.coupling.sample import external_forces, sample
 from graspfx.loop.kernels import BODIES, HANDS, KERNELS, PARTS, call, call_at, call_beside, kernel_of
 from graspfx.loop.step import steps
 
 UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
 ENTRY = """
 def run(world, k, count, r):
-    if count < 0:
+    if count == -1:
         return sample(arena, world)
+    if count < -1:
+        return external_forces(arena, world, rows, r)
     return steps(arena, world, k, count, r, rows, 0)
 """
 
@@ -32,7 +34,8 @@ def program_key() -> str:
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
-    With a count below zero it is `sample` of the grasp at a place instead.
+    With a count of -1 it is `sample` of the grasp at a place instead, and below that `external_forces` of it, written
+    from entry r of the rows on.
 
     Args:
         make: whether to write what is not in the cache; else a LookupError.
@@ -70,7 +73,7 @@ def source(*, make: bool = True) -> str:
                 else:
                     lines += [f"        return kernel_{number}({arguments})"]
             add("\n".join([*lines, f"    return {others.__name__}(arena, {parameters})"]), names)
-        add(ENTRY, {"steps": steps, "sample": sample})
+        add(ENTRY, {"steps": steps, "sample": sample, "external_forces": external_forces})
         text = program.source()
         keep_lowerings()
         remember(key, program, text)

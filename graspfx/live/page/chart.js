@@ -1,24 +1,37 @@
 // Strip charts of what squeezes each object and what pushes it: of each frame the least and the greatest of its ticks.
+const SPAN = 10; // [s]
 class Chart {
   constructor(box, number) {
     this.data = story.charts[number];
-    this.lines = this.data.lines.map((each) => ({ ...each, now: unpack(each.now), low: unpack(each.low), high: unpack(each.high) }));
+    const values = story.run ? () => empty(1) : unpack;
+    this.lines = this.data.lines.map((each) => ({ ...each, now: values(each.now), low: values(each.low), high: values(each.high) }));
     this.canvas = box.querySelector("canvas");
     this.figures = box.querySelector(".figures");
+    this.range = story.run ? [0, 0.1] : this.extremes(0);
+  }
+  // The range of all values from a frame on, with room at the rim.
+  extremes(from) {
     let least = 0, most = 0;
-    for (const { low, high } of this.lines) for (let k = 0; k < F; k++) {
+    for (const { low, high } of this.lines) for (let k = from; k < F; k++) {
       if (low[k] < least) least = low[k];
       if (high[k] > most) most = high[k];
     }
     const room = 0.06 * (most - least || 1);
-    this.range = [least < 0 ? least - room : 0, most + room];
+    return [least < 0 ? least - room : 0, most + room];
   }
+  // Times that are seen: all of a recording; of a page that runs the last ten seconds, in a range that only grows.
+  get window() {
+    if (!story.run) return [0, lastTime()];
+    return [Math.max(origin, lastTime() - SPAN), Math.max(lastTime(), origin + SPAN)];
+  }
+  get first() { return story.run ? Math.max(0, F - 1 - Math.ceil(SPAN / story.step)) : 0; }
   // The place of a value and of a time, in CSS pixels.
   places(width, height) {
-    const [low, high] = this.range, left = 44, right = width - 8, top = 6, bottom = height - 20;
+    const [low, high] = this.range, [from, to] = this.window, left = 44, right = width - 8, top = 6, bottom = height - 20;
     return {
       left, right, top, bottom,
-      x: (time) => left + ((right - left) * time) / (duration || 1),
+      x: (time) => left + ((right - left) * (time - from)) / (to - from || 1),
+      time: (x) => from + ((to - from) * (x - left)) / (right - left),
       y: (value) => bottom - ((bottom - top) * (value - low)) / (high - low),
     };
   }
@@ -27,7 +40,11 @@ class Chart {
     const box = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
     if (!box.width) return;
     const look = getComputedStyle(document.documentElement), ink = look.getPropertyValue("--ink"), line = look.getPropertyValue("--grid");
-    const at = this.places(box.width, box.height), key = [box.width, box.height, ratio, ink].join();
+    if (story.run) {
+      const [low, high] = this.extremes(this.first);
+      this.range = [Math.min(this.range[0], low), Math.max(this.range[1], high)];
+    }
+    const at = this.places(box.width, box.height), key = [box.width, box.height, ratio, ink, story.run && F && lastTime()].join();
     if (key !== this.key) {
       this.lasting = document.createElement("canvas");
       this.canvas.width = this.lasting.width = Math.round(box.width * ratio);
@@ -53,7 +70,7 @@ class Chart {
       draw.fillStyle = ink; draw.fillText(plain(value), at.left - 5, at.y(value));
     }
     draw.textBaseline = "top";
-    for (const value of ticks(0, duration, box.width / 90)) {
+    for (const value of ticks(...this.window, box.width / 90)) {
       stroke(draw, line, 1, [], [[at.x(value), at.top], [at.x(value), at.bottom]]);
       draw.textAlign = value === 0 ? "left" : at.x(value) > at.right - 10 ? "right" : "center";
       draw.fillStyle = ink; draw.fillText(value === 0 ? "0 s" : plain(value), at.x(value), at.bottom + 4);
@@ -65,9 +82,9 @@ class Chart {
   }
   // The line goes through the frames; where ticks between two of them go beyond it, a band shows how far.
   curve(draw, { now, low, high, colour, width, dashes }, at) {
-    const x = (k) => at.x(k * story.step);
+    const x = (k) => at.x(origin + k * story.step);
     draw.fillStyle = colour; draw.globalAlpha = 0.3;
-    for (let k = 0; k < F; k++) {
+    for (let k = this.first; k < F; k++) {
       const a = now[k], b = now[Math.min(k + 1, F - 1)], wide = Math.max(x(Math.min(k + 1, F - 1)) - x(k), 1);
       const above = at.y(Math.max(a, b)) - at.y(high[k]), below = at.y(low[k]) - at.y(Math.min(a, b));
       if (above > 2) draw.fillRect(x(k), at.y(high[k]), wide, above);
@@ -76,14 +93,14 @@ class Chart {
     draw.globalAlpha = 1;
     let path = [];
     const end = () => { if (path.length > 1) stroke(draw, colour, width, dashes, path); path = []; };
-    for (let k = 0; k < F; k++) Number.isNaN(now[k]) ? end() : path.push([x(k), at.y(now[k])]);
+    for (let k = this.first; k < F; k++) Number.isNaN(now[k]) ? end() : path.push([x(k), at.y(now[k])]);
     end();
   }
   say(time) {
-    const k = clamp(Math.floor(time / story.step + 1e-6), 0, F - 1);
+    const k = clamp(Math.floor((time - origin) / story.step + 1e-6), 0, Math.max(F - 1, 0));
     this.lines.forEach((each, i) => {
       const value = each.now[k];
-      this.figures.children[i].querySelector("b").textContent = Number.isNaN(value) ? "–" : `${value.toFixed(3).replace(/^-(0\.0+)$/, "$1")} N`;
+      this.figures.children[i].querySelector("b").textContent = !F || Number.isNaN(value) ? "–" : `${value.toFixed(3).replace(/^-(0\.0+)$/, "$1")} N`;
     });
   }
 }

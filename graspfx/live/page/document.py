@@ -1,15 +1,16 @@
-"""HTML document of a recording: one file that loads nothing and runs only its own script."""
+"""HTML document of a recording, or of a scene that it runs: one file that loads nothing and runs its own script only."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Callable
 from hashlib import sha256
 from html import escape
 from math import isfinite
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import graspfx
 from graspfx.errors import InputError
@@ -17,24 +18,33 @@ from graspfx.live.page.story import story_of
 from graspfx.recording.files import placing, recording_path, require_vacancy
 from graspfx.recording.record import Recording
 
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
 FOLDER = Path(__file__).parent
-SCRIPTS = ("numbers.js", "space.js", "chart.js", "page.js")  # in this order
+SCRIPTS = ("numbers.js", "space.js", "chart.js", "run.js", "page.js")  # in this order
 
 
-def page_text(recording: Recording, folder: Path | None = None) -> str:
-    """Return a recording as an HTML page.
+def page_text(
+    recording: Recording, folder: Path | None = None, run: Callable[[int], dict[str, Any]] | None = None
+) -> str:
+    """Return a recording as an HTML page, or its scene as a page that runs it.
 
     Args:
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
+        run: Gives what the page runs, from the ticks of a drawn frame; None for a page that plays the recording.
 
     Raises:
         InputError: The recording has no ticks.
     """
-    story = story_of(recording, folder)
+    story = story_of(recording, folder, is_run=run is not None)
+    worker = ""
+    if run is not None:
+        story["run"], worker = run(story["ticks"]), f'"use strict";\n{_read("worker.js")}'
     style, script = _read("page.css"), "\n".join(['"use strict";', *map(_read, SCRIPTS)])
     parts = {
-        "policy": _policy(style, script), "generator": escape(f"GraspFX {graspfx.__version__}"),
+        "policy": _policy(style, script, runs=run is not None), "worker": worker, "generator": escape(f"GraspFX {graspfx.__version__}"),
         "title": escape(f"{story['title']} \N{EN DASH} GraspFX"), "style": style, "script": script,
         "story": in_script(story),
     }  # fmt: skip
@@ -54,6 +64,23 @@ def write_page(
     if not overwrite:
         require_vacancy([target])
     text = page_text(recording, folder)
+    with placing(target) as file:
+        file.write_text(text, encoding="utf-8", newline="\n")
+    return target
+
+
+def write_running_page(scene: Scene, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+    """Write a page that runs a scene; see `Scene.to_html`."""
+    from graspfx.assembly.run import run
+    from graspfx.live.guides import guided_scene
+    from graspfx.live.page.running import require_runnable, running
+
+    target = require_page_name(path)
+    if not overwrite:
+        require_vacancy([target])
+    own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
+    require_runnable(own)
+    text = page_text(run(own), run=lambda frames: running(own, frames))
     with placing(target) as file:
         file.write_text(text, encoding="utf-8", newline="\n")
     return target
@@ -88,12 +115,17 @@ def _plain(data: Any) -> Any:
     return None if isinstance(data, float) and not isfinite(data) else data
 
 
-def _policy(style: str, script: str) -> str:
-    """Return the content security policy: the page may run its own script and load nothing."""
+def _policy(style: str, script: str, *, runs: bool) -> str:
+    """Return the content security policy: the page may run its own script and load nothing.
+
+    One that runs a scene starts a worker from its own text, and compiles the WebAssembly module that it brings.
+    """
     own = {
         f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
         for kind, text in (("style", style), ("script", script))
     }
+    if runs:
+        own = {**own, "script-src": f"{own['script-src']} 'wasm-unsafe-eval'", "worker-src": "blob:"}
     rules = {"default-src": "'none'", **own, "base-uri": "'none'", "form-action": "'none'"}
     return "; ".join(f"{name} {value}" for name, value in rules.items())
 

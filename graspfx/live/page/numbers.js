@@ -11,14 +11,32 @@ function bytes(text) {
 const KINDS = { f4: Float32Array, i2: Int16Array, i1: Int8Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
 const unpack = (packed) => new KINDS[packed.kind](bytes(packed.data));
 
-const n = story.fingers.length, F = story.frames;
-const tracks = {
+const find = (id) => document.getElementById(id);
+const n = story.fingers.length;
+// Frames that are there: all of a recording; of a page that runs the last minute, from the time `origin` on.
+const MINUTE = Math.ceil(60 / story.step);
+let F = story.run ? 0 : story.frames, origin = 0;
+const empty = (count, kind = Float32Array) => new kind(count * MINUTE);
+const tracks = story.run ? {
+  fingertips: empty(3 * n), contacts: empty(3 * n), states: empty(n, Uint8Array), internal: empty(3 * n), external: empty(3 * n), force: null,
+  objects: story.objects.map(() => ({ position: empty(3), wxyz: empty(4) })),
+} : {
   fingertips: unpack(story.fingertips), contacts: unpack(story.contacts), states: unpack(story.states),
   internal: story.internal && unpack(story.internal), external: story.external && unpack(story.external),
   force: story.force && unpack(story.force),
   objects: story.objects.map((each) => ({ position: unpack(each.position), wxyz: unpack(each.wxyz) })),
 };
-const duration = (F - 1) * story.step;
+const lastTime = () => origin + Math.max(F - 1, 0) * story.step;
+// Drops the oldest quarter where there is no room for another frame.
+function makeRoom() {
+  if (F < MINUTE) return;
+  const gone = Math.ceil(MINUTE / 4), shift = (track, count) => track.copyWithin(0, gone * count, F * count);
+  for (const name of ["fingertips", "contacts", "internal", "external"]) shift(tracks[name], 3 * n);
+  shift(tracks.states, n);
+  for (const each of tracks.objects) { shift(each.position, 3); shift(each.wxyz, 4); }
+  for (const chart of charts) for (const line of chart.lines) for (const name of ["now", "low", "high"]) shift(line[name], 1);
+  F -= gone; origin += gone * story.step;
+}
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 function triple(track, k, i) {
@@ -32,7 +50,7 @@ function frame(k) {
   const each = (track) => track && story.fingers.map((_, i) => triple(track, k, i));
   const internal = each(tracks.internal), external = each(tracks.external);
   return {
-    time: k * story.step, tick: k * story.ticks,
+    time: origin + k * story.step, tick: Math.round(origin / story.step + k) * story.ticks,
     fingertips: each(tracks.fingertips), contacts: each(tracks.contacts),
     internal, external, // what squeezes and what pushes is the whole force
     force: internal ? internal.map((f, i) => f.map((x, a) => x + external[i][a])) : each(tracks.force),
@@ -56,7 +74,7 @@ function turned(a, b, s) {
 
 // The frame of a time: straight lines between recorded frames, states of the one before.
 function frameAt(time) {
-  const u = clamp(time / story.step, 0, F - 1), k = Math.min(Math.floor(u + 1e-6), F - 1), s = u - k;
+  const u = clamp((time - origin) / story.step, 0, F - 1), k = Math.min(Math.floor(u + 1e-6), F - 1), s = u - k;
   const a = frame(k);
   if (s < 1e-6 || k + 1 >= F) return a;
   const b = frame(k + 1), mix = (name) => a[name] && a[name].map((x, i) => between(x, b[name][i], s));

@@ -1,5 +1,4 @@
 // The page: what time it is, who turns the picture, and what is written beside it.
-const find = (id) => document.getElementById(id);
 const reduced = window.matchMedia("(prefers-reduced-motion: reduce)");
 let time = 0, playing = false, last = 0, speed = 1, due = false, space = null, seen = null;
 
@@ -21,16 +20,17 @@ function redraw() {
   due = true;
   requestAnimationFrame((stamp) => {
     due = false;
-    if (playing) {
-      time = Math.min(time + (speed * Math.min(stamp - last, 100)) / 1000, duration);
+    if (playing && !run) {
+      time = Math.min(time + (speed * Math.min(stamp - last, 100)) / 1000, lastTime());
       last = stamp;
-      if (time >= duration) play(false); else redraw();
+      if (time >= lastTime()) play(false); else redraw();
     }
     show();
   });
 }
 
 function show() {
+  if (!F) return; // a run that has no tick yet
   const now = frameAt(time), box = find("scene").getBoundingClientRect(), ratio = Math.min(window.devicePixelRatio || 1, 2);
   if (space && box.width) {
     const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
@@ -41,8 +41,8 @@ function show() {
   }
   charts.forEach((each) => each.show(time));
   const slider = find("slider");
-  slider.value = time; slider.setAttribute("aria-valuetext", `${time.toFixed(3)} seconds`);
-  find("clock").textContent = `${time.toFixed(3)} s of ${duration.toFixed(2)} s`;
+  slider.min = origin; slider.max = lastTime(); slider.value = time; slider.setAttribute("aria-valuetext", `${time.toFixed(3)} seconds`);
+  find("clock").textContent = run ? `${time.toFixed(2)} s` : `${time.toFixed(3)} s of ${lastTime().toFixed(2)} s`;
   sayValues();
 }
 
@@ -104,16 +104,26 @@ function scales(draw, ink, halo, width, height) {
 }
 
 function play(on) {
-  if (on && time >= duration - 1e-9) time = 0;
-  playing = on && duration > 0; last = performance.now();
-  const button = find("play");
+  if (run) { follow = true; tell(on ? "run" : "pause"); return; }
+  if (on && time >= lastTime() - 1e-9) time = 0;
+  playing = on && lastTime() > 0; last = performance.now();
+  showPlaying(); redraw();
+}
+function showPlaying() {
+  const button = find("play"), does = run ? "Run" : "Play";
   button.textContent = playing ? "❚❚" : "▶";
-  button.setAttribute("aria-label", playing ? "Pause" : "Play");
-  button.title = playing ? "Pause (space)" : "Play (space)";
+  button.setAttribute("aria-label", playing ? "Pause" : does);
+  button.title = playing ? "Pause (space)" : `${does} (space)`;
+}
+function go(to) {
+  time = clamp(to, origin, lastTime());
+  if (run) { follow = time >= lastTime() - 1e-9; if (!follow && playing) tell("pause"); }
   redraw();
 }
-function go(to) { time = clamp(to, 0, duration); redraw(); }
-function step(frames) { play(false); go((Math.round(time / story.step) + frames) * story.step); }
+function step(frames) {
+  if (run && frames > 0 && time >= lastTime() - 1e-9) { follow = true; tell("step", { count: frames * run.frames }); return; }
+  play(false); go((Math.round((time - origin) / story.step) + frames) * story.step + origin);
+}
 
 // Values of the scene, with those that changed in mid-run as they are at this time.
 const cells = [];
@@ -170,7 +180,7 @@ function writeCharts() {
     one.append(canvas); box.append(one);
     const made = new Chart(one, number), reach = (event) => {
       const place = canvas.getBoundingClientRect(), at = made.places(place.width, place.height);
-      go((duration * (event.clientX - place.left - at.left)) / (at.right - at.left));
+      go(at.time(event.clientX - place.left));
     };
     canvas.addEventListener("pointerdown", (event) => { play(false); canvas.setPointerCapture(event.pointerId); reach(event); });
     canvas.addEventListener("pointermove", (event) => { if (canvas.hasPointerCapture(event.pointerId)) reach(event); });
@@ -191,9 +201,10 @@ function watchHands() {
     camera.target = add(camera.target, add(times(-dx / seen.pixels, right), times(dy / seen.pixels, up)));
   };
   const zoom = (by) => { camera.zoom = clamp(camera.zoom * by, 0.05, 20); };
-  canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); down.set(event.pointerId, [event.clientX, event.clientY]); });
-  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) canvas.addEventListener(end, (event) => down.delete(event.pointerId));
+  canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); if (run && grab(event, canvas)) return; down.set(event.pointerId, [event.clientX, event.clientY]); });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) canvas.addEventListener(end, (event) => { down.delete(event.pointerId); drags.delete(event.pointerId); });
   canvas.addEventListener("pointermove", (event) => {
+    if (run && drag(event)) return;
     const before = down.get(event.pointerId), now = [event.clientX, event.clientY];
     if (!before) return;
     const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
@@ -217,11 +228,11 @@ function watchHands() {
 function watchKeys() {
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT" || target.type === "number" || (target.type === "range" && target.id !== "slider")) return;
     if (key === " " && (target.tagName === "BUTTON" || target.tagName === "SUMMARY" || target.type === "checkbox")) return;
     const act = {
       " ": () => play(!playing), ArrowLeft: () => step(event.shiftKey ? -10 : -1), ArrowRight: () => step(event.shiftKey ? 10 : 1),
-      Home: () => go(0), End: () => go(duration), r: () => { resetCamera(); redraw(); },
+      Home: () => go(origin), End: () => go(lastTime()), r: () => { resetCamera(); redraw(); },
     }[key];
     if (act) { event.preventDefault(); act(); }
   });
@@ -236,7 +247,7 @@ function start() {
   find("notes").hidden = !story.notes.length;
   for (const [name, words] of story.about) { text(find("about"), "dt", name); text(find("about"), "dd", words); }
   const slider = find("slider");
-  slider.max = duration; slider.step = story.step;
+  slider.step = story.step;
   resetCamera(); writeLegend(); writeValues(); writeCharts();
   const canvas = find("space");
   const begin = () => {
@@ -252,12 +263,13 @@ function start() {
   find("forth").addEventListener("click", () => step(1));
   find("reset").addEventListener("click", () => { resetCamera(); redraw(); });
   find("names").addEventListener("change", redraw);
-  find("speed").addEventListener("change", (event) => { speed = Number(event.target.value); });
+  find("speed").addEventListener("change", (event) => { speed = Number(event.target.value); if (run) tell("speed", { speed }); });
   slider.addEventListener("input", () => { play(false); go(Number(slider.value)); });
   new ResizeObserver(redraw).observe(find("scene"));
   if (charts.length) new ResizeObserver(redraw).observe(find("charts"));
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   watchHands(); watchKeys();
+  if (run) { startRun(); return; }
   const asked = /^#t=([0-9.]+)$/.exec(location.hash);
   go(asked ? Number(asked[1]) : 0); play(false); show();
 }
@@ -272,5 +284,5 @@ window.graspfx = {
     const box = charts[number].canvas.getBoundingClientRect(), places = charts[number].places(box.width, box.height);
     return [box.left + places.x(at), box.top + places.y(value)];
   },
-  get time() { return time; }, get playing() { return playing; }, camera,
+  get time() { return time; }, get playing() { return playing; }, get frames() { return F; }, camera, run, state,
 };

@@ -21,7 +21,7 @@ from graspfx.recording.record import Recording
 from graspfx.show.modes import Modes
 from graspfx.show.panels import pushes
 from graspfx.show.picture import painter, portrait
-from graspfx.show.picture.instant import slid
+from graspfx.show.picture.instant import apart_on_a_line, slid
 from graspfx.show.picture.painter import corner_normals
 from graspfx.show.picture.portrait import nice
 from graspfx.show.picture.surfaces import Surface
@@ -92,12 +92,13 @@ THICK = 1.1  # thickness of arrows relative to still pictures
 TYPICAL = 0.995  # quantile of the forces that gets the longest arrow
 
 
-def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]:
+def story_of(recording: Recording, folder: Path | None = None, *, is_run: bool = False) -> dict[str, Any]:
     """Collect all data of a page.
 
     Args:
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
+        is_run: Whether the page runs the scene: without the recording's motion, with all lines of its charts.
 
     Raises:
         InputError: The recording has no ticks.
@@ -111,10 +112,16 @@ def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]
     objects = tuple(motion.poses)
     layout, header = recording.layout, recording.header
     title = header.title or Path(header.scene).stem or "A recording"
-    seen = [name for k, name in enumerate(STATES) if (motion.states == k).any()]
+    seen = [name for k, name in enumerate(STATES) if is_run or (motion.states == k).any()]
     step = motion.rows * recording.row_period
+    motions = {} if is_run else {
+        "fingertips": packed(motion.fingertips), "contacts": packed(motion.contacts),
+        "states": packed(motion.states, "u1"), "force": None if motion.internal is not None else _packed(motion.force),
+        "internal": _packed(motion.internal), "external": _packed(motion.external),
+    }  # fmt: skip
     return {
-        "title": title, "facts": _facts(recording), "about": _about(recording, motion),
+        "title": title, "facts": _facts(recording, is_run=is_run),
+        "about": _versions(recording) if is_run else _about(recording, motion),
         "notes": _notes(recording, scenery), "description": _description(recording, title),
         "dimensions": layout.dimensions, "attached": not layout.gaps,
         "frames": len(motion), "step": step, "ticks": motion.rows * header.every,
@@ -143,14 +150,15 @@ def story_of(recording: Recording, folder: Path | None = None) -> dict[str, Any]
             packed_solid(_widened(each, middle, reach / scenery.extent), _place(each.object, objects))
             for each in scenery.solids if each.object is None or each.object in objects
         ],
-        "fingertips": packed(motion.fingertips), "contacts": packed(motion.contacts),
-        "states": packed(motion.states, "u1"), "force": None if motion.internal is not None else _packed(motion.force),
-        "internal": _packed(motion.internal), "external": _packed(motion.external),
+        **motions, "apart": (scenery.apart * apart_on_a_line(len(layout.fingers))).tolist(),
         "objects": [
-            {"name": name, "position": packed(place), "wxyz": packed(turn)}
+            {"name": name} if is_run else {"name": name, "position": packed(place), "wxyz": packed(turn)}
             for name, (place, turn) in motion.poses.items()
         ],
-        "charts": [_chart(name, motion, layout.dimensions) for name in motion.squeeze],
+        "charts": [
+            _plain_chart(name, layout.dimensions) if is_run else _chart(name, motion, layout.dimensions)
+            for name in motion.squeeze
+        ],
         "changes": [
             {"time": change.tick * recording.period, "words": str(change)} for change in recording.changes
         ],
@@ -229,30 +237,42 @@ def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:
     squeeze, push = motion.squeeze[name], motion.push[name]  # value at the frame, minimum, maximum
     lines = []
     if np.isfinite(squeeze).any():
-        lines.append(_line("squeeze", squeeze, SQUEEZE.colour, SQUEEZE.width, ()))
+        lines.append(_line("squeeze", SQUEEZE.colour, SQUEEZE.width) | _values(squeeze))
     for axis in pushes([Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))]):
-        dashes = PUSHES[axis].dashes
-        along = f" along {'xyz'[axis]}" if dimensions > 1 else ""
-        width, colour = PUSHES[axis].width, PUSHES[axis].colour
-        lines.append(_line(f"push{along}", push[:, axis], colour, width, () if isinstance(dashes, str) else dashes[1]))
+        lines.append(_push(axis, dimensions) | _values(push[:, axis]))
     return {"object": name, "lines": lines}
 
 
-def _line(name: str, values: FloatArray, colour: str, width: float, dashes: tuple[float, ...]) -> dict[str, Any]:
-    return {
-        "name": name, "colour": colour, "width": round(PIXELS * width, 2), "dashes": list(dashes),
-        "now": packed(values[:, 0]), "low": packed(values[:, 1]), "high": packed(values[:, 2]),
-    }  # fmt: skip
+def _plain_chart(name: str, dimensions: int) -> dict[str, Any]:
+    """List all lines of an object's chart, without values."""
+    lines = [_line("squeeze", SQUEEZE.colour, SQUEEZE.width), *(_push(axis, dimensions) for axis in range(dimensions))]
+    return {"object": name, "lines": lines}
 
 
-def _facts(recording: Recording) -> str:
+def _push(axis: int, dimensions: int) -> dict[str, Any]:
+    dashes, along = PUSHES[axis].dashes, f" along {'xyz'[axis]}" if dimensions > 1 else ""
+    drawn = () if isinstance(dashes, str) else dashes[1]
+    return _line(f"push{along}", PUSHES[axis].colour, PUSHES[axis].width, drawn)
+
+
+def _line(name: str, colour: str, width: float, dashes: tuple[float, ...] = ()) -> dict[str, Any]:
+    return {"name": name, "colour": colour, "width": round(PIXELS * width, 2), "dashes": list(dashes)}
+
+
+def _values(values: FloatArray) -> dict[str, Any]:
+    return {"now": packed(values[:, 0]), "low": packed(values[:, 1]), "high": packed(values[:, 2])}
+
+
+def _facts(recording: Recording, *, is_run: bool) -> str:
     fingers, objects = len(recording.layout.fingers), len(recording.layout.objects)
     scene = recording.header.scene
     parts = [
         f"Scene {Path(scene).stem}" if scene else "", f"{fingers} finger{'s' * (fingers != 1)}",
         f"{objects} object{'s' * (objects != 1)}" if objects > 1 else "",
         ("on a line", "in the plane", "in space")[recording.layout.dimensions - 1],
-        f"{recording.end:.4g} s in ticks of {1e3 * recording.period:g} ms",
+        f"ticks of {1e3 * recording.period:g} ms, run by this page"
+        if is_run
+        else f"{recording.end:.4g} s in ticks of {1e3 * recording.period:g} ms",
     ]  # fmt: skip
     return ", ".join(each for each in parts if each)
 
@@ -261,6 +281,17 @@ def _description(recording: Recording, title: str) -> str:
     """Describe the picture for screen readers."""
     objects, fingers = ", ".join(recording.layout.objects), ", ".join(recording.layout.fingers)
     return f"{title}: the fingers {fingers} on {objects} in three dimensions, with their forces as arrows"
+
+
+def _versions(recording: Recording) -> list[tuple[str, str]]:
+    """Say what a page that runs a scene was made with, and how to open what it records."""
+    lines = [
+        ("GraspFX", recording.header.versions.get("graspfx", graspfx.__version__)),
+        ("preset", recording.header.preset),
+        ("runs", "in this page, in WebAssembly; nothing is loaded or sent"),
+        ("download", 'gx.Recording.load("recording.h5.part")'),
+    ]
+    return [(name, words) for name, words in lines if words]
 
 
 def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:

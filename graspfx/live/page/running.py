@@ -1,0 +1,371 @@
+"""A scene that a page runs by itself: its arena, what a row holds, sliders, handles, and the certificate's margins."""
+
+from __future__ import annotations
+
+import gzip
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.assembly.build import build
+from graspfx.assembly.process.orders import FARTHEST, GuideKeys, goal_places, guide_keys
+from graspfx.assembly.provenance import header_of
+from graspfx.assembly.resolve import Parts, resolve
+from graspfx.assembly.steering import Steering
+from graspfx.compile import webassembly
+from graspfx.compile.records import start_of
+from graspfx.coupling.contacts import EXCESSIVE
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.errors import InputError
+from graspfx.live.certifier import Certifier
+from graspfx.live.sliders import Slider, sliders, values_of, widened
+from graspfx.live.stability_verdict import Verdict
+from graspfx.loop import program
+from graspfx.loop.arena import Arena
+from graspfx.loop.columns import Layout
+from graspfx.loop.kernel_faults import kernel_fault
+from graspfx.loop.servo import Servo
+from graspfx.loop.world import MOVER, OBJECT_, PLANT, SAFETY, STATION, ServoState
+from graspfx.recording.header import Outcome, conclusion, description
+
+if TYPE_CHECKING:
+    from graspfx.compile.llvm.llvm import LlvmProgram
+    from graspfx.recording.header import Header
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+STOPS = 21  # of a slider whose value is not itself an entry of the arena
+PROBES = 33  # values at which the stability of a slider's range is looked up
+HALVINGS = 12  # of the interval in which stability is lost
+CODES = 16  # of faults of a part, from 1 on
+AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
+
+
+def module() -> bytes:
+    """Give the WebAssembly module of `steps`; see `webassembly.module`."""
+    return webassembly.module(program.program_key(), _program)
+
+
+def _program() -> LlvmProgram:
+    from graspfx.compile.llvm.llvm import llvm_program
+
+    return llvm_program(program.source())
+
+
+def running(scene: Scene, frames: int) -> dict[str, Any]:
+    """Collect what a page needs to run a scene.
+
+    Args:
+        scene: Scene whose hands have guides.
+        frames: Ticks from one drawn frame to the next.
+
+    Raises:
+        InputError: A part of the scene is plain Python, other software's or hardware.
+    """
+    numbers = sliders(scene)
+    keys = list(dict.fromkeys(each.live for each in numbers))
+    verdict, margins = _margins(scene, numbers)
+    numbers = [widened(each, verdict) for each in numbers]
+    parts = resolve(scene)
+    with build(scene, live=keys, record=True) as servo:
+        arena = _whole(servo)
+        memory = arena.memory.floats[: arena.memory.used]
+        start = memory.copy()
+        header = header_of(parts, servo.objects)
+        return {
+            "module": _packed(module()),
+            "arena": _packed(start.astype("<f8").tobytes()),
+            "world": arena.offset, "width": servo.layout.width, "period": servo.period, "frames": frames,
+            "row": _row(servo.layout, header),
+            "grasps": _grasps(servo, arena),
+            "faults": _faults(servo, arena),
+            **_all_sliders(numbers, scene, servo, start, margins), "judged": verdict.text,
+            "handles": list(_handles(scene, parts, servo, arena)),
+            "recording": {
+                "head": description(servo.layout, header),
+                "outcome": conclusion(Outcome(engine="webassembly", complete=True)),
+            },
+        }  # fmt: skip
+
+
+def require_runnable(scene: Scene) -> None:
+    """Require a scene that kernels of the package alone run.
+
+    Raises:
+        InputError: It has other parts.
+    """
+    with build(scene, engine="interpreted") as servo:
+        _whole(servo)
+
+
+def _whole(servo: Servo) -> Arena:
+    """Give the arena of a scene that kernels of the package alone run.
+
+    Raises:
+        InputError: It has other parts.
+    """
+    arena = servo.arena
+    others = {
+        "a device in plain Python": arena.ports, "a body of other software (PyBullet, MuJoCo)": arena.guests,
+        "a body in plain Python": arena.bodies, "a plant in plain Python": arena.plants,
+        "a hand in plain Python": arena.tables, "a kernel of a plug-in": arena.foreign,
+        "hardware": servo.hardware, "another program's object": [] if servo.host is None else [servo.host],
+        "parts apart from its memory": [] if arena.is_whole else [arena],
+    }  # fmt: skip
+    found = [text for text, those in others.items() if those]
+    if found:
+        raise InputError(
+            "scene", f"a scene with {', '.join(found)}", "a scene of GraspFX's own devices, hands and bodies",
+            'a page runs by itself, without Python: set `dynamics = "native"` and `device = "simulated"` where the '
+            "scene allows it, or write the page of a recording: graspfx view RECORDING --html FILE",
+        )  # fmt: skip
+    return arena
+
+
+def _packed(content: bytes) -> str:
+    return b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")
+
+
+# Rows -----------------------------------------------------------------------------------------------------------------
+
+
+def _row(layout: Layout, header: Header) -> dict[str, Any]:
+    """Say where in a row a frame's quantities stand, as `live.frame` reads them."""
+    columns = layout.columns
+
+    def place(*names: str) -> int:
+        return next((columns[name].where.start for name in names if name in columns), -1)
+
+    return {
+        "tip": place("true_position", "finger_position"), "finger": place("finger_position"),
+        "contact": place("contact_position"), "force": place("finger_force"), "touching": place("touching"),
+        "status": place("status"), "saturated": place("saturated"),
+        "objects": [
+            {
+                "position": place(f"objects/{name}/position"), "orientation": place(f"objects/{name}/orientation"),
+                "frame": header.frames.get(name),
+            }
+            for name in layout.objects
+        ],
+    }  # fmt: skip
+
+
+def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
+    """Say where the state of each grasp stands, and which fingers and which object it has."""
+    names = servo.layout.objects
+    return [
+        {
+            "state": record.state, "fingers": [int(i) for i in part.fingers], "object": names.index(part.name),
+            "fade": [record.state + start_of(GraspState, name) for name in ("fade_start", "fade_end")],
+        }
+        for record, part in zip(arena.world.grasps, servo.objects, strict=True)
+    ]  # fmt: skip
+
+
+def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
+    """Say where a tick latches a fault, and what its codes mean."""
+    own = arena.place(arena.own)
+    counts = {
+        STATION: len(servo.parts.stations), OBJECT_: len(servo.objects), MOVER: len(servo.movers),
+        PLANT: len(servo.plants), SAFETY: 1,
+    }  # fmt: skip
+    texts = {}
+    for kind, count in counts.items():
+        for index in range(count):
+            for code in range(1, CODES):
+                text = _fault(servo, kind, index, code)
+                if text is not None:
+                    texts[f"{kind} {index} {code}"] = text
+    names = "faulted", "tick", "kind", "index", "code"
+    return {"places": [own + start_of(ServoState, name) for name in names], "texts": texts}
+
+
+def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
+    if kind == OBJECT_ and code == EXCESSIVE:
+        bound = servo.objects[index].grasped.state.force_bound
+        return f"the law gives a finger on {servo.objects[index].name} more than {bound:g} N; all forces are zero"
+    try:
+        return kernel_fault(servo.parts, kind, index, code)
+    except (LookupError, AttributeError, ValueError):  # a code that the part does not have
+        return None
+
+
+# Sliders --------------------------------------------------------------------------------------------------------------
+
+
+def _all_sliders(
+    numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray, margins: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Say what each slider writes, and what two stiffnesses write together: the gaps of an automatic fade.
+
+    Such a number is max(floor, p + q c) with c = |1/kep - 1/kip|, as `assembly.grasps.set_fade` has it.
+
+    Raises:
+        InputError: Sliders write a number together in another way.
+    """
+    found = [_slider(each, numbers, scene, servo, start) for each in numbers]
+    owners: dict[int, list[int]] = {}
+    for i, each in enumerate(found):
+        for k in each.get("entries", ()):
+            owners.setdefault(k, []).append(i)
+    shared = {k: (who[0], who[1]) for k, who in owners.items() if len(who) == 2}
+    if any(len(who) > 2 for who in owners.values()):
+        raise InputError("scene", scene.title, "numbers that follow from two values at most")
+    together = []
+    for a, b in sorted(set(shared.values())):
+        entries = [k for k, pair in shared.items() if pair == (a, b)]
+        together.append({"sliders": [a, b], "entries": _fit(numbers, a, b, entries, scene, servo, start)})
+    for each in found:
+        if any(k in shared for k in each.get("entries", ())):
+            keep = [i for i, k in enumerate(each["entries"]) if k not in shared]
+            each["entries"] = [each["entries"][i] for i in keep]
+            each["table"] = [[row[i] for i in keep] for row in each["table"]]
+            if not keep:
+                del each["stops"], each["entries"], each["table"]
+    return {
+        "sliders": [each | {"margin": margins.get(slider.key)} for each, slider in zip(found, numbers, strict=True)],
+        "together": together,
+    }
+
+
+def _fit(
+    numbers: Sequence[Slider], a: int, b: int, entries: list[int], scene: Scene, servo: Servo, start: FloatArray
+) -> list[list[float]]:
+    """Give an entry, its floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries, compared with it.
+
+    Raises:
+        InputError: They follow from the two values in another way.
+    """
+    one, other = numbers[a], numbers[b]
+    if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
+        raise InputError("scene", scene.title, f"numbers that do not follow from {one.key} and {other.key} together")
+    places = [
+        (one.least, other.most), (1.5 * one.least, other.most), (one.most, 0.999 * other.most),
+        (one.most, other.least), (one.value, other.value), (3.0 * one.least, 2.0 * other.least),
+    ]  # fmt: skip
+    c = np.array([abs(1.0 / x - 1.0 / y) for x, y in places])
+    table = np.array([_written([one, other], numbers, scene, servo, start, place)[entries] for place in places])
+    q = (table[0] - table[1]) / (c[0] - c[1])
+    p, floor = table[0] - q * c[0], table[2]
+    guess = np.maximum(floor, p + c[:, None] * q)
+    if not np.allclose(guess, table, rtol=AGREEMENT, atol=0.0):
+        raise InputError("scene", scene.title, f"numbers that follow from {one.key} and {other.key} as a fade does")
+    return [[k, *map(float, each)] for k, each in zip(entries, zip(floor, p, q, strict=True), strict=True)]
+
+
+def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
+    """Say what a slider writes into the arena: its value itself, or numbers of a table by stops.
+
+    What the page writes is what `Session.set` writes, to the bit.
+    """
+    about = {
+        "key": slider.live, "label": slider.label, "unit": slider.unit, "least": slider.least, "most": slider.most,
+        "step": slider.step, "value": slider.value,
+    }  # fmt: skip
+    low = slider.least if slider.least > 0.0 else slider.step
+    probes = sorted({low, slider.value if slider.value > 0.0 else low, 0.5 * (slider.least + slider.most), slider.most})
+    written = {v: _written([slider], others, scene, servo, start, [v]) for v in probes}
+    table = np.array(list(written.values()))
+    varied = np.flatnonzero((table != table[0]).any(axis=0))
+    same = np.flatnonzero((table == table[0]).all(axis=0) & (table[0] != start))
+    values = np.array(probes)
+    itself = [int(k) for k in varied if (table[:, k] == values).all()]
+    rest = [int(k) for k in varied if int(k) not in itself]
+    about |= {"itself": itself, "always": [[int(k), float(table[0, k])] for k in same]}
+    if rest:
+        stops = np.linspace(slider.least if slider.least > 0.0 else low, slider.most, STOPS)
+        numbers = [_written([slider], others, scene, servo, start, [float(v)])[rest] for v in stops]
+        about |= {"stops": stops.tolist(), "entries": rest, "table": np.array(numbers).tolist()}
+    return about
+
+
+def _written(
+    moved: Sequence[Slider], others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray,
+    values: Sequence[float],
+) -> FloatArray:  # fmt: skip
+    """Give the arena after sliders were moved in a run; the servo is left as it was."""
+    own = {each.key: each.value for each in others} | {each.key: v for each, v in zip(moved, values, strict=True)}
+    changed: dict[str, Any] = {}
+    for each in moved:
+        changed |= values_of(each, others, own)
+    memory = servo.arena.memory.floats[: start.size]
+    steering = Steering(servo, scene, list(dict.fromkeys(each.live for each in others)))
+    servo.ticks = 1  # a run has begun: what has moved stays where it is
+    try:
+        servo.write(steering.update(scene.replace(changed), changed))
+        return memory.copy()
+    finally:
+        memory[:] = start
+        servo.ticks = 0
+        servo.watch.note()
+
+
+def _margins(scene: Scene, numbers: Sequence[Slider]) -> tuple[Verdict, dict[str, list[list[float]]]]:
+    """Look up over each slider's range where the scene is stable, the others at their values.
+
+    Returns:
+        The certificate of the scene, and by slider the intervals that are not stable.
+    """
+    certifier = Certifier(scene)
+    verdict = Verdict(error="the scene has no certificate")
+    for verdict in certifier.stages({}):  # noqa: B007 - the last one counts
+        pass
+    if verdict.is_stable is None:
+        return verdict, {}
+    return verdict, {each.key: found for each in numbers if (found := _unstable(certifier, each, numbers)) is not None}
+
+
+def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) -> list[list[float]] | None:
+    """List the intervals of a slider's range that are not stable; None where a value was not judged."""
+    values = {each.key: each.value for each in others}
+
+    def judge(value: float) -> bool | None:
+        verdict = certifier.provisional(values_of(slider, others, values | {slider.key: value}))
+        return None if verdict is None else verdict.is_stable
+
+    least = slider.least if slider.least > 0.0 else slider.step
+    places = np.linspace(least, slider.most, PROBES).tolist()
+    stable = [judge(value) for value in places]
+    if None in stable:
+        return None
+    found, begin = list[list[float]](), None if stable[0] else slider.least
+    for (a, is_a), (b, is_b) in pairwise(zip(places, stable, strict=True)):
+        if is_a == is_b:
+            continue
+        low, high = a, b
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if judge(middle) == is_a else (low, middle)
+        edge = 0.5 * (low + high)
+        if is_a:
+            begin = edge
+        else:
+            found.append([slider.least if begin is None else begin, edge])
+            begin = None
+    return [*found, [begin, slider.most]] if begin is not None else found
+
+
+# Handles --------------------------------------------------------------------------------------------------------------
+
+
+def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator[dict[str, Any]]:
+    """List the guided hands: where the goals of their fingers and of their squeeze stand."""
+    places = goal_places(servo)
+    for keys, place in zip(guide_keys(scene, servo), places, strict=True):
+        first = arena.place(place.memory)
+        yield {
+            "name": _name(scene, keys), "table": keys.table, "fingers": keys.fingers,
+            "goals": [first + int(k) for k in place.entries[:-1]], "squeeze": first + int(place.entries[-1]),
+            "start": parts.start[keys.fingers].tolist(), "farthest": FARTHEST,
+        }  # fmt: skip
+
+
+def _name(scene: Scene, keys: GuideKeys) -> str:
+    if keys.table.startswith("hand."):
+        return str(scene.hand[int(keys.table.split(".")[1])].name)
+    return str(scene.finger_names[keys.fingers[0]])
