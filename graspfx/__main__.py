@@ -39,6 +39,7 @@ COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(par
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, and forces as arrows",
     "view": "show and control a running scene in the browser, or show a recording",
+    "page": "write a page that runs a scene in a browser, without an installation and without a server",
     "stream": "run a scene, and stream its states over a WebSocket or LSL",
     "experiment": "run trials in a planned order, ask for answers, and record each trial",
     "touch": "run a scene whose fingers follow a touch screen; forces are shown, not felt",

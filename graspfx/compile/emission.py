@@ -17,6 +17,7 @@ from graspfx.errors import MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
 FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
+SMALL = 2  # which has more of what makes code short
 LANES = 3
 _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name, and may bind to at any time
 
@@ -45,18 +46,25 @@ def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = F
     return _emitted(text, _machine(level, wide=wide), level, lanes=lanes)
 
 
-def portable(text: str, triple: str, processor: str = "", features: str = "", reloc: str = "pic") -> bytes:
-    """Emit code of FULL level for another target than this, to be linked as a shared library or a module."""
+def portable(text: str, triple: str, processor: str) -> bytes:
+    """Emit machine code of FULL level for another processor than this, to be linked as a shared library."""
+    return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL, lanes=False)
+
+
+def small(text: str, triple: str, features: str) -> bytes:
+    """Emit code that is small for another target than this, to be linked as a whole program."""
+    machine = _target(triple, features=features, opt=SMALL, reloc="static", codemodel="default")
+    head = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n'
+    return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL, lanes=False)
+
+
+def _target(triple: str, **options: Any) -> Any:
+    """Make the machine of another target than this."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(triple).create_target_machine(
-        cpu=processor, features=features, opt=FULL, reloc=reloc, codemodel="default"
-    )
-    if not processor:  # that LLVM takes from here else
-        text = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n{text}'
-    return _emitted(text, machine, FULL, lanes=False)
+    return llvm.Target.from_triple(triple).create_target_machine(**options)
 
 
 def _emitted(text: str, machine: Any, level: int, *, lanes: bool) -> bytes:

@@ -103,8 +103,10 @@ def _warn(path: Path, error: Exception) -> None:
 
 
 def build(
-    programs: Mapping[str, tuple[str, LlvmProgram]], folder: Path, modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({})
-) -> str:  # fmt: skip
+    programs: Mapping[str, tuple[str, LlvmProgram]],
+    folder: Path,
+    modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({}),
+) -> str:
     """Compile programs for all processors of the kind, and link each as a shared library.
 
     Args:

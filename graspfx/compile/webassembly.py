@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.compile import cache as disk
 from graspfx.compile import library
-from graspfx.compile.emission import portable
+from graspfx.compile.emission import small
 from graspfx.errors import MissingPackageError
 from graspfx.progress import waiting
 
@@ -77,7 +77,7 @@ def build(program: LlvmProgram) -> bytes:
     zig = _zig()
     with TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "program.o").write_bytes(portable(text_of(program), TRIPLE, features=FEATURES, reloc="static"))
+        (folder / "program.o").write_bytes(small(text_of(program), TRIPLE, FEATURES))
         maths = mathematics(program.libm, "wasm32-wasi", folder)
         words = [zig / "zig", "wasm-ld", *LINK, "-o", folder / "program.wasm", folder / "program.o", *maths]
         _call(words)

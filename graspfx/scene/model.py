@@ -6,6 +6,9 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
@@ -147,6 +150,34 @@ class Scene(Carded, SceneTable):
         from graspfx.certificate.linearise import linearise
 
         return linearise(self, at).linear
+
+    def to_html(
+        self,
+        path: str | PathLike[str],
+        *,
+        presets: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+        overwrite: bool = False,
+    ) -> Path:
+        """Write a page that runs the scene in a browser: one file, without an installation, a server or a network.
+
+        The page computes the ticks of the scene in WebAssembly. Fingertips are dragged with the mouse or touched,
+        numbers are changed by sliders, whose stability limits were computed when the page was made, and what it records
+        opens in `gx.Recording.load`.
+
+        Args:
+            path: Path of the file, which ends in .html; the file appears when it is complete.
+            presets: Buttons of the page by their names, each with the values of sliders that it sets, by key.
+            overwrite: Whether to replace an existing file.
+
+        Raises:
+            InputError: The path is not that of a page; a part of the scene is plain Python, PyBullet, MuJoCo or
+                hardware; a preset has a key without a slider, or a value beyond its range.
+            RecordingError: The file exists or cannot be written.
+            MissingPackageError: In a checkout, `ziglang` is not installed.
+        """
+        from graspfx.live.page.document import write_running_page
+
+        return write_running_page(self, path, presets=presets, overwrite=overwrite)
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """Return a copy of the scene with values replaced by dotted key, as on the command line."""

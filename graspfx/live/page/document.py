@@ -1,10 +1,10 @@
-"""HTML document of a recording, or of a scene that it runs: one file that loads nothing and runs its own script only."""
+"""HTML document of a recording, or of a scene that it runs: one file that loads nothing and runs its own script."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from hashlib import sha256
 from html import escape
 from math import isfinite
@@ -41,10 +41,11 @@ def page_text(
     story = story_of(recording, folder, is_run=run is not None)
     worker = ""
     if run is not None:
-        story["run"], worker = run(story["ticks"]), f'"use strict";\n{_read("worker.js")}'
-    style, script = _read("page.css"), "\n".join(['"use strict";', *map(_read, SCRIPTS)])
+        story["run"], worker = run(story["ticks"]), f'"use strict";\n{_script("worker.js")}'
+    style, script = _read("page.css"), "\n".join(['"use strict";', *map(_script, SCRIPTS)])
     parts = {
-        "policy": _policy(style, script, runs=run is not None), "worker": worker, "generator": escape(f"GraspFX {graspfx.__version__}"),
+        "policy": _policy(style, script, runs=run is not None), "worker": worker,
+        "generator": escape(f"GraspFX {graspfx.__version__}"),
         "title": escape(f"{story['title']} \N{EN DASH} GraspFX"), "style": style, "script": script,
         "story": in_script(story),
     }  # fmt: skip
@@ -69,7 +70,9 @@ def write_page(
     return target
 
 
-def write_running_page(scene: Scene, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+def write_running_page(
+    scene: Scene, path: str | PathLike[str], *, presets: Mapping[str, Mapping[str, float]], overwrite: bool = False
+) -> Path:
     """Write a page that runs a scene; see `Scene.to_html`."""
     from graspfx.assembly.run import run
     from graspfx.live.guides import guided_scene
@@ -80,7 +83,7 @@ def write_running_page(scene: Scene, path: str | PathLike[str], *, overwrite: bo
         require_vacancy([target])
     own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
     require_runnable(own)
-    text = page_text(run(own), run=lambda frames: running(own, frames))
+    text = page_text(run(own), run=lambda frames: running(own, frames, presets))
     with placing(target) as file:
         file.write_text(text, encoding="utf-8", newline="\n")
     return target
@@ -132,3 +135,9 @@ def _policy(style: str, script: str, *, runs: bool) -> str:
 
 def _read(name: str) -> str:
     return (FOLDER / name).read_text("utf-8")
+
+
+def _script(name: str) -> str:
+    """Read a script without lines of comment and indentation, which browsers do not need."""
+    lines = (line.strip() for line in _read(name).splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))

@@ -138,6 +138,14 @@ function writeSliders() {
     label.append(slider, number, mark); show();
     each.set = set;
   });
+  for (const preset of run.presets) {
+    const button = text(find("presets"), "button", preset.name);
+    button.type = "button";
+    button.addEventListener("click", () => {
+      for (const [i, value] of preset.values) run.sliders[i].set(value);
+      if (state.ended) restart(state.recording);
+    });
+  }
   find("judged").textContent = `Certificate when this page was made: ${run.judged}. Marks on a slider: its limit with the other values as they were then.`;
 }
 

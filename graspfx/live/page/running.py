@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -43,6 +44,7 @@ STOPS = 21  # of a slider whose value is not itself an entry of the arena
 PROBES = 33  # values at which the stability of a slider's range is looked up
 HALVINGS = 12  # of the interval in which stability is lost
 CODES = 16  # of faults of a part, from 1 on
+PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: where something was when the page was made
 AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
 
 
@@ -57,15 +59,16 @@ def _program() -> LlvmProgram:
     return llvm_program(program.source())
 
 
-def running(scene: Scene, frames: int) -> dict[str, Any]:
+def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """Collect what a page needs to run a scene.
 
     Args:
         scene: Scene whose hands have guides.
         frames: Ticks from one drawn frame to the next.
+        presets: Values of sliders by the name of a button.
 
     Raises:
-        InputError: A part of the scene is plain Python, other software's or hardware.
+        InputError: A part of the scene is plain Python, other software's or hardware, or a preset has no slider.
     """
     numbers = sliders(scene)
     keys = list(dict.fromkeys(each.live for each in numbers))
@@ -79,7 +82,7 @@ def running(scene: Scene, frames: int) -> dict[str, Any]:
         header = header_of(parts, servo.objects)
         return {
             "module": _packed(module()),
-            "arena": _packed(start.astype("<f8").tobytes()),
+            "arena": _arena(start),
             "world": arena.offset, "width": servo.layout.width, "period": servo.period, "frames": frames,
             "row": _row(servo.layout, header),
             "grasps": _grasps(servo, arena),
@@ -131,6 +134,13 @@ def _packed(content: bytes) -> str:
     return b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")
 
 
+def _arena(numbers: FloatArray) -> dict[str, str]:
+    """Pack an arena as its different numbers and the place of each among them, by bits: meshes have many twice."""
+    found, places = np.unique(numbers.astype("<f8").view("<u8"), return_inverse=True)
+    kind = "<u2" if len(found) < 1 << 16 else "<u4"
+    return {"numbers": _packed(found.tobytes()), "places": _packed(places.astype(kind).tobytes()), "kind": kind[1:]}
+
+
 # Rows -----------------------------------------------------------------------------------------------------------------
 
 
@@ -177,10 +187,12 @@ def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
     texts = {}
     for kind, count in counts.items():
         for index in range(count):
+            before = ""
             for code in range(1, CODES):
                 text = _fault(servo, kind, index, code)
-                if text is not None:
-                    texts[f"{kind} {index} {code}"] = text
+                if text is None or text == before:  # beyond the last one that the part has
+                    break
+                texts[f"{kind} {index} {code}"] = before = PLACE.sub("(...)", text)
     names = "faulted", "tick", "kind", "index", "code"
     return {"places": [own + start_of(ServoState, name) for name in names], "texts": texts}
 
@@ -196,6 +208,22 @@ def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
 
 
 # Sliders --------------------------------------------------------------------------------------------------------------
+
+
+def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -> dict[str, Any]:
+    """Say which sliders a button sets.
+
+    Raises:
+        InputError: A key has no slider, or a value is beyond its range.
+    """
+    places = {each.key: i for i, each in enumerate(numbers)}
+    for key, value in values.items():
+        if key not in places:
+            raise InputError("presets", {name: {key: value}}, f"keys with a slider: {', '.join(places)}")
+        one = numbers[places[key]]
+        if not one.least <= value <= one.most:
+            raise InputError("presets", {name: {key: value}}, f"{key} from {one.least:g} to {one.most:g}")
+    return {"name": name, "values": [[places[key], float(value)] for key, value in values.items()]}
 
 
 def _all_sliders(

@@ -8,11 +8,13 @@ const unzip = async (text) => {
   const raw = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return new Uint8Array(await new Response(new Blob([raw]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
 };
+const spread = (found, places) => new Uint8Array(BigUint64Array.from(places, (place) => found[place]).buffer);
 const NONE = { memset() { throw new Error("no such function"); } };
 
 async function begin(data) {
   ({ run, told } = data);
-  const [code, numbers] = await Promise.all([unzip(run.module), unzip(run.arena)]);
+  const [code, found, places] = await Promise.all([run.module, run.arena.numbers, run.arena.places].map(unzip));
+  const numbers = spread(new BigUint64Array(found.buffer), new (run.arena.kind === "u2" ? Uint16Array : Uint32Array)(places.buffer));
   const { exports } = (await WebAssembly.instantiate(code, { env: NONE })).instance;
   ({ memory, graspfx_entry: entry } = exports);
   at = (exports.__heap_base.value + 15) & ~15;

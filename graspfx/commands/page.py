@@ -1,0 +1,34 @@
+"""graspfx page: write a page that runs a scene in a browser, without an installation and without a server."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from graspfx.commands.arguments import add_overrides
+from graspfx.commands.destination import add_file, file_in, require_room
+from graspfx.commands.output import SUCCESS, doubts, name_files, note
+from graspfx.progress import waiting
+
+EXAMPLE = """  graspfx page paper-waving --out waving.html
+  graspfx page mug --set coupling.internal.stiffness=400 --out mug.html"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="scene (its name, or the path of a .toml or .py file)")
+    add_overrides(parser)
+    add_file(parser, "output file, which ends in .html (default: SCENE.html)")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.live.page.document import require_page_name
+    from graspfx.scene.load import load
+
+    path = require_page_name(file_in(options, Path(), f"{Path(options.scene).stem}.html"))
+    require_room(options, [path])
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    note(doubts(scene))
+    with waiting(f"writing {path}"):
+        written = scene.to_html(path, overwrite=options.overwrite)
+    name_files([written])
+    return SUCCESS
