@@ -139,12 +139,11 @@ def check_fade(grasp: GraspState) -> None:
 
 @kernel
 def external_forces(grasp: GraspState, out: Floats) -> int:
-    """Write P f of each finger, world axes [N], three numbers each: the external part of the forces of this sample.
+    """Write P f of each finger, the object's axes [N], three numbers each: the external part of this sample's forces.
 
-    P is as `two_forces.divide` has it, from the grasp's own modes, which are computed anew; give FINE.
+    P is as `two_forces.divide` has it, from the grasp's own modes; give FINE. After the tick the body has moved on: the
+    axes are those of the recorded pose.
     """
-    if grasp.mixed:
-        turn_axes(grasp)
     if grasp.fade:
         for finger in grasp.fingers:
             fade(grasp, finger)
@@ -157,8 +156,6 @@ def external_forces(grasp: GraspState, out: Floats) -> int:
             for k in range(grasp.mode_count):
                 mode = grasp.modes[k]
                 f += (mode[0] * root * along_mode(grasp, mode)) * motion_of(mode, i, grasp.width).shift
-        if grasp.dimensions > 1:
-            f = grasp.motion.rotation @ f
         out[3 * i], out[3 * i + 1], out[3 * i + 2] = f.x, f.y, f.z
     return FINE
 

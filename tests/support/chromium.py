@@ -244,6 +244,11 @@ class Page:
             time.sleep(0.03)
         return value
 
+    def allow_downloads(self, folder: Path) -> None:
+        """Put what the page gives for a download into a folder."""
+        place = {"behavior": "allow", "downloadPath": str(folder), "browserContextId": self._context}
+        self._browser.send("Browser.setDownloadBehavior", place)
+
     def screenshot(self, path: Path | None = None) -> Pixels:
         """Show what is seen of the page, (h, w, 3), and write it as a PNG if a path is given."""
         from PIL import Image

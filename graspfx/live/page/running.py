@@ -71,11 +71,10 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
         InputError: A part of the scene is plain Python, other software's or hardware, or a preset has no slider.
     """
     numbers = sliders(scene)
-    keys = list(dict.fromkeys(each.live for each in numbers))
     verdict, margins = _margins(scene, numbers)
     numbers = [widened(each, verdict) for each in numbers]
     parts = resolve(scene)
-    with build(scene, live=keys, record=True) as servo:
+    with build(scene, live=_keys(numbers)) as servo:
         arena = _whole(servo)
         memory = arena.memory.floats[: arena.memory.used]
         start = memory.copy()
@@ -88,6 +87,7 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
             "grasps": _grasps(servo, arena),
             "faults": _faults(servo, arena),
             **_all_sliders(numbers, scene, servo, start, margins), "judged": verdict.text,
+            "presets": [_preset(name, values, numbers) for name, values in presets.items()],
             "handles": list(_handles(scene, parts, servo, arena)),
             "recording": {
                 "head": description(servo.layout, header),
@@ -132,6 +132,15 @@ def _whole(servo: Servo) -> Arena:
 
 def _packed(content: bytes) -> str:
     return b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")
+
+
+def keys_of(scene: Scene) -> list[str]:
+    """List the live keys of a page's sliders."""
+    return _keys(sliders(scene))
+
+
+def _keys(numbers: Sequence[Slider]) -> list[str]:
+    return list(dict.fromkeys(each.live for each in numbers))
 
 
 def _arena(numbers: FloatArray) -> dict[str, str]:
@@ -322,7 +331,7 @@ def _written(
     for each in moved:
         changed |= values_of(each, others, own)
     memory = servo.arena.memory.floats[: start.size]
-    steering = Steering(servo, scene, list(dict.fromkeys(each.live for each in others)))
+    steering = Steering(servo, scene, _keys(others))
     servo.ticks = 1  # a run has begun: what has moved stays where it is
     try:
         servo.write(steering.update(scene.replace(changed), changed))

@@ -45,7 +45,8 @@ function tick() {
   const [faulted, when, kind, index, code] = run.faults.places.map((place) => arena[place]);
   if (faulted && when < k) {
     ended = run.faults.texts[`${kind} ${index} ${code}`] ?? `fault ${code} of part ${kind}, ${index}; all forces are zero`;
-    ready.push(Float64Array.from(frame)); frame = null;
+    if (frame) ready.push(frame); // its group is cut short
+    frame = null;
     stop();
   }
 }

@@ -1,0 +1,164 @@
+"""Pages that run a scene by themselves: the rows that they compute, hands on them, and what they do not do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import InputError
+from graspfx.live.guides import guided_scene
+from graspfx.recording.record import Recording
+from tests.support.chromium import Browser, Page
+from tests.support.waiting import wait_until
+
+pytest.importorskip("ziglang", reason="the module for browsers is compiled with ziglang: pip install 'graspfx[page]'")
+
+pytestmark = pytest.mark.alone
+CLOSE = 1e-9  # [m, N, m/s]: rounding of another C library, after a second
+GAIN = "coupling.internal.stiffness"
+
+
+def opened(browser: Browser, folder: Path, scene: gx.Scene, **options: Any) -> Page:
+    """Write a page, open it from its file, and wait for its first picture."""
+    path = scene.to_html(folder / "page.html", **options)
+    page = browser.open(path.as_uri(), 1000, 900)
+    page.wait_for("window.graspfx && graspfx.frames > 0")
+    return page
+
+
+def downloaded(page: Page, folder: Path, seconds: float) -> Recording:
+    """Record from the start for so long, and load what the page gives."""
+    page.evaluate("document.getElementById('record').click()")
+    page.wait_for(f"graspfx.state.recording && graspfx.state.tick * graspfx.run.period > {seconds}")
+    return saved(page, folder)
+
+
+def saved(page: Page, folder: Path) -> Recording:
+    """Pause, and load what the page gives for a download."""
+    page.allow_downloads(folder)
+    page.evaluate("graspfx.play(false)")
+    page.wait_for("!graspfx.playing")
+    page.evaluate("document.getElementById('download').click()")
+    file = folder / "recording.h5.part"
+    wait_until(lambda: file.is_file() and not list(folder.glob("*.crdownload")))
+    return Recording.load(file)
+
+
+@pytest.mark.parametrize("name", ["paper-waving", "mug"])
+def test_the_rows_of_a_page_are_those_of_the_same_mathematics(name: str, browser: Browser, tmp_path: Path) -> None:
+    """To the bit those of native code with musl; close to those of `gx.run`, whose C library is another."""
+    from tests.support.musl_twin import rows_of
+
+    page = opened(browser, tmp_path, gx.load(name))
+    recording = downloaded(page, tmp_path, 1.0)
+    ticks = len(recording)
+    assert ticks * recording.period >= 1.0 and recording.outcome.engine == "webassembly"
+    np.testing.assert_array_equal(recording.rows, rows_of(gx.load(name), ticks))
+    run = gx.run(guided_scene(gx.load(name)), duration=ticks * recording.period)
+    assert np.nanmax(np.abs(recording.rows - run.rows)) < CLOSE
+    external = page.evaluate("graspfx.frame(graspfx.frames - 2).external")
+    k = page.evaluate("graspfx.frame(graspfx.frames - 2).tick")
+    wanted = np.zeros((len(external), 3))
+    wanted[:, : recording.layout.dimensions] = recording.external_force[k]
+    np.testing.assert_allclose(external, wanted, atol=1e-6 * np.abs(recording.finger_force).max())
+    assert page.console_errors == [] and page.requests == [(tmp_path / "page.html").as_uri()]
+
+
+def test_a_slider_writes_what_a_session_sets(browser: Browser, tmp_path: Path) -> None:
+    """In the tick that the recording names, with what follows from the gain; the replay has the same forces."""
+    scene = gx.load("soft-pads")
+    page = opened(browser, tmp_path, scene)
+    page.evaluate("document.getElementById('record').click()")
+    page.wait_for("graspfx.state.recording && graspfx.state.tick > 100")
+    page.evaluate("graspfx.run.sliders.find((each) => each.key === 'coupling.external.stiffness').set(150)")
+    at = page.evaluate("graspfx.state.tick")
+    page.wait_for(f"graspfx.state.tick > {at} + 200")
+    recording = saved(page, tmp_path)
+    changes = [each for each in recording.changes if each.key == "coupling.external.stiffness"]
+    assert [each.value for each in changes] == [150]
+    with gx.open(guided_scene(scene), live=["coupling.external.stiffness"]) as session:
+        session.step(changes[0].tick)
+        session.set("coupling.external.stiffness", 150.0)
+        session.step(len(recording) - changes[0].tick)
+    assert np.nanmax(np.abs(recording.rows - session.recording.rows)) < CLOSE
+
+
+def test_fingers_are_dragged_by_mouse_touch_and_keys(browser: Browser, tmp_path: Path) -> None:
+    page = opened(browser, tmp_path, gx.load("paper-waving"))
+    page.evaluate("graspfx.play(false)")
+    page.wait_for("!graspfx.playing")
+    box = page.evaluate("(({x, y}) => [x, y])(document.getElementById('space').getBoundingClientRect())")
+    tips = [np.add(box, page.evaluate(f"graspfx.project(graspfx.frameAt(graspfx.time).fingertips[{i}]).slice(0, 2)"))
+            for i in range(2)]  # fmt: skip
+    (x, y), (u, v) = tips
+    page.drag([(x, y), (x + 20, y), (x + 40, y)])
+    goal = page.evaluate("graspfx.run.goals[0].offsets[0]")
+    assert goal[0] > 1e-3 and page.evaluate("graspfx.run.goals[1].offsets[0]") == [0, 0]
+    page.touch({0: (x, y), 1: (u, v)}, "touchStart")
+    page.touch({0: (x - 30, y), 1: (u + 30, v)}, "touchMove")
+    page.touch({}, "touchEnd")
+    first, second = page.evaluate("graspfx.run.goals.map((each) => each.offsets[0][0])")
+    assert first < goal[0] and second > 1e-3
+    page.evaluate("document.querySelectorAll('#handles button')[1].focus()")
+    page.key("ArrowUp", "ArrowUp")
+    assert page.evaluate("graspfx.run.goals[1].offsets[0][1]") == pytest.approx(
+        1e-3 + page.evaluate("graspfx.run.goals[1].offsets[0][1]") - 1e-3
+    )
+    page.evaluate("graspfx.play(true)")
+    page.wait_for("graspfx.playing")
+    before = page.evaluate("graspfx.state.tick")
+    page.wait_for(f"graspfx.state.tick > {before} + 100")
+    assert page.console_errors == []
+
+
+def test_a_fault_ends_the_run_with_its_message(browser: Browser, tmp_path: Path) -> None:
+    page = opened(browser, tmp_path, gx.load("reference-1dof"))
+    page.evaluate("document.getElementById('record').click()")
+    page.wait_for("graspfx.state.recording && graspfx.state.tick > 20")
+    page.evaluate(
+        "tell('write', { entries: graspfx.run.handles[0].goals.map((place) => [place, NaN]), values: [['mark', 'NaN']] })"
+    )
+    text = page.wait_for("!document.getElementById('banner').hidden && document.getElementById('banner').textContent")
+    assert "finite" in text or "diverged" in text
+    recording = saved(page, tmp_path)
+    assert [str(each.message) for each in recording.faults] == [text]
+    assert (recording.finger_force[-1] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "words"),
+    [
+        ("reference-1dof", {"object.dynamics": "bullet"}, "other software"),
+        ("paper-waving", {"finger.*.device": {"name": "touch-screen"}, "finger.*.hand": None}, "plain Python"),
+    ],
+)
+def test_a_scene_with_other_parts_is_refused(
+    name: str, overrides: Mapping[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=words) as error:
+        gx.load(name, overrides).to_html(tmp_path / "page.html")
+    assert "--html" in str(error.value) and not (tmp_path / "page.html").exists()
+
+
+def test_hostile_names_do_nothing(browser: Browser, tmp_path: Path) -> None:
+    evil = "</script><img src=x onerror=\"document.title='taken'\">"
+    scene = gx.load("paper-waving", {"title": evil})
+    page = opened(browser, tmp_path, scene, presets={evil: {GAIN: 40.0}})
+    assert page.evaluate("document.title").startswith("</script>")
+    assert page.evaluate("document.getElementById('title').textContent") == evil
+    assert page.evaluate("document.querySelector('#presets button').textContent") == evil
+    page.evaluate("document.querySelector('#presets button').click()")
+    assert page.evaluate("graspfx.run.values[2]") == 40
+    assert page.console_errors == [] and len(page.requests) == 1
+
+
+def test_a_preset_has_sliders(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="keys with a slider"):
+        gx.load("paper-waving").to_html(tmp_path / "page.html", presets={"a": {"period": 0.001}})
+    with pytest.raises(InputError, match=f"{GAIN} from 5 to 500"):
+        gx.load("paper-waving").to_html(tmp_path / "page.html", presets={"a": {GAIN: 1e6}})
