@@ -29,6 +29,7 @@ extensions = [
     "machinery.links",
     "machinery.mathematics",
     "machinery.names",
+    "machinery.pages",
 ]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 exclude_patterns = ["pictures", "notebooks"]  # they run from a wheel: tests/promises

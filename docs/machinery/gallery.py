@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from machinery.pages import FOLDER, runnable
+
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
@@ -55,7 +57,10 @@ def _card(name: str, sections: dict[str, re.Match[str]]) -> Iterator[str]:
     section, title = sections[_section(name, sections)], _title(scene_files()[name])
     alt = section["alt"] if section["name"] == name else title
     yield from ("::::{container} card", f"[![{alt}](pictures/scenes/{name}.png)](#{section['name']})", "")
-    yield from (f"[{name}](#{section['name']})", "", title, "::::", "")
+    yield from (f"[{name}](#{section['name']})", "", title, "")
+    if name in runnable():
+        yield from ("```{raw} html", f'<a href="{FOLDER}/{name}.html">run it in this browser</a>', "```")
+    yield from ("::::", "")
 
 
 def _title(path: Path) -> str:

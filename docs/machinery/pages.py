@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,11 @@ PAIRS = {"too soft": (30.0, 30.0), "unstable": (80.0, 80.0), "both good": (30.0,
 PRESETS = {f"{name}: {a:g} and {b:g} N/m": {GAINS[0]: a, GAINS[1]: b} for name, (a, b) in PAIRS.items()}
 
 
-def runnable() -> list[str]:
+LARGE = ("twenty-fingers",)  # a page of 3 MB
+
+
+@cache
+def runnable() -> tuple[str, ...]:
     """List the built-in scenes that a page can run: those of GraspFX's own parts."""
     from graspfx.live.page.running import require_runnable
 
@@ -30,8 +35,9 @@ def runnable() -> list[str]:
             require_runnable(gx.load(name))
         except InputError:
             continue
-        found.append(name)
-    return found
+        if name not in LARGE:
+            found.append(name)
+    return tuple(found)
 
 
 def _write(app: Sphinx, error: Exception | None) -> None:

@@ -72,19 +72,21 @@ function sayRun() {
   find("record").textContent = state.recording ? "■ Stop recording" : "● Record";
   find("download").disabled = !state.recorded;
 }
-// The vibration of the squeeze in the last half second, and whether it has grown three times in a row by a half.
+// How far the squeeze swings in half a second, and which force has swung farther three times in a row, by a half each.
 function growing() {
-  const line = charts[0]?.lines[0], half = Math.round(0.5 / story.step);
-  if (!line || F < 4 * half) return "";
-  const sizes = [3, 2, 1, 0].map((back) => {
-    let low = Infinity, high = -Infinity;
-    for (let k = F - (back + 1) * half; k < F - back * half; k++) { low = Math.min(low, line.low[k]); high = Math.max(high, line.high[k]); }
-    return 0.5 * (high - low);
+  const half = Math.round(0.5 / story.step);
+  if (!charts.length || F < 4 * half) return "";
+  const swings = ({ low, high }) => [3, 2, 1, 0].map((back) => {
+    let least = Infinity, most = -Infinity;
+    for (let k = F - (back + 1) * half; k < F - back * half; k++) { least = Math.min(least, low[k]); most = Math.max(most, high[k]); }
+    return 0.5 * (most - least);
   });
-  if (!sizes.every(Number.isFinite)) return "";
-  const grows = sizes[3] > 0.01 && sizes.every((size, i) => i === 0 || size > 1.5 * sizes[i - 1]);
-  find("told").classList.toggle("grows", grows);
-  return `squeeze swings by ${(1000 * sizes[3]).toFixed(1)} mN${grows ? " and GROWS" : ""}`;
+  const grows = charts.flatMap((chart) => chart.lines).find((line) => {
+    const sizes = swings(line);
+    return sizes[3] > 0.01 && sizes.every((size, i) => i === 0 || size > 1.5 * sizes[i - 1]);
+  }), now = swings(charts[0].lines[0])[3];
+  find("told").classList.toggle("grows", Boolean(grows));
+  return [Number.isFinite(now) && `squeeze swings by ${(1000 * now).toFixed(1)} mN`, grows && `${grows.name} GROWS`].filter(Boolean).join(", ");
 }
 
 // Sliders: a value is an entry of the arena itself, or picks a row of a table; two stiffnesses write a fade together.

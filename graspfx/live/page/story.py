@@ -112,7 +112,8 @@ def story_of(recording: Recording, folder: Path | None = None, *, is_run: bool =
     objects = tuple(motion.poses)
     layout, header = recording.layout, recording.header
     title = header.title or Path(header.scene).stem or "A recording"
-    seen = [name for k, name in enumerate(STATES) if is_run or (motion.states == k).any()]
+    possible = ("free", *(("stick", "slide") if layout.slips else ("touch",)), *(("limit",) if layout.limits else ()))
+    seen = [name for k, name in enumerate(STATES) if (name in possible if is_run else (motion.states == k).any())]
     step = motion.rows * recording.row_period
     motions = {} if is_run else {
         "fingertips": packed(motion.fingertips), "contacts": packed(motion.contacts),
