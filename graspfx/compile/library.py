@@ -74,7 +74,7 @@ def read(key: str) -> bytes | None:
         return None
     path = FOLDER / entry["file"]
     try:
-        content = path.read_bytes()
+        content: bytes = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != entry["sha256"]:
             raise OSError("it is not what was built")
     except OSError as error:

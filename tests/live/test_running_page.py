@@ -120,9 +120,8 @@ def test_a_fault_ends_the_run_with_its_message(browser: Browser, tmp_path: Path)
     page = opened(browser, tmp_path, gx.load("reference-1dof"))
     page.evaluate("document.getElementById('record').click()")
     page.wait_for("graspfx.state.recording && graspfx.state.tick > 20")
-    page.evaluate(
-        "tell('write', { entries: graspfx.run.handles[0].goals.map((place) => [place, NaN]), values: [['mark', 'NaN']] })"
-    )
+    entries = "graspfx.run.handles[0].goals.map((place) => [place, NaN])"
+    page.evaluate(f"tell('write', {{ entries: {entries}, values: [['mark', 'NaN']] }})")
     text = page.wait_for("!document.getElementById('banner').hidden && document.getElementById('banner').textContent")
     assert "finite" in text or "diverged" in text
     recording = saved(page, tmp_path)
