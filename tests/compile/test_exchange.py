@@ -165,7 +165,7 @@ def test_a_million_exchanges_leave_nothing_behind() -> None:
     fail()
     after = counts()
     assert after[:-2] == before[:-2]
-    assert np.abs(np.subtract(after[-2:], before[-2:])).max() < 200  # others have these too
+    assert np.subtract(after[-2:], before[-2:]).max() < 200  # others have these too, and may let go of them
 
 
 def test_an_exchange_holds_what_it_points_to() -> None:
