@@ -29,7 +29,6 @@ extensions = [
     "machinery.links",
     "machinery.mathematics",
     "machinery.names",
-    "machinery.pages",
 ]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 exclude_patterns = ["pictures", "notebooks"]  # they run from a wheel: tests/promises

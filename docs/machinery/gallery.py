@@ -9,12 +9,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from machinery.pages import FOLDER, runnable
+import graspfx as gx
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 PAGE = "scenes"
+RUN = "run"  # folder of the pages that run scenes
+WITHOUT = ("two-objects", "twenty-fingers")  # one has bodies of PyBullet, one would be a page of 3 MB
+FRONT = "two-stiffnesses"  # on the front page
+GAINS = "coupling.external.stiffness", "coupling.internal.stiffness"
+PAIRS = {"too soft": (30.0, 30.0), "unstable": (80.0, 80.0), "both good": (30.0, 80.0)}  # [N/m]
 SCENES = Path(__file__).parents[2] / "scenes"
 PICTURE = r"!\[(?P<alt>[^\]]*)\]\([^)]*\)"
 SECTION = re.compile(rf"^### (?P<name>[\w-]+)\n\n{PICTURE}\n\n(?P<text>.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
@@ -58,8 +63,8 @@ def _card(name: str, sections: dict[str, re.Match[str]]) -> Iterator[str]:
     alt = section["alt"] if section["name"] == name else title
     yield from ("::::{container} card", f"[![{alt}](pictures/scenes/{name}.png)](#{section['name']})", "")
     yield from (f"[{name}](#{section['name']})", "", title, "")
-    if name in runnable():
-        yield from ("```{raw} html", f'<a href="{FOLDER}/{name}.html">run it in this browser</a>', "```")
+    if name not in WITHOUT:
+        yield from ("```{raw} html", f'<a href="{RUN}/{name}.html">run it in this browser</a>', "```")
     yield from ("::::", "")
 
 
@@ -83,7 +88,20 @@ def _read(app: Sphinx, name: str, content: list[str]) -> None:
         content[0] = as_gallery(content[0])
 
 
+def _write(app: Sphinx, error: Exception | None) -> None:
+    """Write the pages that run scenes beside the site's own."""
+    if error is not None or app.builder.format != "html":
+        return
+    folder = Path(app.outdir, RUN)
+    folder.mkdir(exist_ok=True)
+    for name in scene_files().keys() - WITHOUT:
+        gx.load(name).to_html(folder / f"{name}.html", overwrite=True)
+    presets = {f"{name}: {a:g} and {b:g} N/m": {GAINS[0]: a, GAINS[1]: b} for name, (a, b) in PAIRS.items()}
+    gx.load("paper-waving", preset="light-hand").to_html(folder / f"{FRONT}.html", presets=presets, overwrite=True)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Rewrite the page where it is read."""
+    """Rewrite the page where it is read, and write those that run scenes when the others are there."""
     app.connect("source-read", _read)
+    app.connect("build-finished", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -64,7 +64,7 @@ def test_bash_completes_with_the_script(line: str, expected: list[str], path: st
 
 def test_commands_and_their_options_are_completed() -> None:
     assert completed("") == sorted([*COMMANDS, "--help", "--version"])
-    assert completed("p") == ["picture", "plot"]
+    assert completed("p") == ["page", "picture", "plot"]
     for command in COMMANDS:
         options = parse([command, *(["x"] if command in NEEDY else [])]).options
         assert set(completed(command, "-")) == set(options) - {"--words"}

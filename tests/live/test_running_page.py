@@ -153,6 +153,8 @@ def test_hostile_names_do_nothing(browser: Browser, tmp_path: Path) -> None:
     assert page.evaluate("document.querySelector('#presets button').textContent") == evil
     page.evaluate("document.querySelector('#presets button').click()")
     assert page.evaluate("graspfx.run.values[2]") == 40
+    page.resize(390, 844, phone=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.console_errors == [] and len(page.requests) == 1
 
 
