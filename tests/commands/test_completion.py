@@ -15,7 +15,7 @@ from graspfx.commands.completion import SCRIPTS, answers
 
 NEEDY = (  # commands that need an argument
     "run", "check", "stability", "tune", "plot", "picture", "replay", "touch", "export", "calibrate", "view", "sweep",
-    "stream", "experiment",
+    "stream", "experiment", "page",
 )  # fmt: skip
 ROOT = Path(__file__).parents[2]
 PROBE = """
