@@ -23,6 +23,7 @@ function startRun() {
   find("download").addEventListener("click", () => tell("download"));
 }
 function onReady() {
+  state.ready = performance.now();
   const asked = /^#pause$/.test(location.hash);
   tell("step", { count: run.frames }); // a picture at once
   if (!asked && !reduced.matches) tell("run");
@@ -39,6 +40,7 @@ function restart(record) {
 // Frames ---------------------------------------------------------------------------------------------------------------
 function onFrames({ frames, tick, going, ended, recorded, recording, slow }) {
   const was = state.ended;
+  state.first ??= performance.now();
   Object.assign(state, { tick, going, ended, recorded, recording, slow });
   for (let from = 0; from < frames.length; from += frameWidth) append(frames.subarray(from, from + frameWidth));
   if (playing !== going) { playing = going; showPlaying(); }
