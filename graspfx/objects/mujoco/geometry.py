@@ -12,6 +12,7 @@ import numpy as np
 from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.objects.body import FloatArray
+from graspfx.objects.floor.floor import FLAT_KINDS
 from graspfx.objects.floor.hull import SHEET, hull_points
 from graspfx.objects.mujoco.tetrahedra import parts
 from graspfx.spatial import Quaternion, quaternion
@@ -57,7 +58,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
         fixed: True if a mesh keeps its hollows; otherwise its convex hull is used.
 
     Raises:
-        InputError: A plane or half-space is not an obstacle.
+        InputError: A plane or half-space is not an obstacle, or MuJoCo has no such shape.
     """
     if shape is None:
         return
@@ -67,6 +68,8 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
         else:
             yield Geometry("MESH", points=_with_volume(hull_points(shape.vertices)))
         return
+    if shape.kind in FLAT_KINDS:
+        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
     a, b, c = shape.parameters
     if shape.kind == proxy.BOX:
         across = THICK * max(a, b, c)
@@ -80,7 +83,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     elif shape.kind == proxy.ELLIPSOID:
         yield Geometry("ELLIPSOID", (a, b, c if d > 2 else THICK * max(a, b)))
     else:
-        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
+        raise InputError("shape", shape, "one that MuJoCo has", "list it in `geometries`, or take other dynamics")
 
 
 def _with_volume(points: FloatArray) -> FloatArray:
