@@ -92,6 +92,8 @@ def try_out(wheel: Path) -> None:
             print("library of programs: the bits of the interpreter, and LLVM not loaded")
         call([str(bin / "graspfx"), "check", "paper-waving"], work)
         call([str(bin / "graspfx"), "run", "paper-waving", "--duration", "0.5"], work)
+        if not wheel.name.endswith("-none-any.whl"):
+            call([str(bin / "graspfx"), "page", "paper-waving"], work)  # with the module that the wheel brings
         shutil.copy(NOTEBOOK, work)
         call([str(bin / "jupyter-execute"), "--kernel_name=python3", NOTEBOOK.name], work)
         print(f"{NOTEBOOK.name}: executed")

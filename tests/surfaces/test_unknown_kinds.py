@@ -63,5 +63,5 @@ def test_it_has_no_features_to_stand_on(d: int) -> None:
 
 
 def test_other_software_gets_no_geometry_of_it() -> None:
-    with pytest.raises(InputError, match=r"shape: .*expected a bounded shape"):
+    with pytest.raises(InputError, match=r"shape: .*expected one that MuJoCo has; list it in `geometries`"):
         list(geometries(UNKNOWN, 3, fixed=False))

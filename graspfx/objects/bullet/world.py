@@ -17,7 +17,7 @@ from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray
 from graspfx.objects.bullet.bullet import BulletCarrier, BulletMember, new_client, pybullet
-from graspfx.objects.floor.floor import plane_of
+from graspfx.objects.floor.floor import FLAT_KINDS, plane_of
 from graspfx.objects.floor.hull import hull_points
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
@@ -147,7 +147,7 @@ class BulletWorld(BulletCarrier):
         """Create a shape and return PyBullet's index of it; -1 for None. Meshes go as points: PyBullet caches files.
 
         Raises:
-            InputError: A plane or half-space is not an obstacle.
+            InputError: A plane or half-space is not an obstacle, or PyBullet has no such shape.
         """
         if shape is None:
             return -1
@@ -160,6 +160,8 @@ class BulletWorld(BulletCarrier):
                     flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
                 )
             return self._create_shape("GEOM_MESH", vertices=hull_points(shape.vertices).tolist())
+        if shape.kind in FLAT_KINDS:
+            raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
         a, b, c = shape.parameters
         if shape.kind == proxy.BOX:
             return self._create_shape("GEOM_BOX", halfExtents=[a, b, c])
@@ -171,7 +173,7 @@ class BulletWorld(BulletCarrier):
             return self._create_shape("GEOM_CYLINDER", radius=a, height=2.0 * b)
         if shape.kind == proxy.ELLIPSOID:
             return self._create_shape("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
-        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
+        raise InputError("shape", shape, "one that PyBullet has", "list it in `_collision`, or take other dynamics")
 
 
 def ellipsoid_points(count: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,12 +12,14 @@ import numpy as np
 from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.objects.body import FloatArray
+from graspfx.objects.floor.floor import FLAT_KINDS
 from graspfx.objects.floor.hull import SHEET, hull_points
 from graspfx.objects.mujoco.tetrahedra import parts
-from graspfx.spatial import quaternion
+from graspfx.spatial import Quaternion, quaternion
 from graspfx.surfaces.closed_form import proxy
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)  # a capsule's axis in the plane; MuJoCo's is z
 FLATTEST = 2e-4  # ratio of thickness to width of a flat mesh, since MuJoCo needs a volume and has 24 bits
 THICK = 1.0  # relative to the largest size: thickness of shapes in a plane or on a line
 
@@ -40,8 +43,9 @@ class Geometry:
     quaternion: tuple[float, ...] = UPRIGHT
 
     def at(self, position: FloatArray, rotation: FloatArray) -> Geometry:
-        """Return the shape placed and rotated, for a body at the world's origin."""
-        x, y, z, w = numbers(quaternion(rotation.ravel().tolist()))
+        """Return the shape, whose own position is the origin, placed and rotated in the frame of its body."""
+        r, i, j, k = self.quaternion
+        x, y, z, w = numbers(quaternion(rotation.ravel().tolist()) @ Quaternion(i, j, k, r))
         return replace(self, position=tuple(position.tolist()), quaternion=(w, x, y, z))
 
 
@@ -54,7 +58,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
         fixed: True if a mesh keeps its hollows; otherwise its convex hull is used.
 
     Raises:
-        InputError: A plane or half-space is not an obstacle.
+        InputError: A plane or half-space is not an obstacle, or MuJoCo has no such shape.
     """
     if shape is None:
         return
@@ -64,6 +68,8 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
         else:
             yield Geometry("MESH", points=_with_volume(hull_points(shape.vertices)))
         return
+    if shape.kind in FLAT_KINDS:
+        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
     a, b, c = shape.parameters
     if shape.kind == proxy.BOX:
         across = THICK * max(a, b, c)
@@ -71,13 +77,13 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     elif shape.kind == proxy.SPHERE:
         yield Geometry("SPHERE", (a, 0.0, 0.0))
     elif shape.kind == proxy.CAPSULE:
-        yield Geometry("CAPSULE", (a, b, 0.0))
+        yield Geometry("CAPSULE", (a, b, 0.0), quaternion=UPRIGHT if d > 2 else ALONG_X)
     elif shape.kind == proxy.CYLINDER:
         yield Geometry("CYLINDER", (a, b, 0.0))
     elif shape.kind == proxy.ELLIPSOID:
-        yield Geometry("ELLIPSOID", (a, b, c))
+        yield Geometry("ELLIPSOID", (a, b, c if d > 2 else THICK * max(a, b)))
     else:
-        raise InputError("shape", shape, "a bounded shape", "make it an obstacle")
+        raise InputError("shape", shape, "one that MuJoCo has", "list it in `geometries`, or take other dynamics")
 
 
 def _with_volume(points: FloatArray) -> FloatArray:

@@ -61,7 +61,7 @@ class MujocoWorld(MujocoCarrier):
         for member, one in zip(members, carried, strict=True):
             _require_joints(member, one)
         shapes = [
-            [self._add(one.shape_body, geometry, f"{i}") for geometry in geometries(member.shape, one.dimensions)]
+            [self._add(one.shape_body, geometry, f"{i}") for geometry in _geometries(member, one.dimensions)]
             for i, (member, one) in enumerate(zip(members, carried, strict=True))
         ]
         for number, obstacle in enumerate(obstacles):
@@ -152,6 +152,13 @@ class MujocoWorld(MujocoCarrier):
                     world, face.at(obstacle.position, np.stack([first, second, n], axis=1)), owner + str(len(sides))
                 )
             yield i, [sides[side]]
+
+
+def _geometries(member: Member, d: int) -> Iterator[Geometry]:
+    """List the shapes of a member in its body's frame, which in the plane is turned by the angle since the start."""
+    start = member.state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
+    for geometry in geometries(member.shape, d):
+        yield geometry.at(np.zeros(3), start) if d == 2 else geometry
 
 
 def _set_solver(spec: Any) -> None:

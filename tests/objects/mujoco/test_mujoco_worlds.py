@@ -20,7 +20,7 @@ from graspfx.objects.mujoco.mujoco import MujocoBody
 from graspfx.objects.mujoco.mujoco_world import MujocoWorld
 from graspfx.objects.mujoco.tetrahedra import is_hollow, pieces
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
-from graspfx.surfaces.closed_form.shape import Box, Capsule, HalfSpace, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Capsule, Ellipsoid, HalfSpace, Sphere
 from tests.support.meshes import plate
 
 Array = NDArray[np.float64]
@@ -66,6 +66,39 @@ def test_a_rectangle_in_the_plane_rests_slides_and_tips() -> None:
         pushed.state[at.FORCE] = share * M * G
         run(given, 0.001, 0.5)
         assert (abs(pushed.state[at.ANGLE]) > 0.01) == tips
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.2, 0.5 * math.pi])
+def test_shapes_in_the_plane_rest_at_their_lowest_point_at_any_angle(angle: float) -> None:
+    """With its rotation locked the centre rests at the support function of the shape, in closed form."""
+    r, half, a, b = 0.01, 0.02, 0.03, 0.01
+    heights = (
+        (Box((2.0 * a, 2.0 * b)), a * math.sin(angle) + b * math.cos(angle)),
+        (Capsule(r, 2.0 * half), r + half * math.sin(angle)),
+        (Ellipsoid((a, b)), math.hypot(a * math.sin(angle), b * math.cos(angle))),
+    )
+    for shape, height in heights:
+        one = member(2, shape, position=(0.0, height), orientation=angle, gravity=(0.0, -G), free=(1, 1, 0))
+        run(world(one, obstacles=(GROUND,)), 0.001, 0.2)
+        np.testing.assert_allclose(position(one), [0.0, height, 0.0], rtol=0.0, atol=1e-6)
+
+
+def test_a_disc_rests_on_an_upright_capsule_in_the_plane() -> None:
+    post = place_obstacle("post", Capsule(0.01, 0.04), 2, (0.0, 0.0), 0.5 * math.pi)
+    disc = member(2, Sphere(0.02), position=(0.0, 0.05), gravity=(0.0, -G), free=(0, 1, 0))
+    run(world(disc, obstacles=(post,)), 0.001, 0.2)
+    np.testing.assert_allclose(position(disc), [0.0, 0.05, 0.0], rtol=0.0, atol=1e-6)
+
+
+def test_ellipses_in_the_plane_meet_at_their_ends() -> None:
+    """With restitution 1 equal bodies exchange their velocities where the gap between their long ends is gone."""
+    left = member(2, Ellipsoid((0.02, 0.01)), position=(0.0, 0.0), velocity=(1.0, 0.0))
+    right = member(2, Ellipsoid((0.02, 0.01)), position=(0.05, 0.0))
+    given = world(left, right, restitution=1.0)
+    run(given, 0.001, 0.008)
+    np.testing.assert_allclose(velocity(right)[0], 0.0, rtol=0.0, atol=1e-9)
+    run(given, 0.001, 0.05)
+    np.testing.assert_allclose([velocity(left)[0], velocity(right)[0]], [0.0, 1.0], rtol=0.0, atol=1e-3)
 
 
 def test_discs_in_the_plane_and_beads_on_a_line_meet_head_on() -> None:
