@@ -235,8 +235,12 @@ def _with_line(
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema of a scene file."""
-    return SceneTable.model_json_schema()
+    """Return the JSON schema of a scene file: with an object and its coupling, or a host that stands in for both."""
+    described = SceneTable.model_json_schema()
+    asked = [name for name in described["required"] if name in ("object", "coupling")]
+    described["required"] = [name for name in described["required"] if name not in asked]
+    described["anyOf"] = [{"required": asked}, {"required": ["host"]}]
+    return described
 
 
 EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as data"

@@ -488,7 +488,8 @@ def test_schema_knows_every_table() -> None:
     described = schema()
     assert {"dimensions", "period", "object", "coupling", "finger", "device", "hand"} <= described["properties"].keys()
     assert described["additionalProperties"] is False
-    assert set(described["required"]) == {"dimensions", "period", "duration", "object", "coupling", "finger"}
+    assert set(described["required"]) == {"dimensions", "period", "duration", "finger"}
+    assert described["anyOf"] == [{"required": ["object", "coupling"]}, {"required": ["host"]}]
     json.dumps(described, allow_nan=False)
 
 
