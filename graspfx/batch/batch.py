@@ -216,12 +216,10 @@ def run_batch(
     changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit
     by bit; where keys act on one another their combinations are built too. Every value is checked as the scene's own.
 
-    Variants run side by side, as many as the processor's vectors have numbers, on all processors: as lanes that part
-    where the program branches, at a third to a half of a single tick. Where there is too little to run for a program to
-    be compiled, they run one by one.
+    Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
 
-    Memory: of measures a few hundred bytes for each variant; blocks of lanes and their rows take some megabytes for
-    each processor, however many variants there are. Whole recordings take what their rows do.
+    Memory: of measures a few hundred bytes for each variant, and some megabytes for each processor, however many
+    variants there are. Whole recordings take what their rows do.
 
     Args:
         scene: a Scene, a name or a path; native throughout: every device, hand and body a kernel.

@@ -16,11 +16,10 @@ from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run import ticks_of
 from graspfx.assembly.session import require_memory
 from graspfx.batch.groups import Group
-from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, split_of
 from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import statistic
+from graspfx.batch.variant_runs import Ended, Job
 from graspfx.batch.variants import Variants
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
@@ -49,14 +48,10 @@ class Runs:
         count: how many.
         duration: instead of the scene's own [s].
         threads: on which they run.
-        share: of all variants that there will be: programs are compiled as for these.
     """
 
-    def __init__(
-        self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int, share: float = 1.0
-    ) -> None:
+    def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
         self.scene, self.variants, self.duration, self.threads = scene, variants, duration, threads
-        self.share = share
         self.faults = np.full(count, -1)
         self.run_time = 0.0
 
@@ -66,7 +61,7 @@ class Runs:
             layout = group.program.servo.layout
             columns, behind = columns_of(layout, measure)
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
-            job = self._job(group, where, statistics)
+            job = self._job(group, where)
             job.more = partial(divider, group, behind) if behind else None
             with waiting("running variants", job.variants, "variants", partial(getattr, job, "done")):
                 raw, faults = job.measured(self.threads)
@@ -91,7 +86,7 @@ class Runs:
         for group in groups:
             layout, record = group.program.servo.layout, self.scene.record
             selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
-            job = self._job(group, [], ())
+            job = self._job(group, [])
             ticks = job.ticks if record.every > 1 else 0  # which the rows do not tell
             require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
@@ -105,7 +100,7 @@ class Runs:
             self.run_time += job.spent
         return results
 
-    def _job(self, group: Group, columns: Sequence[int], statistics: Sequence[str]) -> Job:
+    def _job(self, group: Group, columns: Sequence[int]) -> Job:
         servo = group.program.servo
         duration = self.duration if self.duration is not None else self.scene.duration
         ticks = ticks_of(duration, servo.period)
@@ -114,13 +109,8 @@ class Runs:
             raise InputError("duration", duration, most, "make the duration shorter or the period longer")
         width = servo.layout.width
         return Job(
-            group.program.arena, group.program.size, group, len(group.members), width, columns, statistics,
-            ticks,
-            group.varying,
-            group.program.constant,
+            group.program.arena, group.program.size, group, len(group.members), width, columns, ticks,
             group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
-            share=self.share,
-            memory=self.variants.memory,
         )  # fmt: skip
 
     def _header(self, header: Header, group: Group, member: int) -> Header:
@@ -151,7 +141,6 @@ def measured_variants(
     measure: Sequence[str],
     statistics: Sequence[str],
     threads: int,
-    share: float = 1.0,
     memory: PartMemory | None = None,
 ) -> tuple[Measures, IndexArray, tuple[str, ...]]:
     """Measure some variants of a scene.
@@ -163,7 +152,6 @@ def measured_variants(
         duration: instead of the scene's own [s].
         measure, statistics: as for `run_batch`.
         threads: on which they run; the result is the same.
-        share: of all variants that there will be: programs are compiled as for these.
         memory: of other variants of the scene, which this thread has run.
 
     Returns:
@@ -172,6 +160,6 @@ def measured_variants(
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers, memory=memory)
         groups = variants.groups()
-    runs = Runs(scene, variants, len(numbers), duration, threads, share)
+    runs = Runs(scene, variants, len(numbers), duration, threads)
     measures = runs.measured(groups, measure, statistics)
     return measures, runs.faults, tuple(variants.notes)

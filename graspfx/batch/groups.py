@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.columns import Column
-from graspfx.coupling import block as at
 from graspfx.loop.arena import Arena
 
 if TYPE_CHECKING:
@@ -37,16 +36,6 @@ class Program:
     def structure(self) -> frozenset[int]:
         """Entries of the arena that the program has folded in."""
         return frozenset(self.arena.structure())
-
-    @cached_property
-    def constant(self) -> tuple[int, int]:
-        """The first and the end of the entries of the largest mesh, which nothing writes."""
-        stretches = [(0, 0)]
-        for part in self.servo.objects:
-            block, first = part.grasped.block, self.arena.place(part.grasped.block)
-            if block[at.MESH] > 0.0:
-                stretches.append((first + int(block[at.MESH]), first + block.size))
-        return max(stretches, key=lambda stretch: stretch[1] - stretch[0])
 
     def fill(self, arena: FloatArray) -> None:
         """Fill a variant's arena into that of the servo."""
@@ -115,8 +104,3 @@ class Group:
     def folds(self) -> bool:
         """Tell whether the program holds a number of an entry that is not the same in all members."""
         return not self.program.structure.isdisjoint(self.varying.tolist())
-
-    def fill_lanes(self, arena: FloatArray, members: Index) -> None:
-        """Fill what varies into lanes side by side, (entries, lanes)."""
-        for entries, rows, choice in self.factors:
-            arena[entries] = rows[choice[members]].T

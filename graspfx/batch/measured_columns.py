@@ -85,23 +85,23 @@ def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[
     alike: list[tuple[dict[str, dict[str, Any]], list[float], list[int]]] = []  # variants alike in both, together
     for k, arena in enumerate(arenas):
         split, friction = split_of(group, arena), _friction(group, arena)
-        lanes = next((lanes for *other, lanes in alike if other == [split, friction]), None)
-        if lanes is None:
+        members = next((members for *other, members in alike if other == [split, friction]), None)
+        if members is None:
             alike.append((split, friction, [k]))
         else:
-            lanes.append(k)
+            members.append(k)
 
     def divide(rows: FloatArray) -> FloatArray:
         count, width, _ = rows.shape
         out: FloatArray | None = None
-        for split, friction, lanes in alike:
+        for split, friction, members in alike:
             mu = np.array([each or np.nan for each in friction])
-            own = np.ascontiguousarray(rows[:, :, lanes].transpose(2, 0, 1)).reshape(-1, width)
+            own = np.ascontiguousarray(rows[:, :, members].transpose(2, 0, 1)).reshape(-1, width)
             parts = RowSplit(own, layout, [(0, split)], friction=[(0, mu)]).derived(names)
             whole = np.concatenate([parts[name].reshape(len(own), -1) for name in names], axis=1)
             if out is None:
                 out = np.empty((count, whole.shape[1], len(arenas)))
-            out[:, :, lanes] = whole.reshape(len(lanes), count, -1).transpose(1, 2, 0)
+            out[:, :, members] = whole.reshape(len(members), count, -1).transpose(1, 2, 0)
         assert out is not None
         return out
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from graspfx.batch.group_runs import Measures
 from graspfx.batch.measured_columns import columns_of
-from graspfx.batch.single_runs import taking
 from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, statistic, take
+from graspfx.batch.variant_runs import taking
 from graspfx.errors import MissingPackageError
 from graspfx.recording.record import Recording
 

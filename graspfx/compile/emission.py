@@ -16,9 +16,8 @@ from graspfx.compile.llvm.method import DECLARED, python_function
 from graspfx.errors import MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
-FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
+FULL, QUICK = 1, 0  # LLVM's levels of optimisation
 SMALL = 2  # which has more of what makes code short
-LANES = 3
 _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name, and may bind to at any time
 
 
@@ -34,28 +33,26 @@ def require_llvm() -> None:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
-def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = False) -> bytes:
-    """Emit machine code.
+def emitted(text: str, level: int = FULL) -> bytes:
+    """Emit machine code for this processor.
 
     Args:
-        text: LLVM's language.
-        level: of optimisation.
-        lanes: whether it has loops over lanes, of which the turns may be done side by side.
-        wide: with the longest vectors that the processor has.
+        text: Program in LLVM's language.
+        level: Level of optimisation.
     """
-    return _emitted(text, _machine(level, wide=wide), level, lanes=lanes)
+    return _emitted(text, _machine(level), level)
 
 
 def portable(text: str, triple: str, processor: str) -> bytes:
     """Emit machine code of FULL level for another processor than this, to be linked as a shared library."""
-    return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL, lanes=False)
+    return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL)
 
 
 def small(text: str, triple: str, features: str) -> bytes:
     """Emit code that is small for another target than this, to be linked as a whole program."""
     machine = _target(triple, features=features, opt=SMALL, reloc="static", codemodel="default")
     head = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n'
-    return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL, lanes=False)
+    return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL)
 
 
 def _target(triple: str, **options: Any) -> Any:
@@ -67,24 +64,18 @@ def _target(triple: str, **options: Any) -> Any:
     return llvm.Target.from_triple(triple).create_target_machine(**options)
 
 
-def _emitted(text: str, machine: Any, level: int, *, lanes: bool) -> bytes:
+def _emitted(text: str, machine: Any, level: int) -> bytes:
     import llvmlite.binding as llvm
 
     module = llvm.parse_assembly(text)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
-    # Else loops are short and were written out where that helps; and vectors read what was written entry by entry,
-    # which waits.
-    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = lanes
-    tuning.loop_unrolling = lanes
+    # Loops are short and were written out where that helps; and vectors read what was written entry by entry, which
+    # waits.
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = False
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
-
-
-def best(text: str, *, lanes: bool, wide: bool = False) -> bytes:
-    """Emit the best machine code; arguments as of `emitted`."""
-    return emitted(text, LANES if lanes else FULL, lanes=lanes, wide=wide)
 
 
 def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
@@ -138,20 +129,8 @@ def platform() -> tuple[str, ...]:
 def _back_end() -> str:
     """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
-    folders = [here.with_name("llvm"), here.with_name("lanes")]
-    sources = sorted([*(file for folder in folders for file in folder.glob("*.py")), here, here.with_name("native.py")])
+    sources = sorted([*here.with_name("llvm").glob("*.py"), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-
-
-def side_by_side() -> int:
-    """Count the lanes that fit this processor best: as many floats as its longest vectors hold.
-
-    Raises:
-        MissingPackageError: no LLVM.
-    """
-    require_llvm()
-    _, _, features = _processor()
-    return 8 if "+avx512f" in features.split(",") else 4
 
 
 @cache
@@ -162,15 +141,13 @@ def _processor() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine(level: int = FULL, *, wide: bool = False) -> Any:
+def _machine(level: int = FULL) -> Any:
     """Make the machine that code is emitted for; an engine owns it, so that each needs one."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     triple, name, features = _processor()
-    if wide and "avx512f" in features:
-        features += ",-prefer-256-bit"  # of some processors LLVM has it that short vectors are the better choice
     return llvm.Target.from_triple(triple).create_target_machine(
         cpu=name, features=features, opt=level, codemodel="jitdefault", jit=True
     )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log
 from graspfx.compile import cache as disk
-from graspfx.compile.emission import FULL, LANES, QUICK, address, emitted, loaded, platform, require_llvm
+from graspfx.compile.emission import FULL, QUICK, address, emitted, loaded, platform, require_llvm
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm.method import CALLBACK, ENTRY, METHOD, method, method_text
 from graspfx.errors import InputError
@@ -154,9 +154,6 @@ def compiled(
     *,
     checked: bool = False,
     quick: bool = False,
-    wide: bool = False,
-    lanes: int = 0,
-    shared: Mapping[str, tuple[int, int]] | None = None,
     apart: bool = True,
     make: bool = True,
 ) -> Native:
@@ -169,10 +166,6 @@ def compiled(
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
         quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
             code is in the cache.
-        wide: with the longest vectors that the processor has, the same bits; worth it where loops over lanes are all
-            that a program does.
-        lanes: for so many side by side, each with buffers of its own (`graspfx.compile.lanes`), if any.
-        shared: by buffer, the first and the end of entries that are the same in all lanes.
         apart: whether no two buffers are the same memory.
         make: whether to compile what is not in the cache; else a LookupError.
 
@@ -181,9 +174,7 @@ def compiled(
         InputError: the program holds something that cannot be compiled.
     """
     require_llvm()
-    parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), str(wide), source]
-    if lanes:
-        parts.append(f"{lanes} lanes {sorted((shared or {}).items())}")
+    parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         native = from_cache(key)
@@ -192,8 +183,9 @@ def compiled(
     if not make:
         raise LookupError("not compiled yet")
     began = perf_counter()
-    program = _program_text(source, floats, lanes, shared or {}, checked=checked, apart=apart)
-    return native_of(program, key, LANES if program.lanes and effort == FULL else effort, began, wide=wide)
+    from graspfx.compile.llvm.llvm import llvm_program
+
+    return native_of(llvm_program(source, floats, checked=checked, apart=apart), key, effort, began)
 
 
 def from_cache(key: str) -> Native | None:
@@ -208,14 +200,7 @@ def from_cache(key: str) -> Native | None:
     return Native(description, engine, size=len(machine), place=disk.folder_text())
 
 
-def native_of(
-    program: LlvmProgram,
-    key: str,
-    level: int,
-    began: float,
-    *,
-    wide: bool = False,
-) -> Native:
+def native_of(program: LlvmProgram, key: str, level: int, began: float) -> Native:
     """Emit the machine code of a program, and keep it under a key.
 
     Args:
@@ -223,10 +208,9 @@ def native_of(
         key: in the cache.
         level: of optimisation.
         began: when its making began [s].
-        wide: with the longest vectors that the processor has.
     """
     description = description_of(program)
-    machine = emitted(text_of(program), level, lanes=program.lanes, wide=wide)
+    machine = emitted(text_of(program), level)
     log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
     note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, loaded([machine], program.libm), size=len(machine), note=note)
@@ -242,25 +226,6 @@ def description_of(program: LlvmProgram) -> dict[str, Any]:
 def text_of(program: LlvmProgram) -> str:
     """Write all of a program in LLVM's language: itself, and the functions that others call it by."""
     return f"{program.text}{method_text(ENTRY, len(program.arrays), program.numbers)}\n"
-
-
-def _program_text(
-    source: str,
-    floats: Collection[str],
-    lanes: int,
-    shared: Mapping[str, tuple[int, int]],
-    *,
-    checked: bool,
-    apart: bool,
-) -> LlvmProgram:
-    """Write a program in LLVM's language, for one or for many side by side."""
-    if not lanes:
-        from graspfx.compile.llvm.llvm import llvm_program
-
-        return llvm_program(source, floats, checked=checked, apart=apart)
-    from graspfx.compile.lanes.lane_program import lane_program
-
-    return lane_program(source, lanes, shared)
 
 
 def _shared(name: str, buffer: Any) -> Any:

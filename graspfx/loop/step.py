@@ -1,7 +1,7 @@
 """The tick of every scene: take, read, predict, couple, add work, display; stop, record, move, advance.
 
 `steps` runs ticks of any scene: it loops over the records of its `World`. The same source runs interpreted, compiled
-as one function for all scenes, and in lanes. What it does in one scene, `graspfx check SCENE --tick` shows.
+as one function for all scenes. What it does in one scene, `graspfx check SCENE --tick` shows.
 """
 
 from __future__ import annotations

@@ -63,7 +63,6 @@ class SceneOrder:
         shapes: of the quantities that are measured, by name.
         statistics: of each.
         native: whether a first variant was native throughout.
-        total: variants of the whole sweep.
         files: digests of the files that the scene names, by their path.
         engines: versions of the programs that move objects, by their distribution.
         home: the process that ordered.
@@ -77,7 +76,6 @@ class SceneOrder:
     shapes: Mapping[str, tuple[int, ...]]
     statistics: tuple[str, ...]
     native: bool
-    total: int
     files: Mapping[str, str]
     engines: Mapping[str, str]
     home: tuple[str, int]
@@ -247,7 +245,7 @@ def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> Chun
     def refusal(members: Sequence[int]) -> str:
         """Run some variants together; say why they do not go so, empty if they do."""
         try:
-            _batch(order, scene, chunk, np.array(members), threads, len(chunk) / order.total, result)
+            _batch(order, scene, chunk, np.array(members), threads, result)
         except GraspFXError as error:
             if isinstance(error, MissingPackageError) and error.package == COMPILER:
                 raise
@@ -267,22 +265,21 @@ def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> Chun
 
 
 def _batch(
-    order: SceneOrder, scene: Scene, chunk: Chunk, members: IndexArray, threads: int, share: float, result: ChunkResult
+    order: SceneOrder, scene: Scene, chunk: Chunk, members: IndexArray, threads: int, result: ChunkResult
 ) -> None:
     part = chunk.part(members)
     if RUN in order.shapes:
         with plugins.unchanged():
             variants = Variants(scene.replace({"record": ALL}), part.lists, part.numbers, memory=_thread.memory)
             groups = variants.groups()
-        runs = Runs(variants.scene, variants, len(members), order.duration, threads, share)
+        runs = Runs(variants.scene, variants, len(members), order.duration, threads)
         each = runs.recorded(groups, lambda recording: _measures(order, recording), whole=False)
         for k, member in enumerate(members.tolist()):
             result.put(np.array([member]), each[k], runs.faults[k : k + 1])
         result.notes += tuple(variants.notes)
         return
     measures, faults, notes = measured_variants(
-        scene, part.lists, part.numbers, order.duration, list(order.shapes), order.statistics, threads, share,
-        _thread.memory,
+        scene, part.lists, part.numbers, order.duration, list(order.shapes), order.statistics, threads, _thread.memory,
     )  # fmt: skip
     result.put(members, measures, faults)
     result.notes += notes

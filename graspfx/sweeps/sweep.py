@@ -122,7 +122,7 @@ def sweep(
     parts = sweep_parts(scene_, variants, seconds, list(prospect.shapes), statistics, files, engines)
     order = SceneOrder(
         scene_.to_dict(), scene_.source, is_granted(), duration, prospect.shapes, tuple(statistics), prospect.native,
-        len(variants), files, engines, (socket.gethostname(), os.getpid()),
+        files, engines, (socket.gethostname(), os.getpid()),
     )  # fmt: skip
     with crew_of(executor) as crew:
         size = chunk or _size(len(variants), prospect, crew)

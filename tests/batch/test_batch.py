@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 import tracemalloc
 import warnings
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.batch import many
+from graspfx.batch import variant_runs
 from graspfx.batch.grid import grid
 from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
@@ -26,27 +25,6 @@ KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "ob
 @pytest.fixture(scope="module")
 def line():
     return gx.load("reference-1dof")
-
-
-@pytest.fixture
-def side_by_side(monkeypatch):
-    """How many variants each job of a batch runs as lanes, which it compiles however short it is."""
-    found = []
-    measured, in_lanes = many.Job.measured, many.Job._in_lanes
-
-    def counted(self, threads):
-        found.append(0)
-        return measured(self, threads)
-
-    def noted(self, lanes, members, *rest):
-        found[-1] += len(members)
-        in_lanes(self, lanes, members, *rest)
-
-    monkeypatch.setattr(many.Job, "measured", counted)
-    monkeypatch.setattr(many.Job, "_in_lanes", noted)
-    monkeypatch.setattr(many, "LANES_LOOK", 0)
-    monkeypatch.setattr(many, "LANES_WORTH", 0)
-    return found
 
 
 def single(scene, batch, index, duration):
@@ -81,10 +59,9 @@ def require_same(one, other):
 
 
 @pytest.mark.parametrize("ticks", [7, 101])
-def test_measures_are_those_of_single_runs(line, side_by_side, ticks):
+def test_measures_are_those_of_single_runs(line, ticks):
     values = {KEP: np.linspace(5.0, 90.0, 7), BV: np.linspace(0.1, 1.5, 5)}
     batch = gx.run_batch(line, values, ticks * line.period)
-    assert side_by_side[0] == batch.shape[0] * batch.shape[1] == 35
     for index in [(0, 0), (3, 2), (6, 4)]:
         run = single(line, batch, index, ticks * line.period)
         for quantity in ("finger_position", "object_position", "finger_force"):
@@ -154,21 +131,12 @@ def test_a_batch_without_measures_says_what_it_kept(line, keep, kept):
             batch.stacked("finger_force")
 
 
-def test_lanes_give_what_runs_one_by_one_give(line, side_by_side, monkeypatch):
-    values = {KEP: np.linspace(5.0, 90.0, 6), BV: np.linspace(0.1, 1.5, 7)}
-    aside = gx.run_batch(line, values, 0.5)
-    monkeypatch.setattr(many, "LANES_LOOK", math.inf)
-    one_by_one = gx.run_batch(line, values, 0.5)
-    assert side_by_side == [42, 0]
-    require_same(aside, one_by_one)
-
-
-def test_threads_do_not_matter(line, side_by_side):
+def test_threads_do_not_matter(line):
     values = {KEP: np.linspace(5.0, 90.0, 20), BV: np.linspace(0.1, 1.5, 20)}
     require_same(gx.run_batch(line, values, 0.2, threads=1), gx.run_batch(line, values, 0.2, threads=3))
 
 
-def test_object_slows_down_as_the_closed_form_has_it(line, side_by_side):
+def test_object_slows_down_as_the_closed_form_has_it(line):
     """x = v m/b (1 - exp(-b t/m)) for an object that nobody holds; the exact integrator has no error of its own."""
     scene = line.replace({KEP: 0.0, KIP: 0.0, "object.velocity": [0.3]})
     mass, viscosity = np.linspace(0.05, 0.5, 6), np.linspace(0.1, 2.0, 6)
@@ -177,7 +145,6 @@ def test_object_slows_down_as_the_closed_form_has_it(line, side_by_side):
     t = 199 * scene.period  # of the last row
     expected = 0.3 * m / b * -np.expm1(-b * t / m)
     np.testing.assert_allclose(batch["object_position"]["last"][..., 0], expected, rtol=1e-13)
-    assert side_by_side[0] == 36
 
 
 def test_keys_of_one_part_are_built_together(line):
@@ -204,11 +171,10 @@ def test_few_variants_are_built(line, by_values):
         assert whole.arena.tobytes() == group.arenas(slice(which, which + 1))[0].tobytes()
 
 
-def test_equal_gains_have_a_program_of_their_own(line, side_by_side):
+def test_equal_gains_are_a_group_of_their_own(line):
     """On the diagonal kep = kip: the conventional method, which no value by itself shows."""
     gains = np.array([20.0, 35.0, 50.0, 65.0, 80.0])
     batch = gx.run_batch(line, {KEP: gains, KIP: gains + np.array([0.0, 0.0, 0.0, 0.0, 0.5])}, 0.1)
-    assert len(side_by_side) > 1 and sum(side_by_side) == 25
     for index in np.ndindex(batch.shape):
         run = single(line, batch, index, 0.1)
         np.testing.assert_array_equal(batch["finger_force"]["last"][index], run.finger_force[-1])
@@ -248,17 +214,6 @@ def test_recordings_are_those_of_single_runs(name):
     assert batch.stacked("finger_force").shape == (2, 20, *require(batch.recordings)[0].finger_force.shape[1:])
 
 
-def test_unilateral_contact_side_by_side_or_not(monkeypatch):
-    """Fingers that touch and let go part the lanes; what they then do is what they do one by one."""
-    scene = gx.load("paper-spring")
-    values = {KIP: np.linspace(40.0, 120.0, 8), BV: np.linspace(0.8, 1.5, 8)}
-    monkeypatch.setattr(many, "LANES_LOOK", math.inf)
-    alone = gx.run_batch(scene, values, 0.3, threads=1)
-    monkeypatch.setattr(many, "LANES_LOOK", 0)
-    monkeypatch.setattr(many, "LANES_WORTH", 0)
-    require_same(alone, gx.run_batch(scene, values, 0.3))
-
-
 def test_meshes_run_too():
     scene = gx.load("thin-plate")
     batch = gx.run_batch(scene, {KIP: [60.0, 90.0]}, 10 * scene.period, keep="recordings")
@@ -267,7 +222,7 @@ def test_meshes_run_too():
         np.testing.assert_array_equal(require(batch.recordings).item(index).rows, run.rows)
 
 
-def test_faults_are_those_of_single_runs(line, side_by_side):
+def test_faults_are_those_of_single_runs(line):
     values = {KEP: [30.0, 2e4, 3e4], BV: [0.5, 0.8, 1.0, 1.1, 1.2, 1.3]}
     batch = gx.run_batch(line, values, 3.0)
     assert (batch.fault_tick[0] == -1).all()
@@ -277,7 +232,6 @@ def test_faults_are_those_of_single_runs(line, side_by_side):
     kept = gx.run_batch(line, {KEP: [2e4]}, 3.0, keep="recordings")
     run = single(line, kept, (0,), 3.0)
     assert require(kept.recordings)[0].faults == run.faults
-    assert side_by_side[0] == 18  # a lane goes on after its fault, without force
 
 
 def test_values_that_differ_far_inside_a_long_array_differ():
@@ -309,7 +263,7 @@ def test_after_an_error_no_thread_begins_another_job():
         time.sleep(0.01)
 
     with pytest.raises(InputError):
-        many._shared(run, [np.array([k]) for k in range(100)], 2)
+        variant_runs._shared(run, [np.array([k]) for k in range(100)], 2)
     assert len(begun) < 50
 
 
@@ -367,13 +321,12 @@ def test_to_dict_is_json(line):
     assert len(batch) == 2
 
 
-def test_memory_does_not_grow_with_buffers(line, side_by_side):
-    """Buffers of all variants at once would be 110 MB; a thread holds some lanes of the entries that are read."""
+def test_memory_does_not_grow_with_buffers(line):
+    """Buffers of all variants at once would be 110 MB; a thread holds those of one."""
     tracemalloc.start()
     batch = gx.run_batch(line, {BV: [0.5, 0.8] * 10_000}, 0.1, measure=["object_position"], statistics=["last"])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert side_by_side[0] == len(batch) == 20_000
     assert peak < 40e6
     assert len(np.unique(batch["object_position"]["last"])) == 2
 
@@ -405,14 +358,13 @@ def test_a_part_that_is_no_kernel_is_named():
         gx.run_batch(gx.load("two-objects"), {KIP: [50.0, 60.0]})
 
 
-def test_a_lane_that_faults_at_once_leaves_the_others_alone(line, side_by_side):
+def test_a_variant_that_faults_at_once_leaves_the_others_alone(line):
     scene = line.replace({"object.mass": 1e-3, "object.integrator": "exact"})
     batch = gx.run_batch(scene, {KEP: [1e40, 30.0, 40.0]}, 0.5)
     assert batch.fault_tick.tolist() == [single(scene, batch, (0,), 0.5).faults[0].tick, -1, -1]
-    assert side_by_side[0] == 3
 
 
-def test_equal_gains_per_finger_have_a_program_of_their_own(line):
+def test_equal_gains_per_finger_are_a_group_of_their_own(line):
     gains = [[20.0 + k, 30.0 + k] for k in range(5)]
     values = {KEP: gains, KIP: [*gains[:4], [24.0, 24.0]]}
     with pytest.warns(ActiveCouplingWarning):  # as a single run does

@@ -299,29 +299,3 @@ def test_only_buffers_of_floats_are_taken(wrong: object) -> None:
         native.bind(wrong)
     with pytest.raises(InputError, match="1: A"):
         native.bind(np.zeros(1), np.zeros(1))
-
-
-def test_lanes_side_by_side_give_what_each_gives_alone() -> None:
-    source = """
-def tick(A, lane):
-    x, v = A[lane], A[lane + 8]
-    if not abs(x) <= 1e3:
-        return 1
-    f = -3.0 * x - 0.1 * v
-    if f > 0.2:
-        A[lane + 16] = math.sqrt(f)
-    A[lane + 8] = v + 0.01 * f
-    A[lane] = x + 0.01 * v
-    return 0
-def run(A, n):
-    faults = 0
-    for _ in range(n):
-        for lane in range(8):
-            faults += tick(A, lane)
-    return faults
-"""
-    A = np.random.default_rng(0).normal(size=24)
-    A[3] = 1e4
-    B = A.copy()
-    assert interpreted(source).bind(A).brief(50) == compiled(source).bind(B).long(50) == 50
-    np.testing.assert_array_equal(A.view(np.int64), B.view(np.int64))

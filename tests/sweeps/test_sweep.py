@@ -16,7 +16,7 @@ from matplotlib.text import Text
 import graspfx as gx
 from graspfx import installed
 from graspfx.batch.row_measures import row_measures
-from graspfx.batch.single_runs import taking
+from graspfx.batch.variant_runs import taking
 from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
 from graspfx.sweeps import sweep as sweeps
 from graspfx.sweeps.chunk import SweepError

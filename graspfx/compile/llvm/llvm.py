@@ -27,7 +27,6 @@ class LlvmProgram(NamedTuple):
         text: LLVM's language.
         arrays: the entry's parameters that are buffers of floats, in their order, the first ones.
         numbers: the types of its other parameters, INT or FLOAT.
-        lanes: whether it has loops over lanes, of which the turns may be done side by side.
         libm: functions of the platform's library that it calls, as `graspfx_` and their name.
         checked: whether an index outside of its buffer is noticed.
     """
@@ -35,7 +34,6 @@ class LlvmProgram(NamedTuple):
     text: str
     arrays: tuple[str, ...]
     numbers: tuple[str, ...]
-    lanes: bool
     libm: tuple[str, ...]
     checked: bool = False
 
@@ -48,7 +46,6 @@ class Module:
         self.checked = checked
         self.functions: dict[object, LlvmFunction | None] = {}
         self.texts: list[str] = []
-        self.notes: list[str] = []  # metadata
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
@@ -118,12 +115,11 @@ def llvm_program(
         *map(declared, sorted(module.libm)),
         *module.texts,
         _entry(function, parameters, "noalias " if apart else ""),
-        *module.notes,
     ]
     if checked:
         texts.insert(0, _checking(arrays))
     libm = tuple(sorted(module.libm))
-    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, checked)
+    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, libm, checked)
 
 
 def function_text(source: str, symbol: str, order: Sequence[int], types: Sequence[str]) -> LlvmProgram:
@@ -150,7 +146,7 @@ def function_text(source: str, symbol: str, order: Sequence[int], types: Sequenc
     parameters = ", ".join(f"{type_} %p{k}" for k, type_ in enumerate(types))
     head = f'define {result} @"{symbol}"({parameters}) nounwind {{'
     texts = [INTRINSICS, *map(declared, sorted(module.libm)), *module.texts, head, *body, "}"]
-    return LlvmProgram("\n".join(texts) + "\n", (), (), False, tuple(sorted(module.libm)))
+    return LlvmProgram("\n".join(texts) + "\n", (), (), tuple(sorted(module.libm)))
 
 
 def declared(name: str) -> str:

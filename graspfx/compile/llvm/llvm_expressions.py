@@ -57,7 +57,6 @@ class Functions(Protocol):
     """Where called functions come from."""
 
     checked: bool
-    notes: list[str]
 
     def has(self, name: str) -> bool: ...
 

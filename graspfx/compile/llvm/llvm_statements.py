@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -17,8 +16,6 @@ from graspfx.compile.llvm.llvm_expressions import (
     Variables,
     result_type,
 )
-
-MEMORY = re.compile(r"  (%\S+ = )?(load|store|call) ")
 
 
 @dataclass
@@ -287,7 +284,6 @@ class Statements(Expressions):
             test=test,
             enter=lambda inner: self.assign(target, self.load(turn, INT), inner),
             advance=advance,
-            side_by_side=target == "lane",
         )
 
     def turns(
@@ -298,12 +294,8 @@ class Statements(Expressions):
         test: Callable[[Variables, str, str], None],
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
-        side_by_side: bool = False,
     ) -> bool:
-        """Write a loop, again until the types at its head are those at the end of its turns.
-
-        Turns over `lane` are side by side: none touches entries of another, so that LLVM may do several at once.
-        """
+        """Write a loop, again until the types at its head are those at the end of its turns."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)
@@ -333,25 +325,8 @@ class Statements(Expressions):
             code.begin(loop.again.label)
             advance()
             code.go(head.label)
-            if side_by_side:
-                self.free(mark)
         self.seal(head, types)
         return self.meet_here(loop.after, scope)
-
-    def free(self, mark: int) -> None:
-        """Mark the loop that has just been written, from a line on: its turns may run in any order."""
-        notes = self.functions.notes
-        group, loop = f"!{len(notes)}", f"!{len(notes) + 1}"
-        notes += [
-            f"{group} = distinct !{{}}",
-            f"{loop} = distinct !{{{loop}, !{len(notes) + 2}}}",
-            f'!{len(notes) + 2} = !{{!"llvm.loop.parallel_accesses", {group}}}',
-        ]
-        lines = self.code.lines
-        for k in range(mark, len(lines)):
-            if MEMORY.match(lines[k]):
-                lines[k] += f", !llvm.access.group {group}"
-        lines[-1] += f", !llvm.loop {loop}"
 
 
 def type_of(value: Number | Tuple) -> str | tuple[str, ...]:

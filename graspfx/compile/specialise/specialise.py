@@ -9,7 +9,7 @@ program computes the same bits as the kernels that it was made from.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import FunctionType
 from typing import Any
@@ -32,15 +32,10 @@ class Program:
     Args:
         frozen: entries of arrays that never change, by array and index.
         unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
-        late: for functions that are bound late and whose second argument is a kernel's number, by name: what gives the
-            kernel and which arguments it takes.
-        whole: what the names of kernels' files begin with whose loops are written out whatever their length.
     """
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int = 0
-    late: Mapping[str, Callable[[int], tuple[Any, Sequence[int]]]] = field(default_factory=dict)
-    whole: str = "none"
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
     numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name

@@ -82,8 +82,6 @@ class Specialiser(Protocol):
     frozen: Mapping[tuple[str, int], float]
     unroll: int
     numbers_of_modules: dict[tuple[str, str], str]
-    late: Mapping[str, Callable[[int], tuple[Any, Sequence[int]]]]
-    whole: str
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel: ...
 
@@ -270,10 +268,7 @@ class Expressions:
         function = called.of
         if isinstance(function, FunctionType):
             if hasattr(function, BOUND_LATE):
-                kernel = self.chosen(node, function, scope)
-                if kernel is None:
-                    return self.by_name(node, function, scope), None
-                node, function = kernel
+                return self.by_name(node, function, scope), None
             function = source_function(function)
             return self.specialised(node, function, scope)
         arguments = [self.number(a, scope) for a in node.args]
@@ -288,17 +283,6 @@ class Expressions:
                 name = ast.Attribute(load("math"), function.__name__, ast.Load())
             return ast.Call(name, [node_of(a) for a in arguments], []), None
         raise self.cannot(node, f"calls {function!r}, which a kernel cannot")
-
-    def chosen(self, node: ast.Call, function: FunctionType, scope: Scope) -> tuple[ast.Call, FunctionType] | None:
-        """Write the call of a kernel by its number, where that is known, as a call of the kernel; None elsewhere."""
-        choose = self.program.late.get(function.__name__)
-        if choose is None:
-            return None
-        number = self.value(node.args[1], scope)
-        if not isinstance(number, Static):
-            return None
-        kernel, order = choose(int(number.value))
-        return ast.copy_location(ast.Call(node.func, [node.args[k] for k in order], []), node), kernel
 
     def by_name(self, node: ast.Call, function: FunctionType, scope: Scope) -> ast.expr:
         """Write a call of a function that the program defines itself."""

@@ -30,8 +30,6 @@ from graspfx.compile.specialise.syntax import (
 )
 from graspfx.compile.specialise.values import Dynamic, Memory, Reference, Static, TupleValue, Value, same
 
-EVERY = 1 << 40  # statements
-
 
 class Body(Expressions):
     """One kernel while it is specialised."""
@@ -243,7 +241,7 @@ class Body(Expressions):
     def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
         """Write out the turns of a loop, and tell whether the end is never reached; None if that is too much."""
         assert isinstance(node.target, ast.Name)
-        most = EVERY if self.kernel.file.startswith(self.program.whole) else self.program.unroll
+        most = self.program.unroll
         if len(turns) * len(node.body) > most or leaves(node.body):
             return None
         inner, arrays, pure, called, returned = (

@@ -1,25 +1,91 @@
-"""Runs of variants one by one, by the program of all scenes, as `gx.run` runs them."""
+"""Runs of the variants of one group, each by the program of all scenes, as `gx.run` runs them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+from threading import Lock
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, take
-from graspfx.batch.task import Task
+from graspfx.batch.groups import Group
+from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, MEASURES, empty, take
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
+from graspfx.loop.arena import Arena
 from graspfx.loop.engine import machine_codes, program
 from graspfx.loop.world import ServoState
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+More = Callable[[FloatArray], FloatArray]
 
+APIECE = 8  # variants that a thread takes at a time
 BLOCK = 1024  # rows that are written at a time
+
+
+@dataclass
+class Job:
+    """Variants of one group that are to be run.
+
+    Args:
+        arena: Arena of one of them.
+        size: Entries of an arena.
+        begin: What the arenas hold at the beginning.
+        variants: Number of variants.
+        width: Numbers of a row.
+        columns: Numbers of a row of which measures are kept.
+        ticks: Ticks of a run.
+        look: Called with the arena of every variant when its run is over.
+        more: Makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
+            places are behind those of a row.
+    """
+
+    arena: Arena
+    size: int
+    begin: Group
+    variants: int
+    width: int
+    columns: Sequence[int]
+    ticks: int
+    look: Callable[[FloatArray], None] | None = None
+    more: Callable[[FloatArray], More] | None = None
+    looking: Lock = field(default_factory=Lock)
+    spent: float = 0.0  # on runs [s]
+    done: int = 0  # variants that have run
+
+    def measured(self, threads: int) -> tuple[FloatArray, Index]:
+        """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
+        measures = np.empty((self.variants, len(self.columns), MEASURES))
+        faults = np.full(self.variants, -1)
+        members, single = np.arange(self.variants), self._single
+        began = perf_counter()
+
+        def run(some: Index) -> None:
+            single.measure(some, measures, faults)
+            with self.looking:
+                self.done += len(some)
+
+        _shared(run, [members[k : k + APIECE] for k in range(0, self.variants, APIECE)], threads)
+        self.spent += perf_counter() - began
+        return measures, faults
+
+    def recorded(self, threads: int) -> Iterator[Ended]:
+        """Run every variant in turn, with its rows."""
+        single = self._single
+        began = perf_counter()
+        with ThreadPoolExecutor(threads) as pool:
+            for k in range(0, self.variants, threads):  # not more rows at a time than are taken away
+                yield from pool.map(single.record, range(k, min(k + threads, self.variants)))
+        self.spent += perf_counter() - began
+
+    @cached_property
+    def _single(self) -> SingleRuns:
+        return SingleRuns(self)
 
 
 @dataclass(frozen=True)
@@ -38,7 +104,7 @@ class Ended:
 class SingleRuns:
     """Runs of one variant at a time; each thread has buffers of its own."""
 
-    def __init__(self, job: Task) -> None:
+    def __init__(self, job: Job) -> None:
         self.job = job
         self.program: Native = program()
         self.taking = taking()
@@ -105,6 +171,31 @@ class SingleRuns:
         arrays = {"arena": arena, "rows": rows.reshape(-1)}
         bound = self.program.bind(*(arrays[name] for name in self.program.arrays))
         return arena, partial(bound.long, job.arena.offset), rows
+
+
+def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
+    """Share jobs among some threads, each taking the next one."""
+    left = iter(jobs)
+    lock = Lock()
+
+    def work() -> None:
+        while True:
+            with lock:
+                job = next(left, None)
+            if job is None:
+                return
+            run(job)
+
+    if threads == 1:
+        work()
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for future in as_completed([pool.submit(work) for _ in range(threads)]):
+                future.result()
+        finally:  # after an error, or if the user breaks off, no thread begins another
+            with lock:
+                left = iter(())
 
 
 @cache
