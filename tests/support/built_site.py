@@ -9,7 +9,7 @@ import re
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -41,6 +41,10 @@ def served(folder: Path) -> Iterator[str]:
     """Serve a folder on this machine, and give its address."""
 
     class Quiet(SimpleHTTPRequestHandler):
+        def handle(self) -> None:
+            with suppress(ConnectionError):  # a page that is closed before all of it has come
+                super().handle()
+
         def log_message(self, *_: object) -> None:
             """Say nothing."""
 
