@@ -202,4 +202,4 @@ def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -
 def taking() -> Native:
     """Compile what takes rows into measures, once in a process."""
     text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
-    return compiled(program_source(text, {"take": take}, ["rows", "columns", "found"], {}))
+    return compiled(program_source(text, {"take": take}, ["rows", "columns", "found"]))

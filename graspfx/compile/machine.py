@@ -110,7 +110,7 @@ def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
     targets = ", ".join(f"results_[{k}]" for k in range(results_of(kernel)))
     text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
     floats = [name for name, kind in parameters if kind == "float"]
-    return program_source(text, {"kernel_": kernel}, [*buffers, "results_"], {}, make=make), floats
+    return program_source(text, {"kernel_": kernel}, [*buffers, "results_"], make=make), floats
 
 
 def results_of(kernel: FunctionType) -> int:

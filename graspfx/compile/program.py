@@ -20,7 +20,6 @@ def program_source(
     text: str,
     kernels: Mapping[str, Callable[..., Any]],
     arrays: Sequence[str],
-    frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
     make: bool = True,
@@ -31,18 +30,17 @@ def program_source(
         text: one function; its parameters stay, its other names are kernels and arrays.
         kernels: by name.
         arrays: the names of the buffers.
-        frozen: entries of buffers that never change, by array and index.
         unroll: most statements of a loop that is written out.
         make: whether to specialise what is not kept yet; else a LookupError.
     """
-    key = program_key(text, kernels, arrays, frozen, unroll=unroll)
+    key = program_key(text, kernels, arrays, unroll=unroll)
     known = recall(key)
     if known is not None:
         log.debug("program %s: specialised before", key[:12])
         return known
     if not make:
         raise LookupError("not specialised yet")
-    program = specialise(text, kernels, arrays, frozen, unroll=unroll)
+    program = specialise(text, kernels, arrays, unroll=unroll)
     source = program.source()
     log.debug("program %s: specialised, %d lines", key[:12], source.count("\n"))
     keep_lowerings()
@@ -54,14 +52,12 @@ def program_key(
     text: str,
     kernels: Mapping[str, Callable[..., Any]],
     arrays: Sequence[str],
-    frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
 ) -> str:
     """Name what a program is made from; arguments as of `program_source`."""
     roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
-    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    request = json.dumps([text, roots, list(arrays), numbers, unroll])
+    request = json.dumps([text, roots, list(arrays), unroll])
     return request_key((kernel.__module__ for kernel in kernels.values()), "program", request)
 
 
@@ -69,12 +65,11 @@ def specialise(
     text: str,
     kernels: Mapping[str, Callable[..., Any]],
     arrays: Sequence[str],
-    frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
 ) -> Program:
     """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
-    program = Program(frozen, unroll)
+    program = Program(unroll)
     names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
     [tree] = ast.parse(text).body
     assert isinstance(tree, ast.FunctionDef)

@@ -33,7 +33,7 @@ def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
 
     function = source_function(kernel)
     names = [*signature(function).parameters][: len(types)]
-    program = Program({}, UNROLL)
+    program = Program(UNROLL)
     values = [_value(name, type_, Memory, Dynamic) for name, type_ in zip(names, types, strict=True)]
     made = program.add(function, values)
     order = [*made.arrays, *(name for name, type_ in zip(names, types, strict=True) if type_ != "ptr")]

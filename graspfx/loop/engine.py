@@ -259,7 +259,7 @@ def _machine_code(foreign: ForeignKernel) -> Native:
     gives = any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
     text = f"def run({parameters}):\n    {touch}\n    " + (f"return int({call})" if gives else f"{call}\n    return 0")
     floats = [name for name in foreign.parameters if name != "beside"]
-    return compiled(program_source(text, {"kernel": foreign.kernel}, ["arena"], {}), floats)
+    return compiled(program_source(text, {"kernel": foreign.kernel}, ["arena"]), floats)
 
 
 def _file(kernel: Kernel) -> str:

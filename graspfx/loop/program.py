@@ -49,7 +49,7 @@ def source(*, make: bool = True) -> str:
     if text is None:
         if not make:
             raise LookupError("not written yet")
-        program = Program({}, UNROLL)
+        program = Program(UNROLL)
         buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
 
         def add(definition: str, names: dict[str, Any]) -> None:

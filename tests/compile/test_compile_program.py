@@ -31,7 +31,7 @@ import driver
 from graspfx.compile.program import program_source
 
 text = "def run(k, count, r):\\n    kernel(a, 0)\\n    return 0"
-print(program_source(text, {"kernel": driver.kernel}, ["a"], {}))
+print(program_source(text, {"kernel": driver.kernel}, ["a"]))
 """
 
 

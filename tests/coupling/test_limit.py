@@ -110,7 +110,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
 
 def program(kernel: Any, g: GraspedObject) -> Callable[[], int]:
     """A kernel compiled for one object."""
-    made = Program({("MEM", int(k)): float(g.block[k]) for k in g.structure})
+    made = Program()
     made.add(kernel, [Memory("MEM", 0), Static(0)])
     run: Callable[[], int] = machine_code(made.source(), quick=True).bind(g.block).brief
     return run

@@ -1,4 +1,4 @@
-"""Partial evaluation of kernels: what a scene never changes is folded in, and what it never runs is left out.
+"""Partial evaluation of kernels: arguments that are known are folded in, and what they never reach is left out.
 
 The language is the one that kernels are written in: numbers, flat buffers and their entries, `if`, `while`,
 `for ... in range(...)`, calls of other kernels, of `math` and of a few builtins, tuples that are returned or unpacked.
@@ -30,39 +30,29 @@ class Program:
     """Functions in the order in which they are to be defined, the last one the entry; free of what is known.
 
     Args:
-        frozen: entries of arrays that never change, by array and index.
         unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
     """
 
-    frozen: Mapping[tuple[str, int], float]
     unroll: int = 0
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
     numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name
     _specialised: dict[Any, SpecialisedKernel | None] = field(default_factory=dict)
-    _frozen_of: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
-    _first: dict[tuple[tuple[int, str], ...], str] = field(default_factory=dict)
+    _first: str = ""  # array, whose name functions of one array have
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
         """Specialise the function for these arguments; dynamic ones become its parameters.
 
-        Arrays of which the same is known share what is made for the first of them.
+        Where there is one array, all share what is made for the first.
         """
         function = source_function(function)
-        first = {a.array: self._alike(a.array) for a in arguments if isinstance(a, Memory)}
+        arrays = list(dict.fromkeys(a.array for a in arguments if isinstance(a, Memory)))
+        self._first = self._first or next(iter(arrays), "")
+        first = {array: self._first if len(arrays) == 1 else array for array in arrays}
         actual = {alike: array for array, alike in first.items()}
-        if len(actual) < len(first):
-            first = actual = {array: array for array in first}
         arguments = [Memory(first[a.array], a.base) if isinstance(a, Memory) else a for a in arguments]
         specialised = self._add(function, arguments)
         return replace(specialised, arrays=tuple(actual[array] for array in specialised.arrays))
-
-    def _alike(self, array: str) -> str:
-        """Find the first array with the same static entries as this one."""
-        if not self._frozen_of:
-            for (name, index), value in self.frozen.items():
-                self._frozen_of.setdefault(name, []).append((index, value.hex()))
-        return self._first.setdefault(tuple(sorted(self._frozen_of.get(array, []))), array)
 
     def _add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
         key = (

@@ -79,7 +79,6 @@ class Kernel:
 class Specialiser(Protocol):
     """The program that a kernel becomes a part of."""
 
-    frozen: Mapping[tuple[str, int], float]
     unroll: int
     numbers_of_modules: dict[tuple[str, str], str]
 
@@ -184,11 +183,6 @@ class Expressions:
     def item(self, node: ast.Subscript, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
         if isinstance(owner, Memory):
-            index = self.number(node.slice, scope)
-            if isinstance(index, Static):
-                entry = owner.array, owner.base + int(index.value)
-                if entry in self.program.frozen:
-                    return Static(self.program.frozen[entry])
             return Dynamic(self.entry(node, scope))
         if isinstance(owner, TupleValue):
             index = self.number(node.slice, scope)
@@ -209,8 +203,6 @@ class Expressions:
         index = self.number(node.slice, scope)
         if store:
             self.pure = False
-            if isinstance(index, Static) and (owner.array, owner.base + int(index.value)) in self.program.frozen:
-                raise self.cannot(node, "writes to an entry that was said never to change")
         self.arrays[owner.array] = None
         place, offset = terms(node_of(index))
         offset += owner.base

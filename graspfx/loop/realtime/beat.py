@@ -342,4 +342,4 @@ def program() -> Native:
 
 def source() -> str:
     """Write the program of all loops as Python: run(arena, loop)."""
-    return program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"], {})
+    return program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"])
