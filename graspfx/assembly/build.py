@@ -102,7 +102,7 @@ def make_plants(
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
-        DeviceError: a plant that does not take its fingers together.
+        DeviceError: A plant requires all of its fingers together.
     """
     scene, start = parts.scene, parts.start
     others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands change no plant
@@ -184,7 +184,7 @@ def build(
     Raises:
         InputError: a live key that cannot change in mid-run.
         SceneError: a finger that starts out of its device's reach.
-        DeviceError: a device that does not open, or a plant that does not take its fingers together.
+        DeviceError: A device does not open, or a plant requires all of its fingers together.
     """
     fields = live_fields(live)
     parts = resolve(scene)

@@ -245,10 +245,10 @@ def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
 def plugin_hand(
     module: ModuleType, table: MadeHand | SharedMadeHand, rest: FloatArray, inward: FloatArray
 ) -> plant.Hand:
-    """Make the hand that a plug-in's `hold` gives, once it is found to be one.
+    """Call a plug-in's `hold`, and check that it returns a hand for these fingers.
 
     Raises:
-        InputError: what it gives is no hand for these fingers.
+        InputError: The returned object is not a hand for these fingers.
         PluginError: whatever else it raises, with its line.
     """
     parameters = signature(module.hold).parameters

@@ -186,7 +186,7 @@ def scene_changes(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str
 
 
 def brief(value: Any) -> str:
-    """Write a value as JSON has it, in few letters."""
+    """Format a value as compact JSON."""
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 

@@ -62,7 +62,7 @@ def replay(
         The replay, with the columns of the recording that follow from the fingers' motion.
 
     Raises:
-        InputError, UnknownNameError, SceneError: of overrides that the scene does not have or allow; a `trust` that is
+        InputError, UnknownNameError, SceneError: An override is unknown or not allowed in the scene, or `trust` is
             neither True nor False.
         RecordingError: a recording that lacks what a replay needs, whose scene cannot be made again, or whose mesh has
             changed; one that names Python files, without `trust` or GRASPFX_TRUST=1; `out` has a recording already.
@@ -208,7 +208,7 @@ def _lacks_largest(original: Recording, parts: Parts) -> bool:
 
 
 def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, Any]) -> Recording:
-    """Run a simulation once more as it was, for the largest forces that its devices told."""
+    """Repeat a simulation with the force limits that its devices reported."""
     if overrides:
         scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
     if not resolve(scene).simulated:
@@ -219,7 +219,7 @@ def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, A
 
 
 class Replaying(Session):
-    """A run over a recording's readings, or once more as it was, with its changes of keys at their ticks.
+    """A run over a recording's readings, or a repeated simulation, with the recorded key changes at their ticks.
 
     Args:
         original: the recording.

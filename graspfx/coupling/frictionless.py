@@ -1,4 +1,4 @@
-"""Touching without friction where gains are numbers: forces along the normals, in as many unknowns as the modes."""
+"""Frictionless contact for scalar gains: normal forces, with as many unknowns as modes."""
 
 from __future__ import annotations
 

@@ -34,8 +34,8 @@ class ObjectImpedance(Carded):
     point of reference matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which is K_o where G has full rank:
     K_ep is symmetric and creates no energy, and the internal part adds nothing to what the object feels.
 
-    K_o is meant at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which a certificate
-    counts.
+    K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
+    a certificate counts.
 
     Args:
         stiffness: Stiffness K_o, (w, w), forces before moments [N/m, N, N m/rad]; its diagonal (w,), or on a line a

@@ -65,7 +65,7 @@ class Port:
 
 
 def part_name(kind: str, part: object, names: Iterable[str]) -> str:
-    """Name a part of others' making by its fingers or objects, and its class."""
+    """Name a third-party part by its fingers or objects and its class."""
     return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"
 
 

@@ -1,4 +1,4 @@
-"""Which parts of a servo are no kernels, or wait for other software between two calls."""
+"""List parts of a servo that are Python code, or wait for other software between calls."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ DO = "name its key in gx.open(scene, live=[...]) and use session.set"
 
 
 class Watch:
-    """The watched entries of a run's memories, and the bits that they have to hold.
+    """Watched entries of a run's memories, and their expected bits.
 
     These are what a grasp's P and the gains are made of, and what chooses what is computed. All are read at once, in a
     microsecond or two.

@@ -212,7 +212,7 @@ class Servo:
         return memory.floats[: memory.used].copy()
 
     def begin_again(self, start: FloatArray) -> None:
-        """Put its memory back to what `start` gave: the next tick is the first."""
+        """Reset the memory to the state after `start`: the next tick is the first."""
         self._arena.memory.floats[: start.size] = start
         self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
 

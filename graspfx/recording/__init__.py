@@ -1,1 +1,1 @@
-"""A run on its way to the disk, and back."""
+"""Write runs to disk and read them back."""

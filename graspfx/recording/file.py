@@ -37,21 +37,21 @@ from graspfx.recording.split import RowSplit, splits_of
 
 FloatArray = NDArray[np.float64]
 
-CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of the rows, and rows, that the chunks of all variables hold together
-LIBRARIES = ("v110", "v110")  # of HDF5 that can read the file: 1.10 and later
+CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of rows, and number of rows, per set of chunks of all variables
+LIBRARIES = ("v110", "v110")  # HDF5 versions that can read the file: 1.10 and later
 SEALS = 2  # the first format whose files end in a digest
-BLOCKS = 4  # the only one with its rows in blocks, over which the variables are virtual data sets
-CACHE = 1 << 20  # bytes of chunks that a data set keeps in memory while it is read
-MOST_PACKED = 1032  # bytes that deflate makes of one at most, https://zlib.net/zlib_tech.html
+BLOCKS = 4  # the only format that stores rows in blocks; its variables are virtual data sets over them
+CACHE = 1 << 20  # chunk cache of a data set that is read, in bytes
+MOST_PACKED = 1032  # largest expansion of one byte by deflate, https://zlib.net/zlib_tech.html
 ROWS, PIECES, PLACE = "rows/rows", "rows/pieces", ("first", "count", "offset", "lead")
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
-SPAN, ACROSS = 16, 512  # words of 16 bits that are summed up together: their sums are whole in 24 bits
-# what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
+SPAN, ACROSS = 16, 512  # 16-bit words summed together: their sums are exact in 24 bits
+# errors of HDF5, JSON and the layout's constructor for a corrupt or foreign file
 UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
 
 class NotWhole(Exception):
-    """A column of whole numbers has others."""
+    """A column of integers contains other numbers."""
 
 
 def write_recording(
@@ -64,22 +64,22 @@ def write_recording(
     *,
     sync: bool = True,
 ) -> None:
-    """Write rows and all that is known of them; a file that is there is replaced once the new one was read back.
+    """Write a recording; an existing file is replaced after the new one has been read back.
 
-    An exception that a signal raises must no more reach HDF5 than a failing write: `hold_signals` is to keep it away.
+    Call this within `hold_signals`: neither a signal's exception nor a failed write may reach HDF5.
 
     Args:
-        place: of the file, which is written beside it and moved there.
-        rows: (N, width).
-        layout, header, outcome: of the recording.
-        compression: "gzip" or "lzf", or "none".
-        sync: whether the disk is told to keep it before it is moved.
+        place: Path of the file. A draft is written beside it and moved there.
+        rows: Rows, (N, width).
+        layout, header, outcome: Layout, header and outcome of the recording.
+        compression: Filter of the data sets: "gzip", "lzf" or "none".
+        sync: Whether to flush the file to disk before it is moved.
 
     Raises:
-        OSError: the disk does not take it; nothing has changed then.
+        OSError: The file cannot be written; the old file is unchanged.
     """
     draft = place.with_name(place.name + ".tmp")
-    # the fewest chunks, all of a length: the last one would take the room of a whole one
+    # the fewest chunks of equal length: a short last chunk would take the space of a full one
     most = max(1, min(MOST_ROWS, CHUNK // (NUMBER.itemsize * max(layout.width, 1))))
     size = max(1, -(-len(rows) // max(1, -(-len(rows) // most))))
     try:
@@ -91,7 +91,7 @@ def write_recording(
             about = (layout, header, outcome)
             try:
                 _write(draft, rows, size, *about, compression, done, sync=sync)
-            except NotWhole:  # as of rows that were lost, which are NaN
+            except NotWhole:  # as for lost rows, which are NaN
                 _write(draft, rows, size, *about, compression, done, sync=sync, plain=True)
             _read_back(draft, 0 if compression != "none" else (len(rows) - 1) // size * size, len(rows), size)
         draft.replace(place)
@@ -136,12 +136,12 @@ def _write(
 
 
 class Variable:
-    """A data set that is written chunk by chunk, with the checksum that HDF5 would take most of its time for.
+    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own code is slow.
 
     Args:
-        data: the data set.
-        where: of its numbers in a row.
-        direct: whether chunks are written as they stand in the file, not by way of HDF5's filters.
+        data: Data set to write.
+        where: Position of its numbers in a row.
+        direct: Whether chunks are written as stored, bypassing HDF5's filters.
     """
 
     def __init__(self, data: Any, where: slice, *, direct: bool) -> None:
@@ -151,10 +151,10 @@ class Variable:
         self._values = self._content[:-4].view(data.dtype).reshape(shape)
 
     def write(self, first: int, values: NDArray[Any]) -> None:
-        """Write the rows of a chunk (r, ...); behind the last ones are zeros.
+        """Write the rows of a chunk (r, ...); the rest of the last chunk is filled with zeros.
 
         Raises:
-            NotWhole: numbers would not come back to the same bits.
+            NotWhole: Numbers would not be restored to the same bits.
         """
         part = self._values[: len(values)]
         with np.errstate(invalid="ignore"):
@@ -172,16 +172,16 @@ class Variable:
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
-    """Compute HDF5's checksum, of words w of 16 bits: sum w_i and sum (m - i) w_i modulo 65535, which stands for zero.
+    """Compute HDF5's checksum of 16-bit words w: sum w_i and sum (m - i) w_i modulo 65535, in 1 to 65535 unless zero.
 
-    HDF5 takes the first byte of a word as its high one, which multiplies both sums by 256. Sums of the bytes as they
-    stand are whole in single precision for as many words as `SPAN`.
+    HDF5 reads words in big-endian order, which multiplies both sums by 256. Sums of up to `SPAN` words in the
+    stored byte order are exact in single precision.
     """
     m = -(-len(content) // 2)
     words = np.empty((-(-m // (SPAN * ACROSS)), SPAN, ACROSS), np.float32)
     flat = words.reshape(-1)
     flat[m - 1 :] = 0.0
-    flat[m - 1 : m] = content[-1]  # of an odd number of bytes, as if another one followed
+    flat[m - 1 : m] = content[-1]  # pad an odd number of bytes with zero
     flat[: len(content) // 2] = content[: len(content) // 2 * 2].view("<u2")
     sums = (np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32) @ words).astype(np.float64)
     groups, across = sums.sum(axis=2).astype(np.int64), sums.sum(axis=0).astype(np.int64)
@@ -205,7 +205,7 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
 def _make_variables(
     file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
 ) -> dict[str, Variable]:
-    """Make the data sets of the time, the columns and the two forces, with units and scales."""
+    """Make the data sets of the time, the columns and the two forces, with units and dimension scales."""
     count, size = shape
     time = Column("time", slice(0, 0), (), (), "s", "")
     scales: dict[str, Any] = {}
@@ -232,7 +232,7 @@ def _make_variables(
 
 
 def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
-    """List where the chunks of data sets begin and end in the file, neighbours as one."""
+    """List the byte ranges of the data sets' chunks in the file, adjacent ranges merged."""
     places: list[tuple[int, int]] = []
     for data in variables:
         if data.chunks is not None:
@@ -249,10 +249,10 @@ def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
 def _read_back(draft: Path, first: int, count: int, size: int) -> None:
     """Read a file that was written with HDF5: its digest, and the chunks of the rows from one on with their checksums.
 
-    All bytes were read back when they were written; of chunks with checksums of our own HDF5 reads the last ones.
+    All bytes were read back when they were written. HDF5 rereads only the last of the chunks with our own checksums.
 
     Raises:
-        OSError: it does not hold what was written.
+        OSError: The file differs from what was written.
     """
     if not has_digest(draft):
         raise OSError(f"{draft} does not end in its digest")
@@ -265,13 +265,13 @@ def _read_back(draft: Path, first: int, count: int, size: int) -> None:
 
 
 class Stream:
-    """An open file for HDF5, which must not see that a write fails: what is written from then on stays in memory.
+    """An open file that hides failed writes from HDF5: later writes stay in memory.
 
-    HDF5 2.0 ends the process with a segmentation fault when it closes a file of which a write has failed. So it never
-    sees one: the writer asks `require()` between blocks, and leaves. All that is written is read back and compared.
+    HDF5 2.0 crashes with a segmentation fault when it closes a file after a failed write. So HDF5 never
+    sees a failure: the writer calls `require()` between blocks and stops. All writes are read back and compared.
 
     Args:
-        path: of the file, replaced if it is there.
+        path: Path of the file; an existing file is replaced.
     """
 
     def __init__(self, path: Path) -> None:
@@ -281,22 +281,22 @@ class Stream:
         self._overlay: list[tuple[int, bytes]] = []
 
     def require(self) -> None:
-        """Raise the first failure, if there was one."""
+        """Raise the first failure, if any."""
         if self._failure is not None:
             raise self._failure
 
     def seal(self, apart: Sequence[tuple[int, int]]) -> None:
-        """Append the digest of all that was written but for stretches with checksums of their own."""
+        """Append the digest of the file, leaving out ranges that have their own checksums."""
         size = self.seek(0, os.SEEK_END)
         line = seal(self, size, apart)
         self.seek(size)
         self.write(line)
 
     def finish(self, *, sync: bool = True) -> None:
-        """Make sure that all of it was written, and that the disk keeps it.
+        """Check that everything was written, and flush it to disk.
 
         Raises:
-            OSError: it does not.
+            OSError: A write or the flush failed.
         """
         self.require()
         if sync:
@@ -319,7 +319,7 @@ class Stream:
         return bytes(buffer)
 
     def readinto(self, buffer: memoryview) -> int:
-        """Fill a buffer; with zeros where nothing was written."""
+        """Read into a buffer; unwritten bytes read as zeros."""
         start, end = self._place, self._place + len(buffer)
         count = self._pull(start, buffer)
         buffer[count:] = bytes(len(buffer) - count)
@@ -331,7 +331,7 @@ class Stream:
         return len(buffer)
 
     def write(self, data: bytes | memoryview) -> int:
-        """Write all of it: into the file, or into memory after a failure."""
+        """Write all bytes to the file, or to memory after a failure."""
         size = len(data)
         self._attempt(lambda: self._push(memoryview(data)))
         if self._failure is not None:
@@ -346,7 +346,7 @@ class Stream:
         return self._size
 
     def flush(self) -> None:
-        """Flush nothing: writes go to the system at once."""
+        """Do nothing: writes are unbuffered."""
 
     def _attempt(self, act: Callable[[], object]) -> None:
         try:
@@ -374,18 +374,18 @@ class Stream:
         return count
 
 
-# Reading: HDF5 of every format there was, and the part of a run that goes on or was killed ----------------------------
+# Reading: every HDF5 format so far, and the part of a running or killed run ----------------------------
 
 
 def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
-    """Open rows, read layout, header and outcome of a recording; of a run that was killed, as far as it was written.
+    """Open a recording's rows and read its layout, header and outcome; a killed run is read as far as it was written.
 
     Args:
-        path: of the file, of its part, or of the folder in which it is recording.h5; a part is read where there is no
-            recording beside it.
+        path: Path of the file, of its part, or of the folder that contains recording.h5. The part is read if
+            there is no recording beside it.
 
     Raises:
-        RecordingError: there is no such file, no recording in it, or its bytes were changed.
+        RecordingError: The file does not exist, is not a recording, or was changed.
     """
     place = recording_file(path)
     if not place.is_file():
@@ -399,8 +399,8 @@ def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
 
 
 def _read_hdf5(place: Path) -> Content:
-    whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
-    stream = FileIO(place)  # HDF5 takes a path that it has open already for the same file, whatever it is by now
+    whole = has_digest(place)  # before HDF5 reads bytes that may have been changed
+    stream = FileIO(place)  # HDF5 identifies an open file by its path, even if the file was replaced
     file = None
     try:
         file = _open(place, stream)
@@ -429,13 +429,13 @@ def _close(*files: Any) -> None:
 
 
 def require_contained(file: Any, place: Path) -> None:
-    """Require that all data of an open HDF5 file stand in it, and no more of them than it can hold.
+    """Require that all data of an open HDF5 file are stored in that file and fit its size.
 
-    HDF5 reads bytes of other files where a data set has external storage, where a virtual one has another source than
-    this file ("."), and behind external links; a recording has none of them, and whoever made one chose the files.
+    HDF5 reads other files if a data set has external storage, if a virtual data set has another source than
+    this file ("."), or through external links. A recording has none of these; a crafted file could expose others.
 
     Raises:
-        ValueError: something stands elsewhere, or a data set is larger than a file of this size can hold.
+        ValueError: Data are stored in another file, or a data set is larger than a file of this size can hold.
     """
     room = MOST_PACKED * place.stat().st_size
 
@@ -459,17 +459,17 @@ def require_contained(file: Any, place: Path) -> None:
             sources.update(storage.get_virtual_dsetname(k) for k in maps)
         elif math.prod(data.shape) * data.get_type().get_size() > room:
             raise ValueError(f"{text} claims to be {data.shape} of {data.dtype}, more than its file can hold")
-    for source in sources:  # HDF5 ends the process where a virtual data set is one of itself
+    for source in sources:  # HDF5 crashes if a virtual data set refers to itself
         if h5py.h5d.open(file.id, source.encode()).get_create_plist().get_layout() == h5py.h5d.VIRTUAL:
             raise ValueError(f"{source} is virtual, and so is what stands in it; nothing of that is read")
 
 
 def _require_variables(file: Any, layout: Layout, number: int) -> None:
-    """Require the time and a variable of numbers for each column of the layout, of as many ticks each.
+    """Require the time and a numeric variable for each column of the layout, all with the same number of ticks.
 
     Raises:
-        ValueError: one of another shape or kind.
-        KeyError: there is none.
+        ValueError: A variable has the wrong shape or type.
+        KeyError: A variable is missing.
     """
     (count,) = file["time"].shape
     for column in (*layout.columns.values(), *_forces(file, layout, number)):
@@ -487,7 +487,7 @@ def _require_variables(file: Any, layout: Layout, number: int) -> None:
 
 
 def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
-    """Open the rows: in blocks or packed together in format 4, else in the data sets of the variables."""
+    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable."""
     (count,) = file["time"].shape
     if number == BLOCKS and PIECES in file:
         table = file[PIECES]
@@ -505,12 +505,12 @@ def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
 
 
 def _forces(file: Any, layout: Layout, number: int) -> list[Column]:
-    """List the variables that stand beside the columns; those of format 4 have no checksums."""
+    """List the variables stored in addition to the columns; in format 4 they have no checksums."""
     return [each for each in layout.forces if each.name in file] if number > BLOCKS else []
 
 
 def _open(place: Path, stream: FileIO) -> Any:
-    """Open the file; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
+    """Open the file, also a file of format 1 that a killed run left marked as open for writing."""
     try:
         return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
     except OSError:
@@ -520,10 +520,10 @@ def _open(place: Path, stream: FileIO) -> Any:
 
 
 def _left_open(place: Path) -> bool:
-    """Tell whether a writer has the file open, or never closed it, and nothing of it was cut off since.
+    """Tell whether the file is marked as open for writing and has not been truncated.
 
-    From the HDF5 superblock, version 3. On a file that was cut short, a reader beside a writer waits for ever for what
-    is missing: such a file must not get there.
+    Read from the HDF5 superblock, version 3. HDF5's SWMR reader waits forever for the missing bytes of a
+    truncated file, so such a file must not be opened in that mode.
     """
     with place.open("rb") as file:
         head = file.read(SUPERBLOCK)
@@ -533,7 +533,7 @@ def _left_open(place: Path) -> bool:
 
 
 def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
-    """Leave columns out of a layout that came later than the file's format."""
+    """Remove columns from a layout that the file's format does not have yet."""
     if number >= 3:
         return layout
     absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]

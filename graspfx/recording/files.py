@@ -1,4 +1,4 @@
-"""Files of a run: their names and folders, the lock of who writes one, and the digest in the last line."""
+"""Files of a run: names, folders, the writer's lock, and the digest in the last line."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from typing import Protocol
 from graspfx.errors import InputError, RecordingError
 from graspfx.system.file_lock import lock
 
-NAME = "recording.h5"  # of the file in a run's folder
-PART = ".part"  # ending of a recording that is being written, or whose run was killed
-LATEST = "latest"  # in a folder of runs, the link to the last of them, or a file with its name
-LONGEST_NAME = 4096  # bytes of a file that stands for a link
+NAME = "recording.h5"  # name of the file in a run's folder
+PART = ".part"  # suffix of a recording that is being written, or whose run was killed
+LATEST = "latest"  # in a folder of runs, the link to the latest run, or a file that contains its name
+LONGEST_NAME = 4096  # largest size of a file that replaces a link, in bytes
 
 WHOLE, PARTS, CHUNKS = b"graspfx sha256 ", b"graspfx parts  ", b"graspfx chunks "
-LENGTH = len(WHOLE) + 64 + 1  # bytes of the last line, with 64 digits
-NUMBERS = 16  # bytes of a number before it: of stretches that it leaves out, and of where these are
+LENGTH = len(WHOLE) + 64 + 1  # length of the last line in bytes, including 64 hex digits
+NUMBERS = 16  # bytes per integer before the last line: the count and the bounds of the ranges left out
 PIECE = 1 << 17  # bytes read at once
 
 
 def make_folder(path: str | PathLike[str]) -> Path:
-    """Make a folder for files of a run, if it is not there.
+    """Make a folder for files of a run unless it exists.
 
     Raises:
         RecordingError: it cannot be made.
@@ -42,7 +42,7 @@ def make_folder(path: str | PathLike[str]) -> Path:
 
 
 def new_folder(home: Path, name: str) -> Path:
-    """Make a folder in another that is not there yet: NAME, NAME-2, ...
+    """Make a new folder within a folder: the first unused name of NAME, NAME-2, ...
 
     Raises:
         RecordingError: none can be made.
@@ -61,21 +61,21 @@ def new_folder(home: Path, name: str) -> Path:
 
 
 def obstacle(error: OSError) -> str:
-    """Say why no folder can be made."""
+    """Return the reason why the folder cannot be made."""
     in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
     return "a file is in its way" if in_the_way else str(error.strerror)
 
 
 @contextmanager
 def placing(place: Path, otherwise: str = "") -> Iterator[Path]:
-    """Offer a file beside a place to write to, and move it there when it is whole.
+    """Yield a draft file beside a path, and move it to the path when it is complete.
 
     Args:
-        place: of the file.
-        otherwise: what else the error says.
+        place: Path of the file.
+        otherwise: Text appended to the error message.
 
     Raises:
-        RecordingError: it cannot be written; what stood there still does.
+        RecordingError: The file cannot be written; an existing file is unchanged.
     """
     draft = place.with_name(f".{place.stem}.{os.getpid()}{place.suffix}")
     try:
@@ -89,8 +89,8 @@ def placing(place: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the disk keep the names in a folder, where the system can."""
-    with suppress(OSError):  # Windows opens no folder
+    """Flush a folder's entries to disk, if the system supports it."""
+    with suppress(OSError):  # Windows cannot open a folder
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -99,20 +99,20 @@ def sync_folder(folder: Path) -> None:
 
 
 def part_of(place: Path) -> Path:
-    """Name the file that a run writes until it ends and there is a recording."""
+    """Return the path of the part, which a run writes until its recording is complete."""
     return place.with_name(place.name + PART)
 
 
 def is_part(place: Path) -> bool:
-    """Say whether a file's name is that of a part."""
+    """Tell whether a file name is that of a part."""
     return place.name.endswith(PART)
 
 
 def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
-    """Take a path as it came, or say what is expected of the argument of that name.
+    """Convert an argument to a path; `name` is the argument's name in the error.
 
     Raises:
-        InputError: not a path.
+        InputError: The argument is not a path.
     """
     if not isinstance(path, str | PathLike):
         raise InputError(name, path, "the path of a file or of its folder")
@@ -120,9 +120,9 @@ def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
 
 
 def recording_file(path: str | PathLike[str]) -> Path:
-    """Choose the file that is read for a path: the recording, or its part where there is no other.
+    """Return the file to read for a path: the recording, or its part if there is no recording.
 
-    A folder stands for recording.h5 in it; `latest` may be a file that names a folder.
+    A folder means the recording.h5 in it; `latest` may be a file that contains a folder's name.
     """
     place = recording_path(path)
     if place.name == LATEST and place.is_file() and place.stat().st_size <= LONGEST_NAME:
@@ -134,10 +134,10 @@ def recording_file(path: str | PathLike[str]) -> Path:
 
 
 def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, or pass overwrite=True") -> None:
-    """Refuse to write where a file is already, also the part of a recording; a part without a byte is none.
+    """Require that the files, including parts of recordings, do not exist; an empty part is ignored.
 
     Raises:
-        RecordingError: the first file in the way, and what to do.
+        RecordingError: A file exists; the message names the first one and says what to do.
     """
     for file in files:
         if is_part(file):
@@ -148,30 +148,30 @@ def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, 
 
 
 def require_vacancy_of(place: Path, remedy: str = "choose another place, or pass overwrite=True") -> None:
-    """Refuse to write a recording where it, or its part, is already.
+    """Require that neither the recording nor its part exists.
 
     Raises:
-        RecordingError: the file in the way, and what to do.
+        RecordingError: A file exists; the message names it and says what to do.
     """
     require_vacancy([place, part_of(place)], remedy)
 
 
-# The lock on a file that is being written: the system lets go of it when the process ends, however it ends -----------
+# The lock on a file that is being written: the system releases it when the process ends, even by a crash -----------
 
 
 def claim(path: Path) -> FileIO:
-    """Open a file for writing, make it if need be, and lock it until it is closed or the process ends.
+    """Open or create a file for writing, and lock it until it is closed or the process ends.
 
     Raises:
-        RecordingError: another run writes it.
-        OSError: it cannot be opened.
+        RecordingError: Another run is writing the file.
+        OSError: The file cannot be opened.
     """
     while True:
         file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666), "r+b")
         try:
             if not lock(file.fileno()):
                 raise RecordingError(f"{path}: another run is writing there; wait for its end, or choose another place")
-            if stands_at(file, path):  # else its owner ended between the two lines above, and removed it
+            if stands_at(file, path):  # else its owner removed it between the two lines above
                 return file
         except BaseException:
             file.close()
@@ -180,7 +180,7 @@ def claim(path: Path) -> FileIO:
 
 
 def stands_at(file: FileIO, path: Path) -> bool:
-    """Say whether an open file is still the one of that path: not removed, moved or replaced."""
+    """Tell whether an open file is still the file at that path: not removed, moved or replaced."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except OSError:
@@ -188,8 +188,8 @@ def stands_at(file: FileIO, path: Path) -> bool:
 
 
 def release(file: FileIO, path: Path) -> None:
-    """Remove a file of one's own, and let go of its lock: in this order, so that nobody else's is removed."""
-    if sys.platform == "win32":  # where an open file cannot be removed
+    """Remove a locked file, then release its lock: the other order could remove another run's file."""
+    if sys.platform == "win32":  # on systems where an open file cannot be removed
         file.close()
         path.unlink(missing_ok=True)
         return
@@ -208,16 +208,16 @@ class Readable(Protocol):
 
 
 def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = None) -> bytes:
-    """Make what goes behind the first `size` bytes of a file: a line with their SHA-256.
+    """Return the trailer of a file: a line with the SHA-256 of its first `size` bytes.
 
     It stands behind what HDF5 calls the file's end, where HDF5 does not look. Stretches of rows that have checksums of
     their own can be left out, so that a recording is opened without reading them: before the line stands where they
     are, which is under the digest too.
 
     Args:
-        file: whose bytes are read.
-        size: of the file, without the line.
-        apart: where stretches with checksums of their own begin and end, in order.
+        file: File to read.
+        size: Size of the file without the trailer, in bytes.
+        apart: Bounds of the ranges that have their own checksums, in order.
     """
     if apart is None:
         return WHOLE + _digest(file, [0, size], b"") + b"\n"
@@ -226,10 +226,10 @@ def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = No
 
 
 def has_digest(path: Path) -> bool:
-    """Say whether a file ends in its digest; False for one that ends otherwise.
+    """Tell whether a file ends in its digest; False if it has no digest.
 
     Raises:
-        ValueError: the digest is another's: bytes were changed.
+        ValueError: The digest does not match: bytes were changed.
     """
     size = path.stat().st_size - LENGTH
     with path.open("rb") as file:
@@ -242,7 +242,7 @@ def has_digest(path: Path) -> bool:
             size -= NUMBERS
             file.seek(max(size, 0))
             where = file.read(NUMBERS)
-        numbers = 2 * (int(where, 16) if where else kind == PARTS)  # in format 4 the rows are one stretch
+        numbers = 2 * (int(where, 16) if where else kind == PARTS)  # in format 4 the rows are one range
         size -= numbers * NUMBERS
         file.seek(max(size, 0))
         where = file.read(numbers * NUMBERS) + where

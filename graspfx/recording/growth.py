@@ -514,10 +514,10 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
     It stops at a small size, as noise lets it, or it dies away again, as a transient does.
 
     Args:
-        grasp: whose motion it is.
-        logs, stretch: the windows.
-        end_time: when the stretch ends [s].
-        size: of the motion then [m].
+        grasp: Moving grasp.
+        logs, stretch: Windows.
+        end_time: End of the stretch [s].
+        size: Amplitude of the motion then [m].
     """
     rest = logs[stretch.first + stretch.length :]
     after = rest[: stretch.length]
@@ -535,9 +535,9 @@ def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
     """Tell whether fingers that have rung hold on as long afterwards, and their motion is smaller in the end.
 
     Args:
-        grasp: whose motion it is.
-        ring: how it has rung.
-        size: of the motion then [m].
+        grasp: Moving grasp.
+        ring: Observed oscillation.
+        size: Amplitude of the motion then [m].
     """
     on = grasp.recording.touching[ring.stop : grasp.rows, grasp.fingers]
     changes = np.flatnonzero((on[1:] != on[:-1]).any(axis=1))

@@ -37,7 +37,7 @@ class RowStore:
         raise NotImplementedError
 
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
-        """Give these rows, and of these the numbers `where`, (stop - first, w)."""
+        """Return rows `first` to `stop`, restricted to the columns `where`, (stop - first, w)."""
         raise NotImplementedError
 
     def beside(self, name: str, first: int, stop: int) -> FloatArray | None:

@@ -92,7 +92,7 @@ class FileSink:
     def write(
         self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()
     ) -> None:  # fmt: skip
-        """Add rows (r, width), faults, and changes of keys before the rows that they hold in.
+        """Append rows (r, width), faults and key changes; a change precedes the rows for which it holds.
 
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.

@@ -1,4 +1,4 @@
-"""External and internal parts of what a recording holds: forces, moments, displacements and energies.
+"""External and internal parts of recorded forces, moments, displacements and energies.
 
 All follow from the rows and from what the recording says of each grasp's split; nothing of them is computed in a tick.
 """
@@ -24,7 +24,7 @@ Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a 
 
 
 class GraspRows(NamedTuple):
-    """Rows in which a grasp's rule is the same: the rows, the rule, and the numbers of its object and its fingers."""
+    """Rows with the same split rule of a grasp: the rows, the rule, and the indices of its object and fingers."""
 
     rows: slice
     rule: SplitRule
@@ -33,13 +33,13 @@ class GraspRows(NamedTuple):
 
 
 class RowSplit:
-    """Rows of a recording, and how they divide; columns are read when they are asked for.
+    """Rows of a recording with their split rules; columns are read on demand.
 
     Args:
-        rows: (r, width), or where they are.
-        layout: their columns.
-        splits: how forces divide, each from a row of the recording on; none where that is not asked for.
-        start: number of the first row in it.
+        rows: Rows, (r, width), or their source.
+        layout: Columns of the rows.
+        splits: Split rules, each with the row from which it holds; empty if no split is needed.
+        start: Index of the first row in the recording.
         friction: fingers' coefficients (n,), each from a row of the recording on, as `grip.coefficients` lists them.
     """
 
@@ -52,7 +52,7 @@ class RowSplit:
         self._count, self._columns = len(rows), dict[str, FloatArray]()
 
     def column(self, name: str) -> FloatArray:
-        """Give a column with the rows last, (..., r), which is quick to compute with."""
+        """Return a column with the rows last, (..., r), which is faster to compute with."""
         if name not in self._columns:
             column = self.layout.columns[name]
             values = self._store.read(0, self._count, column.where)
@@ -63,7 +63,7 @@ class RowSplit:
         """Compute P f [N], (n, d, r), and the moments with it [N m], (n, 3, r); None for fingers that exert none.
 
         Args:
-            force: (n, d, r) [N], instead of the fingers' on the object.
+            force: Forces to use instead of the fingers' forces on the object, (n, d, r) [N].
         """
         whole = self.column("finger_force") if force is None else force
         external = np.zeros(whole.shape)
@@ -131,7 +131,7 @@ class RowSplit:
             first = last
 
     def _samples(self, grasp: GraspRows) -> Samples:
-        """Give the contacts of a grasp in its rows."""
+        """Return the contacts of a grasp in its rows."""
         rows, rule, thing, fingers = grasp
         contact = self.column("contact_position")[fingers, :, rows]
         if rule.is_local:
@@ -143,10 +143,10 @@ class RowSplit:
 
 
 def _rule_of(split: Split, name: str) -> SplitRule:
-    """Read an object's rule.
+    """Read an object's split rule.
 
     Raises:
-        RecordingError: there is none, or not all of it, or more.
+        RecordingError: The rule is missing, incomplete, or has unknown entries.
     """
     if name not in split:
         raise RecordingError(f"the recording does not say how the forces of {name!r} divide, only of {sorted(split)}")
@@ -162,10 +162,10 @@ def _rule_of(split: Split, name: str) -> SplitRule:
 
 
 def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:
-    """List how a run's forces divide, each from a row on.
+    """List a run's split rules, each with the row from which it holds.
 
     Raises:
-        RecordingError: the recording does not say it.
+        RecordingError: The recording contains no split rules.
     """
     if not header.split:
         raise RecordingError(
@@ -190,12 +190,12 @@ def work(
     sample of the fault if it came before the books, which shows where `device_energy` is what it was.
 
     Args:
-        force: (N, n, d) [N].
-        tip: where the fingertips are, (N, n, d) [m].
-        device_energy: (N, n) [J].
-        faults: of the run.
-        first: tick of the first row.
-        start: work up to it, (1, n) [J]; zero if not given.
+        force: Displayed forces, (N, n, d) [N].
+        tip: Fingertip positions, (N, n, d) [m].
+        device_energy: Recorded device energy, (N, n) [J].
+        faults: Faults of the run.
+        first: Tick of the first row.
+        start: Work before the first row, (1, n) [J]; zero if not given.
     """
     steps = np.zeros(device_energy.shape)
     steps[1:] = (force[:-1] * np.diff(tip, axis=0)).sum(axis=2)

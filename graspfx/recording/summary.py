@@ -1,4 +1,4 @@
-"""A run in numbers: how far the fingers go in, how well the object follows, what shakes, and what it cost."""
+"""Summary of a run: penetration depth, tracking error, vibration, energies and computation time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1e6
-TOGETHER = 8192  # rows that are summed up together: they stay in the processor's cache
+TOGETHER = 8192  # rows processed together, so that they fit the processor's cache
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -72,8 +72,8 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         recorded: what the rest is of, where a recording has not every number of every tick, in a sentence; else None.
 
     Args:
-        recording: in memory or on a disk.
-        growth: as in the result.
+        recording: Recording in memory or on disk.
+        growth: Growths, as in the result.
     """
     tally = Tally(recording)
     for first in range(0, len(recording), recording.store.step):
@@ -85,10 +85,10 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
 
 
 class Sizes:
-    """The largest sizes of some things, the sum of all, and how many there were; what is not a number stays.
+    """Peaks, sum and count of several quantities; NaN is kept.
 
     Args:
-        count: of the things.
+        count: Number of quantities.
     """
 
     def __init__(self, count: int = 1) -> None:
@@ -153,7 +153,7 @@ class Tally:
     """The sums and peaks of a recording's blocks.
 
     Args:
-        recording: the whole.
+        recording: Whole recording.
     """
 
     def __init__(self, recording: History) -> None:
@@ -169,11 +169,11 @@ class Tally:
         self.squeeze, self.depth, self.apart, self.residual = Sizes(), Sizes(n), Sizes(), Sizes(len(layout.objects))
         self.least_apart = math.inf
         self.forces = {name: Sizes(n) for name in ("finger_force", "displayed_force", *self._halves())}
-        self.off, self.off_count = list[float](), 0  # squares of distances of objects from their fingers' centre
+        self.off, self.off_count = list[float](), 0  # squared distances of objects from their fingers' centre
         self.moments: dict[tuple[int, int], tuple[Sizes, Sizes]] = {}
         self.ledgers = {name: Ledger() for name in layout.objects}
         self.energy: FloatArray | None = None
-        self.signals: dict[str, int] = {}  # how many components each has
+        self.signals: dict[str, int] = {}  # number of components of each
         sums = slice(0, n * layout.dimensions), slice(n * layout.dimensions, 2 * n * layout.dimensions)
         self.shaking = Vibration(recording.row_period, len(recording), sums=sums if self.divided else None)
 
@@ -299,7 +299,7 @@ class Tally:
                 self.signals["force_vibration"] = parts["internal_force"].shape[0] * self.layout.dimensions
 
     def result(self, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Give the summary."""
+        """Return the summary."""
         recording, layout = self.recording, self.layout
         outcome, ticks, wall_time = recording.outcome, recording.ticks, recording.wall_time
         timed = wall_time is not None and wall_time > 0.0 and ticks > 0
@@ -373,7 +373,7 @@ class Tally:
         return max((moment / whole for moment, whole in both if moment is not None and whole), default=None)
 
     def _books(self) -> dict[str, Any]:
-        """Sum the ledgers up."""
+        """Combine the ledgers."""
         books = self.ledgers.values()
         leaks, braking, braked = (
             [value for ledger in books if (value := getattr(ledger, name)) is not None]
@@ -405,11 +405,11 @@ def _larger(before: FloatArray | None, now: FloatArray) -> FloatArray:
 
 
 def _sum(values: Iterable[float]) -> float:
-    """Add numbers up without rounding between them."""
+    """Sum numbers without intermediate rounding."""
     return math.fsum(values) if all(map(math.isfinite, values := [*values])) else sum(values)
 
 
 def _largest(values: Iterable[float | None]) -> float | None:
-    """Find the largest number; one that is not a number wins."""
+    """Return the largest number, or NaN if any is NaN."""
     numbers = [value for value in values if value is not None]
     return float(np.max(numbers)) if numbers else None

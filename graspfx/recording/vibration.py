@@ -14,12 +14,12 @@ FloatArray = NDArray[np.float64]
 VIBRATION_FROM = 5.0  # [Hz]: an operator's own motion stays below
 FINEST = 1e-3  # [s]: beyond it the smoother's equations are singular to rounding
 REACH = 100.0  # over 2 sin(pi f T), samples: beyond it what a smoother of this penalty takes in is below 1e-16
-CORE = 1 << 14  # samples that are smoothed together, at least
+CORE = 1 << 14  # minimum number of samples smoothed together
 ORDER = 4  # of the differences
 SQUARED_DIFFERENCES = (70.0, -56.0, 28.0, -8.0, 1.0)  # the diagonals of D D'
 FEW = 64  # rows of equations that are solved as they stand
-TOGETHER = 50_000  # numbers that are filtered together: they stay in the processor's cache
-NOTHING = 46.0  # -log of what is lost in rounding
+TOGETHER = 50_000  # numbers filtered together, so that they fit the processor's cache
+NOTHING = 46.0  # -log of the rounding error
 SPAN = 16  # samples that a product with one matrix filters together: too few for BLAS to start threads
 
 
@@ -53,8 +53,8 @@ class Vibration:
     blocks shows in rounding only. Samples are first averaged over 1 ms if they are closer.
 
     Args:
-        period: between samples [s].
-        samples: how many there are in all.
+        period: Sampling period [s].
+        samples: Total number of samples.
         above: [Hz].
         sums: pairs of signals by their numbers, of whose sum the mean square is wanted too.
     """
@@ -132,8 +132,8 @@ def roughness(x: FloatArray, q: float) -> FloatArray:
     forth and back, and the corner is put right by the identity of Woodbury.
 
     Args:
-        x: (k, N), k signals of N > 4 samples.
-        q: of the penalty.
+        x: Signals, (k, N), N > 4 samples each.
+        q: Weight of the penalty.
     """
     rough = np.empty(x.shape)
     step = max(1, TOGETHER // x.shape[1])
@@ -156,7 +156,7 @@ def _solve(q: float, b: FloatArray) -> FloatArray:
 
 
 def _dense(q: float, rows: int) -> FloatArray:
-    """Write q D D' + I as a matrix."""
+    """Return q D D' + I as a matrix."""
     diagonals = np.zeros(max(rows, ORDER + 1))
     diagonals[: ORDER + 1] = SQUARED_DIFFERENCES
     return np.asarray(q * diagonals[np.abs(np.arange(rows)[:, None] - np.arange(rows))] + np.eye(rows))
@@ -224,7 +224,7 @@ class Recursion:
         self._to_state = inputs[::-1]
 
     def corner(self) -> FloatArray:
-        """Give L L' in the first four rows, y = L^-1 x."""
+        """Return the first four rows of L L', y = L^-1 x."""
         lag = np.arange(ORDER)[:, None] - np.arange(ORDER)
         difference = np.array([(-1.0) ** k * comb(j, k) for j in range(ORDER + 1) for k in range(ORDER + 1)])
         plain = self._a @ difference.reshape(ORDER + 1, ORDER + 1)

@@ -1,4 +1,4 @@
-"""The line on which a terminal shows what a wait of more than a second is about: share, rate and time left."""
+"""Terminal progress line for waits of more than a second: percentage, rate and time left."""
 
 from __future__ import annotations
 

@@ -365,7 +365,7 @@ class Orders:
         pacer: of the ticks.
 
     Attributes:
-        cause: of the end, where the other process is no more; else empty.
+        cause: Reason why the other process ended; empty while it runs.
     """
 
     def __init__(self, ring: Ring, servo: Servo, recorder: RingRecorder, pacer: Pacer) -> None:
