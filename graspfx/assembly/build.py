@@ -102,7 +102,7 @@ def make_plants(
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
-        DeviceError: A plant requires all of its fingers together.
+        DeviceError: A plant cannot be placed where its fingers start.
     """
     scene, start = parts.scene, parts.start
     others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands change no plant
@@ -184,7 +184,7 @@ def build(
     Raises:
         InputError: a live key that cannot change in mid-run.
         SceneError: a finger that starts out of its device's reach.
-        DeviceError: A device does not open, or a plant requires all of its fingers together.
+        DeviceError: A device does not open, or a plant cannot be placed where its fingers start.
     """
     fields = live_fields(live)
     parts = resolve(scene)
