@@ -43,19 +43,18 @@ MEASURED = ("finger_position", "object_position", "finger_force")
 
 @dataclass(frozen=True, repr=False)
 class Batch(Carded):
-    """The outcome of many runs. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
+    """Results of many runs. Each array begins with the axes of the grid: one per key, or a single one with `zip`.
 
     Attributes:
-        values: by key, its value in each variant, arrays of the grid's shape; numbers as floats where all are.
-        fault_tick: the tick at which each variant's first fault was, -1 for none, of the grid's shape.
-        measures: by quantity and statistic, (*grid, *quantity): an entry per finger and axis, in the quantity's unit;
-            growth in none.
-        recordings: of each variant, an array of the grid's shape; None unless they were kept.
-        summaries: `Recording.summary()` of each, likewise.
-        notes: what took longer than it need have.
-        build_time, run_time: that scenes and programs took, and that the runs took [s].
-        scene: its name.
-        layout: the columns of the runs' recordings, of the first variant where they differ.
+        values: Values of each variant by key, as arrays of the grid's shape; numbers are floats.
+        fault_tick: Tick of the first fault of each variant, -1 without a fault.
+        measures: Statistics by quantity and name, (*grid, *quantity), in the unit of the quantity; growth has no unit.
+        recordings: Recordings as an array of the grid's shape; None unless they were kept.
+        summaries: `Recording.summary()` of each run, likewise.
+        notes: Reasons why parts of the batch took longer than usual.
+        build_time, run_time: Times to build the variants and to run them [s].
+        scene: Name of the scene.
+        layout: Columns of the recordings; those of the first variant if they differ.
     """
 
     values: dict[str, NDArray[Any]]
@@ -98,7 +97,7 @@ class Batch(Carded):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The grid's."""
+        """Shape of the grid."""
         return self.fault_tick.shape
 
     def __len__(self) -> int:
@@ -106,10 +105,10 @@ class Batch(Carded):
         return self.fault_tick.size
 
     def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
-        """Look up the statistics of a quantity, by name.
+        """Return the statistics of a quantity by name.
 
         Raises:
-            UnknownNameError: the quantity was not measured, or something else was kept.
+            UnknownNameError: The quantity was not measured, or the batch kept no measures.
         """
         if quantity in self.measures:
             return self.measures[quantity]
@@ -125,9 +124,9 @@ class Batch(Carded):
         raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows.
+        """Return the largest growth over the entries of a quantity for each variant; above 1 it grows.
 
-        A run that ends in a fault (`fault_tick`) has no forces from there on, which is no sign that it calmed down.
+        After a fault (`fault_tick`) all forces are zero, so that a small growth does not show that the run was stable.
         """
         statistics = self[quantity]
         if "growth" not in statistics:
@@ -136,7 +135,7 @@ class Batch(Carded):
         return np.asarray(np.nanmax(np.where(np.isnan(values).all(axis=-1, keepdims=True), np.inf, values), axis=-1))
 
     def stacked(self, quantity: str) -> FloatArray:
-        """Stack a quantity over time, (*grid, N, *quantity), where recordings were asked for and are alike."""
+        """Return a quantity over time, (*grid, N, *quantity), from recordings of equal length and columns."""
         if self.recordings is None:
             keep = "measures" if self.summaries is None else "summary"
             raise InputError("keep", keep, "recordings", "run the batch with keep='recordings'")
@@ -144,43 +143,43 @@ class Batch(Carded):
         return stack.reshape(*self.shape, *stack.shape[1:])
 
     def column(self, quantity: str) -> Column:
-        """Look up what a quantity is: its dimensions, unit and meaning.
+        """Return the description of a quantity: dimensions, unit and meaning.
 
         Raises:
-            UnknownNameError: there is no such quantity.
+            UnknownNameError: The quantity does not exist.
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
         return columns_of(self.layout, [quantity])[0][quantity]
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset: a dimension per key, or `variant` for all with `zip`, then those of a quantity.
+        """Convert to an xarray Dataset with one dimension per key, or `variant` with `zip`.
 
-        Measures are variables as `finger_force_rms`, recordings those of `Recording.to_xarray`, each with `units` and
-        `long_name`; of summaries there are their numbers.
+        Measures become variables such as `finger_force_rms`; recordings become the variables of
+        `Recording.to_xarray`, and summaries their numbers. Each variable has `units` and `long_name`.
 
         Raises:
-            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
-            InputError: recordings of different columns or lengths.
+            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
+            InputError: The recordings have different columns or lengths.
         """
         from graspfx.show.export import batch_dataset
 
         return batch_dataset(self)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Convert to a pandas DataFrame: a row per variant, a column per key and per component.
+        """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
 
-        Components are called as `finger_force.rms.thumb.x`.
+        Names of components are such as `finger_force.rms.thumb.x`.
 
         Raises:
-            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
         """
         from graspfx.show.export import batch_frame
 
         return batch_frame(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Write values, faults, measures and summaries as nested lists, for JSON."""
+        """Return values, faults, measures and summaries as nested lists, for JSON."""
         table: dict[str, Any] = {
             "values": {key: each.tolist() for key, each in self.values.items()},
             "fault_tick": self.fault_tick.tolist(),
@@ -206,41 +205,42 @@ def run_batch(
     statistics: Sequence[str] = STATISTICS,
     threads: int | None = None,
 ) -> Batch:
-    """Simulate many variants of a scene at once; each is the scene with some values replaced.
+    """Simulate many variants of a scene; each is the scene with some values replaced.
 
-    The runs are those of `gx.run`, to the last bit but for the sign of a zero. Values of gains that are numbers, of
-    coefficients of friction, and of an object's mass and viscosities go to the fields that they reach as columns, all
-    at once: one variant is built of each kind, as of equal gains, and two others to check the columns. Of numbers of
-    devices and hands their blocks alone are made, a millisecond or two for each choice of values. Of another key one
-    variant is built for every value, which takes some milliseconds; combinations are put together from what each value
-    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit
-    by bit; where keys act on one another their combinations are built too. Every value is checked as the scene's own.
+    Each run gives the bits of `gx.run`, except for the sign of a zero. Every value is validated as in a scene file.
+
+    Variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written into the
+    memory of all variants as columns; one variant of each kind is built, and two others verify the columns. Numbers of
+    devices and hands take 1 to 2 ms per combination. For any other key one variant is built for each value, and
+    combinations are assembled from these; all combinations of extreme values and some others are built to verify
+    them, and keys that interact are built in full.
 
     Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
 
-    Memory: of measures a few hundred bytes for each variant, and some megabytes for each processor, however many
-    variants there are. Whole recordings take what their rows do.
+    Measures take a few hundred bytes of memory per variant, and each processor some megabytes. Recordings take the
+    memory of their rows.
 
     Args:
-        scene: a Scene, a name or a path; native throughout: every device, hand and body a kernel.
-        values: by dotted key, as for `scene.replace`; all combinations of them, the last key changing fastest.
-        duration: instead of the scene's own [s]; rounded to whole periods.
-        zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
-        keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
-            "summary", `Recording.summary()` of each, which costs a millisecond apiece.
-        measure: quantities: columns of a recording's layout; `internal_force`, `external_force`,
-            `internal_displacement`, `external_displacement` and `displayed_force`, which are computed from recorded
-            rows, some microseconds each; or `object_position`, `object_velocity`, `object_orientation` and `wrench` of
-            the first object.
-        statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
-            (the peak of the second half of the run over that of the first).
-        threads: as many as there are processors if not given; the result is the same.
+        scene: Scene, name or path. Every device, hand and body must be a kernel.
+        values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the last key changes
+            fastest.
+        duration: Duration [s], rounded to whole periods; the scene's if not given.
+        zip: Whether to combine the first values of all keys, then the second values, and so on.
+        keep: Results to keep: "measures" of the quantities in `measure`, "recordings", or "summary" for
+            `Recording.summary()`, which takes a millisecond per run.
+        measure: Quantities: columns of a recording; `internal_force`, `external_force`, `internal_displacement`,
+            `external_displacement` and `displayed_force`, which take some microseconds per row; or `object_position`,
+            `object_velocity`, `object_orientation` and `wrench` of the first object.
+        statistics: Statistics of each number: first, last, mean, rms, min, max, peak (largest magnitude) and growth
+            (peak of the second half of the run over the peak of the first half).
+        threads: Number of threads, by default that of the processors. The results do not depend on it.
 
     Raises:
-        SceneError: a variant that is no scene, with its values.
-        InputError: lists of different lengths with `zip`; no values; a part of the scene that is no kernel.
-        UnknownNameError: a quantity or statistic that there is not.
-        MissingPackageError: no LLVM.
+        SceneError: A variant is not a valid scene; the error has its values.
+        InputError: Lists have different lengths with `zip`, there are no values, or a part of the scene is not a
+            kernel.
+        UnknownNameError: A quantity or statistic does not exist.
+        MissingPackageError: llvmlite is not installed.
     """
     from graspfx.scene.load import to_scene
 
