@@ -1,4 +1,4 @@
-"""A recording: what happened in a run, its summary, and its way to a file and back."""
+"""Recording of a run: its data, summary, figures and files."""
 
 from __future__ import annotations
 
@@ -59,35 +59,37 @@ CALLS = (
 
 
 class Drawing(Protocol):
-    """A figure of a recording: shown by a notebook, written by `save`.
+    """Figure of a recording; notebooks show it, and `save` writes it.
 
     Attributes:
-        notes: what could not be drawn, and why.
+        notes: Parts that could not be drawn, with reasons.
     """
 
     notes: tuple[str, ...]
 
     @property
     def figure(self) -> Any:
-        """Figure of matplotlib."""
+        """The matplotlib figure."""
 
     def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-        """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
+        """Write the figure in the format of the path's suffix, or of `form`: "png", "svg" or "pdf"."""
 
 
 class Recording(Carded, History):
-    """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
+    """Data of a run tick by tick: row k of each array belongs to the time k T.
+
+    A row has the readings of that tick and the quantities computed from them.
 
     Args:
-        rows: (N, width), read-only from here on; or where they are, to be read as they are asked for.
-        layout: their columns.
-        header: what was known before the run.
-        outcome: how it went.
-        start: number of the first row, of a piece of a recording.
+        rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
+        layout: Columns of the rows.
+        header: Facts known before the run.
+        outcome: Facts known after the run.
+        start: Number of the first row, if the recording is a part of another one.
     """
 
     def __new__(cls, rows: object = None, *args: object, **kwargs: object) -> Self:
-        """Refuse what only `load` reads."""
+        """Refuse paths, which `load` reads."""
         if rows is None or isinstance(rows, str | PathLike):
             remedy = "gx.Recording.load(path) reads a file, gx.run(scene) makes a recording"
             raise InputError("Recording", rows, "the rows of a run", remedy)
@@ -106,7 +108,7 @@ class Recording(Carded, History):
             raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
-        """Pass to another process, or copy, as the bytes of the file; the rows are in memory there."""
+        """Pickle or copy as the bytes of a file; the copy has its rows in memory."""
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:
@@ -115,7 +117,7 @@ class Recording(Carded, History):
         return Card(f"Recording of {name}", [*_card_rows(self)], CALLS)
 
     def summary(self) -> dict[str, Any]:
-        """Summarise the run in SI units; the keys are those of `graspfx.recording.summary.summarise`."""
+        """Return a summary of the run in SI units, with the keys of `graspfx.recording.summary.summarise`."""
         from graspfx.recording.growth import losses
         from graspfx.recording.summary import summarise
 
@@ -130,21 +132,21 @@ class Recording(Carded, History):
         titles: Sequence[str] | None = None,
         width: Literal["screen", "page", "column"] = "screen",
     ) -> Drawing:
-        """Draw the run over time, beside others with the same axes if there are any; a notebook shows it as it is.
+        """Plot the run over time, side by side with other recordings on the same axes.
 
-        Positions; displacements and forces as their internal part, the squeeze, and their external one, the push; how
-        the object turns. docs/how-to/figures.md reads it with you.
+        The figure has positions, displacements and forces with their internal part (squeeze) and external part
+        (push), and the rotation of the object. docs/how-to/figures.md explains it.
 
         Args:
-            others: recordings to stand beside it.
-            titles: one per recording; what is set in each if not given.
-            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+            others: Recordings to plot beside this one.
+            titles: Title of each recording; by default the overrides of each.
+            width: Width for a screen, or of 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
-            `.save(path)` writes it, `.figure` is matplotlib's own.
+            Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure.
 
         Raises:
-            InputError: a recording without a tick, another number of titles, or no such width.
+            InputError: A recording has no ticks, the number of titles is wrong, or the width is unknown.
         """
         from graspfx.show.drawing import plot
 
@@ -158,19 +160,20 @@ class Recording(Carded, History):
         forces: Literal["two", "total"] = "two",
         width: Literal["screen", "page", "column"] = "screen",
     ) -> Drawing:
-        """Draw one instant of the run, to scale, with its forces as arrows; a notebook shows it as it is.
+        """Draw one instant of the run to scale, with forces as arrows.
 
         Args:
-            time: [s]; by default where most fingers touch and their forces are largest, or the end.
-            view: azimuth and elevation of the viewer [degrees], in space; by default where the fingers are seen best.
-            forces: of each finger its internal and its external part, or their total.
-            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+            time: Time [s]; by default the instant with most fingers in contact and the largest forces, or the end.
+            view: Azimuth and elevation of the camera [degrees] for scenes in space; by default a view of the fingers.
+            forces: Internal and external part of each force ("two"), or their sum ("total").
+            width: Width for a screen, or of 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
-            `.save(path)` writes it, `.figure` is matplotlib's own, `.notes` says what could not be drawn.
+            Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
+            lists what could not be drawn.
 
         Raises:
-            InputError: a recording without a tick, a time outside it, or no such width.
+            InputError: The recording has no ticks, the time is outside of it, or the width is unknown.
         """
         from graspfx.show.drawing import picture
 
@@ -183,16 +186,16 @@ class Recording(Carded, History):
         overwrite: bool = False,
         compression: Literal["none", "lzf", "gzip"] = "none",
     ) -> None:
-        """Write the recording as HDF5; the file appears when it is whole.
+        """Write the recording as HDF5; the file appears when it is complete.
 
         Args:
-            path: of the file.
-            overwrite: whether a file that is there already is replaced.
-            compression: of the rows: "lzf" is quick, "gzip" makes them smaller.
+            path: Path of the file.
+            overwrite: Whether to replace an existing file.
+            compression: Compression of the rows: "lzf" is faster, "gzip" gives smaller files.
 
         Raises:
-            InputError: no such compression.
-            RecordingError: the file is there already, or cannot be written.
+            InputError: The compression is unknown.
+            RecordingError: The file exists or cannot be written.
         """
         from graspfx.recording.sink import save
 
@@ -203,60 +206,60 @@ class Recording(Carded, History):
         )  # fmt: skip
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset: dimensions time, finger, axis, ..., each variable with `units` and `long_name`.
+        """Convert to an xarray Dataset with dimensions time, finger, axis, ..., and `units` and `long_name`.
 
-        Columns have the names, dimensions and attributes that xarray reads from the file. Those of objects stand
-        together, as `object_position` with a dimension `object`, and what follows from columns is there too, as
-        `displayed_force`. Attributes are those of the file: the scene verbatim, overrides, versions, how the run went.
+        Columns have the names, dimensions and attributes of the file. Columns of objects are combined, as in
+        `object_position` with a dimension `object`; derived variables such as `displayed_force` are included. The
+        attributes are those of the file: scene text, overrides, versions and outcome.
 
         Raises:
-            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
         """
         from graspfx.show.export import recording_dataset
 
         return recording_dataset(self)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Convert to a pandas DataFrame: a row per tick, a column per component, as `finger_force.thumb.x`.
+        """Convert to a pandas DataFrame with one row per tick, and one column per component (`finger_force.thumb.x`).
 
-        The index is the time [s]; units are SI, by quantity in `frame.attrs["units"]`.
+        The index is the time [s]. `frame.attrs["units"]` has the SI units by quantity.
 
         Raises:
-            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
         """
         from graspfx.show.export import recording_frame
 
         return recording_frame(self)
 
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the columns of `to_frame` with the time first as comma-separated text, for which no package is needed.
+        """Write the columns of `to_frame`, with the time first, as comma-separated text; no package is needed.
 
-        A first line of names, then numbers in SI units that read back the same to the last bit; true is 1, false 0.
+        The first line has the names. Numbers are in SI units and read back to the last bit; true is 1, false is 0.
 
         Args:
-            path: of the file; it appears when it is whole.
-            overwrite: whether a file that is there already is replaced.
+            path: Path of the file; the file appears when it is complete.
+            overwrite: Whether to replace an existing file.
 
         Raises:
-            RecordingError: the file is there already, or cannot be written.
+            RecordingError: The file exists or cannot be written.
         """
         from graspfx.show.export import write_csv
 
         write_csv(self, path, overwrite=overwrite)
 
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and a chart.
+        """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and charts.
 
-        The page stands alone and opens without a network. Frames are 50 to 60 in a second, numbers as recorded, each
-        rounded to 24 bits; the chart has the least and the greatest of every tick.
+        The page is one file and needs no network. It has 50 to 60 frames per second with numbers rounded to 24 bits;
+        the charts show the minimum and maximum over all ticks.
 
         Args:
-            path: of the file, which ends in .html; it appears when it is whole.
-            overwrite: whether a file that is there already is replaced.
+            path: Path of the file, which ends in .html; the file appears when it is complete.
+            overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: a recording without a tick, or no path of a page.
-            RecordingError: the file is there already, or cannot be written.
+            InputError: The recording has no ticks, or the path is not that of a page.
+            RecordingError: The file exists or cannot be written.
         """
         from graspfx.live.page.document import write_page
 
@@ -264,14 +267,16 @@ class Recording(Carded, History):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
-        """Load a recording from a file; also of a run that goes on or was killed, as far as it was written.
+        """Load a recording from a file.
+
+        The recording of a run that is still going on or was killed is loaded as far as it was written.
 
         Args:
-            path: of the file, or of the folder in which it is recording.h5. Where there is only the part that a run
-                writes until it ends, recording.h5.part, it is read: its outcome is not `complete`.
+            path: Path of the file, or of the folder with recording.h5. If there is only recording.h5.part, which a run
+                writes until it ends, that file is read; its outcome is not `complete`.
 
         Raises:
-            RecordingError: there is no recording in the file, or its bytes were changed since it was written.
+            RecordingError: The file has no recording, or its bytes were changed after it was written.
         """
         from graspfx.recording.file import read
 
