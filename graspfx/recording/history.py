@@ -1,4 +1,4 @@
-"""The history of a run, tick by tick: its rows under the names of what they hold, its objects, and its events."""
+"""Data of a run tick by tick: rows by the names of their columns, objects and events."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode'
 
 
 class Event(NamedTuple):
-    """An event of a run: its tick, "fault", "change" of a key or "rest", and its text."""
+    """Event of a run: tick, kind ("fault", "change" or "rest") and text."""
 
     tick: int
     kind: str
@@ -100,7 +100,7 @@ class Stored(Generic[Typed]):
 
 
 class History:
-    """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
+    """Data of a run tick by tick: row k of each array belongs to the time k T.
 
     Args:
         rows: (N, width), read-only from here on; or where they are, to be read as they are asked for.
@@ -135,31 +135,31 @@ class History:
 
     @property
     def rows(self) -> FloatArray:
-        """All rows, (N, width), read-only; those on a disk are read each time, all of them."""
+        """All rows (N, width), read-only. Rows on a disk are read on every access."""
         return self.store.read(0, len(self), slice(0, self.layout.width))
 
     @property
     def is_stored(self) -> bool:
-        """True where the rows are on a disk."""
+        """Whether the rows are on a disk."""
         return not isinstance(self.store, MemoryRows)
 
     def part(self, first: int, stop: int) -> Self:
-        """Give the rows from one up to another as a recording; its columns are read when they are asked for."""
+        """Return a range of rows as a recording, whose columns are read on demand."""
         rows = Window(self.store, first, stop) if self.is_stored else self.rows[first:stop]
         return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
 
     def parts(self) -> Iterator[Self]:
-        """Give the recording in parts of a few MB, in order."""
+        """Yield the recording in parts of a few MB, in order."""
         step = self.store.step
         yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Give a column of the layout in the rows from one up to another."""
+        """Return a column in a range of rows."""
         values = self.store.read(first, stop, self.layout.columns[column].where)
         return values.reshape(len(values), *self.layout.columns[column].shape)
 
     def array(self, column: str) -> FloatArray:
-        """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).
+        """Return a column of the layout, or a derived variable by its name in `Layout.derived`, (N, ...).
 
         Raises:
             UnknownNameError: the recording has no such column.
@@ -177,7 +177,7 @@ class History:
         return values
 
     def optional(self, column: str) -> FloatArray | None:
-        """View a column; None if the scene has no such quantity.
+        """Return a column; None if the scene has no such quantity.
 
         Raises:
             RecordingError: it has, and its `record` leaves the column out.
@@ -186,17 +186,12 @@ class History:
         return self.array(column) if column in self.layout.columns else None
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Give a column as `optional` does, with numbers of its own kind: truth values and whole numbers as such."""
+        """Return a column as `optional` does, as booleans or whole numbers where it has these."""
         values = self.optional(column)
         return None if values is None else self.layout.columns[column].typed(values)
 
-    def whole_numbers(self, column: str) -> NDArray[np.int8] | None:
-        """Give a column of whole numbers; None if the scene has no such quantity."""
-        values = self.optional(column)
-        return None if values is None else values.astype(np.int8)
-
     def require(self, *columns: str) -> None:
-        """Require that columns, if the scene has them, are recorded.
+        """Require that columns are recorded, if the scene has them.
 
         Raises:
             RecordingError: with the names of those that the scene's `record` leaves out.
@@ -210,7 +205,7 @@ class History:
 
     @cached_property
     def time(self) -> FloatArray:
-        """Times of the rows, (N,) [s]: tick x T."""
+        """Times of the rows (N,) [s], tick x T."""
         return self.header.every * np.arange(self.start, self.start + len(self), dtype=np.float64) * self.header.period
 
     finger_position = Stored[FloatArray]()
@@ -235,7 +230,7 @@ class History:
 
     @property
     def raw(self) -> Mapping[str, IntArray | FloatArray]:
-        """Raw numbers that came over the wire, by the device's first finger, (N, m); of devices that show them."""
+        """Raw numbers of devices that report them, (N, m), by the first finger of the device."""
         columns = {name: f"raw/{name}" for name, *_ in self.layout.raw if f"raw/{name}" not in self.layout.omitted}
         return Named("device with raw numbers", columns, lambda column: np.asarray(self.typed(column)))
 
@@ -243,7 +238,7 @@ class History:
 
     @cached_property
     def displayed_force(self) -> FloatArray:
-        """On the operator, after every limit that the framework knows, before output delay, (N, n, d) [N].
+        """Force on the operator after all limits and before output delay, (N, n, d) [N].
 
         The negative of `finger_force`, since the object receives what was displayed.
         """
@@ -252,7 +247,7 @@ class History:
 
     @cached_property
     def external_force(self) -> FloatArray:
-        """P f of each finger's force f on the object, which moves the object, (N, n, d) [N].
+        """External part P f of the fingers' forces f on the object, which moves it, (N, n, d) [N].
 
         Raises:
             RecordingError: a recording of an earlier format, which does not say what P is made of.
@@ -261,31 +256,31 @@ class History:
 
     @cached_property
     def internal_force(self) -> FloatArray:
-        """Rest f - P f of each finger's force on the object, which squeezes it, (N, n, d) [N]; as `external_force`."""
+        """Internal part f - P f of the fingers' forces, which squeezes the object, (N, n, d) [N]; see `external_force`."""
         return np.asarray(self._divided("internal_force"))
 
     @cached_property
     def external_moment(self) -> FloatArray | None:
-        """Moment on the object that goes with `external_force`, (N, n, 3) [N m]; None for fingers that exert none."""
+        """Moment on the object that belongs to `external_force`, (N, n, 3) [N m]; None without soft fingers."""
         return self._divided("external_moment")
 
     @cached_property
     def internal_moment(self) -> FloatArray | None:
-        """Moment on the object that goes with `internal_force`, (N, n, 3) [N m]; None for fingers that exert none."""
+        """Moment on the object that belongs to `internal_force`, (N, n, 3) [N m]; None without soft fingers."""
         return self._divided("internal_moment")
 
     @cached_property
     def external_displacement(self) -> FloatArray:
-        """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
+        """External part P' e of e = p - c, the rigid motion of the contacts, (N, n, d) [m]; see `external_force`."""
         return np.asarray(self._divided("external_displacement"))
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
-        """Rest of e = p - c, by which the fingers squeeze, (N, n, d) [m]; as `external_force`."""
+        """Internal part of e = p - c, by which the fingers squeeze, (N, n, d) [m]; see `external_force`."""
         return self.finger_position - self.contact_position - self.external_displacement
 
     def _divided(self, name: str) -> FloatArray | None:
-        """Read a variable that stands beside the rows of a file, or compute it part by part; None without moments."""
+        """Read a derived variable from the file, or compute it in parts; None without moments."""
         self.require(*self.layout.sources_of(name))
         splits = splits_of(self.header, self.outcome.changes)  # which says so where the recording does not tell
         column = next((each for each in self.layout.derived if each.name == name), None)
@@ -295,7 +290,7 @@ class History:
         return self._gathered(column.shape, lambda part: part._row_split(splits).derived([name])[name])
 
     def _gathered(self, shape: Sequence[int], compute: Callable[[Self], FloatArray]) -> FloatArray:
-        """Put what is computed of the parts into one array, which is all that stays in memory."""
+        """Compute a variable in parts, and join the results in one array."""
         values, first = np.empty((len(self), *shape)), 0
         for each in self.parts():
             values[first : first + len(each)] = compute(each)
@@ -307,7 +302,7 @@ class History:
 
     @cached_property
     def external_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the external part of `displayed_force`, (N, n) [J].
+        """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
 
         With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
         displayed; where it is not, as in recordings of old, of what is displayed.
@@ -320,7 +315,7 @@ class History:
         return self._work(lambda part: part.displayed_force - part._external_display)
 
     def _work(self, force: Callable[[Self], FloatArray]) -> FloatArray:
-        """Add up the work of a part of the displayed force."""
+        """Sum the work of a part of the displayed force."""
         if (every := self.header.every) > 1:
             text = f"added up from every tick, and this recording has one row in {every}: set record.every = 1"
             raise RecordingError(f"the work of each force is {text}, or read device_energy, which the ticks add up")
@@ -365,12 +360,12 @@ class History:
 
     @cached_property
     def objects(self) -> Mapping[str, ObjectMotion]:
-        """Each object's motion, by its name; another name raises UnknownNameError, a KeyError."""
+        """Motions of the objects by name; an unknown name raises UnknownNameError, which is a KeyError."""
         return by_name("object", {name: ObjectMotion(self, name) for name in self.layout.objects})
 
     @cached_property
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
-        """The ledger of each object, by its name: quantities (N, 3) by mode (internal, translation, rotation) or (N,).
+        """Energy ledgers of the objects by name: quantities (N, 3) by mode (internal, translation, rotation), or (N,).
 
         Empty unless the scene asks for it (`coupling.passivity`). The names are those of `graspfx.loop.columns`.
         """
@@ -397,22 +392,22 @@ class History:
 
     @property
     def object_position(self) -> FloatArray:
-        """The first object's, (N, d) [m]."""
+        """Position of the first object (N, d) [m]."""
         return self._first_object.position
 
     @property
     def object_velocity(self) -> FloatArray:
-        """The first object's, (N, d) [m/s]."""
+        """Velocity of the first object (N, d) [m/s]."""
         return self._first_object.velocity
 
     @property
     def object_orientation(self) -> FloatArray | None:
-        """The first object's: (N,), (N, 4) or None."""
+        """Orientation of the first object, (N,) or (N, 4); None on a line."""
         return self._first_object.orientation
 
     @property
     def wrench(self) -> FloatArray:
-        """On the first object, (N, w) [N, N m]."""
+        """Wrench of the fingers on the first object (N, w) [N, N m]."""
         return self._first_object.wrench
 
     @property
@@ -421,12 +416,12 @@ class History:
 
     @property
     def rest(self) -> int | None:
-        """The tick from which forces decay as the run ends; None where they end at once."""
+        """Tick from which forces decay at the end of the run; None if they end at once."""
         return next((change.tick for change in self.outcome.changes if change.key == REST), None)
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Faults, changes of keys, marks and the rest in the order of their ticks."""
+        """Faults, changes of keys, marks and the rest, ordered by tick."""
         kinds = {REST: "rest", MARK: "mark"}
         events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
         events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
@@ -437,17 +432,17 @@ class History:
 
     @property
     def period(self) -> float:
-        """T of the ticks [s]."""
+        """Period T of the ticks [s]."""
         return self.header.period
 
     @property
     def row_period(self) -> float:
-        """Time from one row to the next [s]: T, or `every` T where the scene's `record` has fewer rows than ticks."""
+        """Time between rows [s]: T, or `every` T if the scene records fewer rows than ticks."""
         return self.header.period * self.header.every
 
     @property
     def ticks(self) -> int:
-        """How many ticks were run."""
+        """Number of ticks that were run."""
         return self.outcome.ticks or len(self) * self.header.every
 
     @property
@@ -462,17 +457,17 @@ class History:
 
     @property
     def changes(self) -> tuple[KeyChange, ...]:
-        """Values of the scene that were replaced in mid-run: tick, key and value; the scene's table is the start's."""
+        """Values of the scene that changed during the run: tick, key and value. The scene's table has the initial values."""
         return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property
     def wall_time(self) -> float | None:
-        """That the run took [s]; None if it broke off."""
+        """Wall time of the run [s]; None if it was interrupted."""
         return self.outcome.wall_time
 
     @property
     def scene_text(self) -> str:
-        """The scene file, verbatim."""
+        """Text of the scene file."""
         return self.header.scene_text
 
 
@@ -488,13 +483,13 @@ MEASURES = (  # of an object's motion, on its card
 
 
 class ObjectMotion(Carded):
-    """One object over time."""
+    """Motion of one object over time."""
 
     def __init__(self, recording: History, name: str) -> None:
         self._recording, self._at = recording, f"objects/{name}/"
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Give one of the object's columns, None if the scene has no such quantity."""
+        """Return a column of the object; None if the scene has no such quantity."""
         return self._recording.typed(self._at + column)
 
     position = Stored[FloatArray]()
