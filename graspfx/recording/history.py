@@ -103,11 +103,11 @@ class History:
     """Data of a run tick by tick: row k of each array belongs to the time k T.
 
     Args:
-        rows: (N, width), read-only from here on; or where they are, to be read as they are asked for.
-        layout: their columns.
-        header: what was known before the run.
-        outcome: how it went.
-        start: number of the first row, of a piece of a recording.
+        rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
+        layout: Columns of the rows.
+        header: Facts known before the run.
+        outcome: Facts known after the run.
+        start: Number of the first row, if the recording is a part of another one.
     """
 
     def __init__(
@@ -256,7 +256,7 @@ class History:
 
     @cached_property
     def internal_force(self) -> FloatArray:
-        """Internal part f - P f of the fingers' forces, which squeezes the object, (N, n, d) [N]; see `external_force`."""
+        """Internal part f - P f of the forces, which squeezes the object, (N, n, d) [N]; see `external_force`."""
         return np.asarray(self._divided("internal_force"))
 
     @cached_property
@@ -457,7 +457,7 @@ class History:
 
     @property
     def changes(self) -> tuple[KeyChange, ...]:
-        """Values of the scene that changed during the run: tick, key and value. The scene's table has the initial values."""
+        """Values of the scene that changed during the run: tick, key and value; its table has the first ones."""
         return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property
