@@ -26,6 +26,7 @@ from graspfx.recording.record import Recording, from_bytes, to_bytes
 from graspfx.recording.recorder import Recorder
 from graspfx.recording.sink import FileSink
 from tests.support.recordings import PERIOD, header, layout, put, recording, rows
+from tests.support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 
@@ -252,6 +253,7 @@ def test_a_killed_run_can_be_read_as_far_as_it_was_written(tmp_path: Path) -> No
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
+        wait_until(lambda: len(Recording.load(path)) == 200)  # a thread of the run writes its blocks
         during = Recording.load(path)  # while it is being written
         os.kill(process.pid, signal.SIGKILL)
     back = Recording.load(path)
