@@ -88,6 +88,22 @@ def test_a_slider_writes_what_a_session_sets(browser: Browser, tmp_path: Path) -
     assert np.nanmax(np.abs(recording.rows - session.recording.rows)) < CLOSE
 
 
+def test_a_recording_that_was_stopped_is_kept(browser: Browser, tmp_path: Path) -> None:
+    """Through a restart and further changes, until the next recording begins."""
+    page = opened(browser, tmp_path, gx.load("reference-1dof"))
+    page.evaluate("document.getElementById('record').click()")
+    page.wait_for("graspfx.state.recording && graspfx.state.tick > 50")
+    page.evaluate("document.getElementById('record').click()")
+    page.wait_for("!graspfx.state.recording")
+    rows = page.evaluate("graspfx.state.recorded")
+    page.evaluate("document.getElementById('restart').click()")
+    page.wait_for("graspfx.playing && graspfx.state.tick > 20")
+    page.evaluate("graspfx.run.sliders[0].set(20)")
+    recording = saved(page, tmp_path)
+    assert rows > 50 and len(recording) == rows
+    assert recording.outcome.complete and not recording.changes
+
+
 def test_fingers_are_dragged_by_mouse_touch_and_keys(browser: Browser, tmp_path: Path) -> None:
     page = opened(browser, tmp_path, gx.load("paper-waving"))
     page.evaluate("graspfx.play(false)")

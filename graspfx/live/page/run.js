@@ -18,8 +18,8 @@ function startRun() {
   tell("begin", { run, told: { n, d: story.dimensions, apart: story.apart, limit: story.contacts_states.findIndex(([name]) => name === "limit"), frameWidth } });
   writeSliders(); writeHandles();
   find("live").hidden = find("restart").hidden = find("record").hidden = find("download").hidden = false;
-  find("restart").addEventListener("click", () => restart(state.recording));
-  find("record").addEventListener("click", () => restart(!state.recording));
+  find("restart").addEventListener("click", () => restart(false));
+  find("record").addEventListener("click", () => (state.recording ? tell("unrecord") : restart(true)));
   find("download").addEventListener("click", () => tell("download"));
 }
 function onReady() {
@@ -33,6 +33,7 @@ function restart(record) {
   run.goals = run.handles.map((each) => ({ offsets: each.fingers.map(() => Array(story.dimensions).fill(0)), squeeze: 0 }));
   for (const slider of document.querySelectorAll("#handles input")) { slider.value = 0; slider.dispatchEvent(new Event("shown")); }
   follow = true;
+  if (record && state.recorded && !state.saved) tell("download"); // what was recorded before is not lost
   tell("reset", { record, writes });
   tell("run");
 }
@@ -41,6 +42,7 @@ function restart(record) {
 function onFrames({ frames, tick, going, ended, recorded, recording, slow }) {
   const was = state.ended;
   state.first ??= performance.now();
+  if (recording) state.saved = false;
   Object.assign(state, { tick, going, ended, recorded, recording, slow });
   for (let from = 0; from < frames.length; from += frameWidth) append(frames.subarray(from, from + frameWidth));
   if (playing !== going) { playing = going; showPlaying(); }
@@ -147,7 +149,7 @@ function writeSliders() {
     button.type = "button";
     button.addEventListener("click", () => {
       for (const [i, value] of preset.values) run.sliders[i].set(value);
-      if (state.ended) restart(state.recording);
+      if (state.ended) restart(false);
     });
   }
   find("judged").textContent = `Certificate when this page was made: ${run.judged}. Marks on a slider: its limit with the other values as they were then.`;
@@ -225,7 +227,8 @@ function drag(event) {
 }
 
 // A recording as the project writes one while a run goes on: blocks with a digest each.
-async function save({ rows, changes, complete, fault }) {
+function save({ rows, changes, complete, fault }) {
+  state.saved = true;
   const head = { ...run.recording.head, created: new Date().toISOString().slice(0, 19) + "+00:00" };
   const numbers = new Float64Array(rows.length * run.width);
   rows.forEach((row, i) => numbers.set(row, i * run.width));

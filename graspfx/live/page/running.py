@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
-from graspfx.assembly.process.orders import FARTHEST, GuideKeys, goal_places, guide_keys
+from graspfx.assembly.process.orders import FARTHEST, goal_places, guide_keys
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.steering import Steering
@@ -23,7 +23,8 @@ from graspfx.coupling.contacts import EXCESSIVE
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.live.certifier import Certifier
-from graspfx.live.sliders import Slider, sliders, values_of, widened
+from graspfx.live.guides import hand_name
+from graspfx.live.sliders import Slider, live_keys, sliders, values_of, widened
 from graspfx.live.stability_verdict import Verdict
 from graspfx.loop import program
 from graspfx.loop.arena import Arena
@@ -74,7 +75,7 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
     verdict, margins = _margins(scene, numbers)
     numbers = [widened(each, verdict) for each in numbers]
     parts = resolve(scene)
-    with build(scene, live=_keys(numbers)) as servo:
+    with build(scene, live=live_keys(numbers)) as servo:
         arena = _whole(servo)
         memory = arena.memory.floats[: arena.memory.used]
         start = memory.copy()
@@ -132,15 +133,6 @@ def _whole(servo: Servo) -> Arena:
 
 def _packed(content: bytes) -> str:
     return b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")
-
-
-def keys_of(scene: Scene) -> list[str]:
-    """List the live keys of a page's sliders."""
-    return _keys(sliders(scene))
-
-
-def _keys(numbers: Sequence[Slider]) -> list[str]:
-    return list(dict.fromkeys(each.live for each in numbers))
 
 
 def _arena(numbers: FloatArray) -> dict[str, str]:
@@ -331,7 +323,7 @@ def _written(
     for each in moved:
         changed |= values_of(each, others, own)
     memory = servo.arena.memory.floats[: start.size]
-    steering = Steering(servo, scene, _keys(others))
+    steering = Steering(servo, scene, live_keys(others))
     servo.ticks = 1  # a run has begun: what has moved stays where it is
     try:
         servo.write(steering.update(scene.replace(changed), changed))
@@ -349,9 +341,7 @@ def _margins(scene: Scene, numbers: Sequence[Slider]) -> tuple[Verdict, dict[str
         The certificate of the scene, and by slider the intervals that are not stable.
     """
     certifier = Certifier(scene)
-    verdict = Verdict(error="the scene has no certificate")
-    for verdict in certifier.stages({}):  # noqa: B007 - the last one counts
-        pass
+    *_, verdict = certifier.stages({})
     if verdict.is_stable is None:
         return verdict, {}
     return verdict, {each.key: found for each in numbers if (found := _unstable(certifier, each, numbers)) is not None}
@@ -396,13 +386,7 @@ def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator
     for keys, place in zip(guide_keys(scene, servo), places, strict=True):
         first = arena.place(place.memory)
         yield {
-            "name": _name(scene, keys), "table": keys.table, "fingers": keys.fingers,
+            "name": hand_name(scene, keys.table, keys.fingers), "table": keys.table, "fingers": keys.fingers,
             "goals": [first + int(k) for k in place.entries[:-1]], "squeeze": first + int(place.entries[-1]),
             "start": parts.start[keys.fingers].tolist(), "farthest": FARTHEST,
         }  # fmt: skip
-
-
-def _name(scene: Scene, keys: GuideKeys) -> str:
-    if keys.table.startswith("hand."):
-        return str(scene.hand[int(keys.table.split(".")[1])].name)
-    return str(scene.finger_names[keys.fingers[0]])

@@ -2,7 +2,8 @@
 const BEHIND = 0.1; // [s] by which ticks may be late before the clock waits for them
 const MOST_ROWS = 256e6; // bytes of a recording
 let run, told, memory, entry, at, arena, rows, first, k, going = false, speed = 1, anchor, timer = 0, ended = "";
-let frame, lines, kept, keptBytes, changes, recording = false, ready = [], slow = 0;
+let frame, lines, ready = [], slow = 0;
+let kept = [], keptBytes = 0, changes = [], fault = "", recording = false; // of the last recording, which a restart leaves alone
 
 const unzip = async (text) => {
   const raw = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -30,7 +31,7 @@ async function begin(data) {
 
 function reset() {
   new Uint8Array(memory.buffer).set(first, at);
-  k = 0; ended = ""; frame = null; lines = null; kept = []; keptBytes = 0; changes = []; ready = []; slow = 0;
+  k = 0; ended = ""; frame = null; lines = null; ready = []; slow = 0;
   anchor = [performance.now(), 0];
 }
 
@@ -38,7 +39,7 @@ const call = (place, count, r) => Number(entry(at, at + first.byteLength, BigInt
 
 function tick() {
   call(run.world, 1, 0);
-  run.grasps.forEach((grasp) => { grasp.at ??= 0; call(grasp.state, -2, run.width + 3 * grasp.first); });
+  for (const grasp of run.grasps) call(grasp.state, -2, run.width + 3 * grasp.first);
   if (recording) keep();
   look();
   k += 1;
@@ -47,6 +48,7 @@ function tick() {
     ended = run.faults.texts[`${kind} ${index} ${code}`] ?? `fault ${code} of part ${kind}, ${index}; all forces are zero`;
     if (frame) ready.push(frame); // its group is cut short
     frame = null;
+    if (recording) fault = [k - 1, ended];
     stop();
   }
 }
@@ -58,7 +60,7 @@ function keep() {
 
 // A frame has the first tick of its group; charts have the least and the greatest of all of them.
 function look() {
-  const { n, d, story } = told, row = run.row, begins = k % run.frames === 0;
+  const { n, d } = told, row = run.row, begins = k % run.frames === 0;
   if (begins) frame = new Float64Array(told.frameWidth);
   if (!frame) return;
   const lift = (place, i) => [0, 1, 2].map((a) => (a < d && place >= 0 ? rows[place + d * i + a] : 0));
@@ -170,20 +172,25 @@ function report() {
   const frames = new Float64Array(ready.length * told.frameWidth);
   ready.forEach((each, i) => frames.set(each, i * told.frameWidth));
   ready = [];
-  postMessage({ kind: "frames", frames, tick: k, going, ended, slow, recorded: recording ? kept.length : kept.length, recording }, [frames.buffer]);
+  postMessage({ kind: "frames", frames, tick: k, going, ended, slow, recorded: kept.length, recording }, [frames.buffer]);
 }
 
 const acts = {
   begin, run: start, pause() { stop(); report(); },
   step({ count }) { stop(); for (let i = 0; i < count && !ended; i++) tick(); report(); },
   speed(data) { speed = data.speed; anchor = [performance.now(), k]; },
-  reset({ record, writes }) { stop(); reset(); recording = record; writes.forEach((each) => write(each)); postMessage({ kind: "reset" }); report(); },
+  reset({ record, writes }) {
+    stop(); reset(); recording = record;
+    if (record) { kept = []; keptBytes = 0; changes = []; fault = ""; }
+    writes.forEach((each) => write(each)); postMessage({ kind: "reset" }); report();
+  },
+  unrecord() { recording = false; report(); },
   write(data) { write(data); },
-  download() { postMessage({ kind: "recording", rows: kept, changes, complete: !going || ended !== "", fault: ended && [k - 1, ended] }); },
+  download() { postMessage({ kind: "recording", rows: kept, changes, complete: !going || !recording, fault }); },
 };
 // Numbers of the arena between two ticks, as a live change of the project's, and what a recording says of it.
 function write({ entries, values }) {
   for (const [place, number] of entries) arena[place] = number;
-  for (const [key, value] of values) changes.push([k, key, value]);
+  if (recording) for (const [key, value] of values) changes.push([k, key, value]);
 }
 onmessage = ({ data }) => acts[data.act](data);
