@@ -13,17 +13,7 @@ FloatArray = NDArray[np.float64]
 
 FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # of a column; LATE_: of the second half
 MEASURES = 8
-NEEDS = {  # what a statistic is made from
-    "first": (FIRST,),
-    "last": (LAST,),
-    "mean": (SUM,),
-    "rms": (SQUARES,),
-    "min": (LOW, LATE_LOW),
-    "max": (HIGH, LATE_HIGH),
-    "peak": (LOW, HIGH, LATE_LOW, LATE_HIGH),
-    "growth": (LOW, HIGH, LATE_LOW, LATE_HIGH),
-}
-STATISTICS = tuple(NEEDS)
+STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 
 
 class Statistics(dict[str, FloatArray]):

@@ -85,15 +85,13 @@ def execute(options: Namespace) -> int:
 def _serve(scene: Scene, guide: Guide, options: Namespace) -> int:
     """Run a scene and serve its page until Ctrl-C."""
     from graspfx.live.live_run import LiveRun
-    from graspfx.live.sliders import sliders
+    from graspfx.live.sliders import live_keys, sliders
     from graspfx.live.view.live_view import LiveView
 
     with interruptible() as stop, ExitStack() as stack:
         with waiting(f"starting {options.scene}"):
             numbers = sliders(scene)
-            run = stack.enter_context(
-                LiveRun(scene, live=list(dict.fromkeys(each.live for each in numbers)), guide=guide)
-            )
+            run = stack.enter_context(LiveRun(scene, live=live_keys(numbers), guide=guide))
             view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
             page = stack.enter_context(view)
         if run.has_hardware:

@@ -52,6 +52,11 @@ def guided_scene(scene: Scene) -> Scene:
     return scene.replace(changes) if changes else scene
 
 
+def hand_name(scene: Scene, table: str, fingers: Sequence[int]) -> str:
+    """Name a hand by its table, such as `hand.0`; the hand of a single finger has the finger's name."""
+    return scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else scene.finger_names[fingers[0]]
+
+
 def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) -> Sequence[Guide]:
     """List the guides of a run."""
     names, start = session.scene.finger_names, session.start
@@ -59,7 +64,7 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
     for number, (table, fingers) in enumerate(session.guided if kind else []):
         lag = value_of(session.scene, f"{table}.guide.lag")
         if kind == "hands":
-            hand = session.scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else names[fingers[0]]
+            hand = hand_name(session.scene, table, fingers)
             guides.append(Guide(hand, fingers, start[fingers].mean(axis=0), number, None, fingers, lag))
             continue
         guides += [Guide(names[f], [f], start[f].copy(), number, i, fingers, lag) for i, f in enumerate(fingers)]

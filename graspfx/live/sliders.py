@@ -103,6 +103,11 @@ def _factors(scene: Scene) -> Iterator[Slider]:
             yield Slider(key, label, "", least, most, _step(least, most), 1.0, K, tuple(freedoms))
 
 
+def live_keys(sliders: Sequence[Slider]) -> list[str]:
+    """List the live keys that sliders move, each once."""
+    return list(dict.fromkeys(each.live for each in sliders))
+
+
 def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the value of the live key that a slider moves: a number, or K_o with the factors of all its sliders.
 

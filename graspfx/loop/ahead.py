@@ -36,13 +36,14 @@ def programs() -> dict[str, tuple[str, LlvmProgram]]:
     return found
 
 
-def modules() -> dict[str, tuple[str, bytes]]:
+def modules(steps: LlvmProgram) -> dict[str, tuple[str, bytes]]:
     """Compile the module of `steps` for browsers; none without `ziglang`."""
     if find_spec("ziglang") is None:
         return {}
-    key = program.program_key()
-    return {webassembly.module_key(key): ("steps", webassembly.build(llvm_program(program.source())))}
+    return {webassembly.module_key(program.program_key()): ("steps", webassembly.build(steps))}
 
 
 if __name__ == "__main__":
-    print(build(programs(), Path(sys.argv[1]), modules()))
+    found = programs()
+    _, steps = found[program.program_key()]
+    print(build(found, Path(sys.argv[1]), modules(steps)))

@@ -19,7 +19,7 @@ from graspfx.compile.library import TRIPLE
 from graspfx.compile.llvm.llvm import llvm_program
 from graspfx.compile.native import text_of
 from graspfx.live.guides import guided_scene
-from graspfx.live.page.running import keys_of
+from graspfx.live.sliders import live_keys, sliders
 from graspfx.loop import program
 from graspfx.scene.model import Scene
 
@@ -43,7 +43,7 @@ def entry() -> Any:
 def rows_of(scene: Scene, ticks: int) -> FloatArray:
     """Run a scene as its page does, without anybody's hands on it."""
     own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
-    with build(own, live=keys_of(own)) as servo:
+    with build(own, live=live_keys(sliders(own))) as servo:
         arena = servo.arena
         memory, rows = arena.memory.floats, np.zeros((ticks, servo.layout.width))
         done = entry()(memory.ctypes.data, rows.ctypes.data, arena.offset, 0, ticks, 0)
