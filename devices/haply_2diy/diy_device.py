@@ -88,6 +88,7 @@ class Haply2Diy:
         self.port.open()
         try:
             self._period, self._torque = period, (0.0, 0.0)
+            self._drain()
             self.port.send(setup_frame(self.device, self.home, self.counts))
             self._angles = self._first_angles()
         except DeviceError:
@@ -168,6 +169,12 @@ class Haply2Diy:
         with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
             for _ in range(2):
                 self._send()
+
+    def _drain(self) -> None:
+        """Wait until nothing comes any more: an answer to the last `close` has angles from before the set-up."""
+        deadline = self.port.now() + BLOCKED
+        while self.port.receive(self.port.now() + self.timeout) and self.port.now() < deadline:
+            pass
 
     def _first_angles(self) -> tuple[float, float]:
         """Ask until the board answers, as long as one may be blocked."""

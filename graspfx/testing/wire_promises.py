@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PATIENCE = 0.3  # for an emulator to act [s]
+LOOKS = 10  # however long each takes: a machine that stood still for a while has not been waited for
 MOTION = 2.0  # for a finger to come where it is put [s]
 LONGEST = 20.0  # for another process to open the device [s]
 TICKS = 40  # of a failure
@@ -145,13 +146,14 @@ class _Bench:
     ) -> bool:
         """Tell whether the wire comes into a state in time, while the device is ticked by `act` or left alone."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
-        deadline = self.wire.clock.now() + wait
+        deadline, looks = self.wire.clock.now() + wait, 0
         while True:
             if act is not None:
                 act()
             if state():
                 return True
-            if self.wire.clock.now() > deadline:
+            looks += 1
+            if self.wire.clock.now() > deadline and looks >= LOOKS:
                 return False
             self.wire.clock.sleep(min(self.period, 1e-3))
 

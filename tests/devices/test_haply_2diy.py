@@ -99,6 +99,20 @@ def test_positions_and_forces_are_those_of_the_handle(wire: DiyWire) -> None:
         assert not wire.torque.any()
 
 
+def test_an_answer_to_the_last_close_is_not_the_first_sample(wire: DiyWire) -> None:
+    with connect(wire) as device:
+        device.open(PERIOD)
+        wire.place(np.array([166.0, 13.0]))
+        read_often(device, 10)
+        wire.fail("late", 0.0008)
+        device.write(np.zeros((1, 2)))
+        device.port.sleep(0.0004)
+        device.close()
+        wire.heal()
+        device.open(PERIOD)  # the board takes it that the handle is at home
+        assert np.allclose(np.degrees(device.raw), (168.0, 12.0), atol=1e-4)
+
+
 def test_a_frame_leaves_in_one_piece() -> None:
     """A board that waits for the rest of a frame holds its torques for a second: each frame is one `write`."""
     master, slave = pty.openpty()
