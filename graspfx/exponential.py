@@ -1,4 +1,8 @@
-"""Exponential of a small matrix minus identity, in NumPy only: importing scipy.linalg takes as long as a run."""
+"""Exponential of a small matrix minus identity, in NumPy only: importing scipy.linalg takes as long as a run.
+
+Products and the solution do without BLAS and LAPACK, whose code depends on the processor: simulated devices are set up
+with this function, and a run repeats to the bit on other machines.
+"""
 
 from __future__ import annotations
 
@@ -60,15 +64,39 @@ def expm1(A: FloatArray) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):  # powers may overflow; then the norm of A sets the scale
         s = _halvings(A)
     A = A * 0.5**s
-    A2 = A @ A
-    A4 = A2 @ A2
-    A6 = A4 @ A2
-    U = A @ (A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * eye)
-    V = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * eye
-    F = np.linalg.solve(V - U, 2.0 * U)
+    A2 = _product(A, A)
+    A4 = _product(A2, A2)
+    A6 = _product(A4, A2)
+    odd = _product(A6, b[13] * A6 + b[11] * A4 + b[9] * A2)
+    U = _product(A, odd + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * eye)
+    even = _product(A6, b[12] * A6 + b[10] * A4 + b[8] * A2)
+    V = even + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * eye
+    F = _solution(V - U, 2.0 * U)
     for _ in range(s):
-        F = 2.0 * F + F @ F
+        F = 2.0 * F + _product(F, F)
     return np.asarray(F, dtype=np.float64)
+
+
+def _product(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Compute A B."""
+    product: FloatArray = np.einsum("ij,jk->ik", A, B)
+    return product
+
+
+def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Solve A X = B by Gaussian elimination with partial pivoting."""
+    n = len(A)
+    M = np.hstack([A, B])
+    for k in range(n):
+        pivot = k + int(np.abs(M[k:, k]).argmax())
+        if pivot != k:
+            M[[k, pivot]] = M[[pivot, k]]
+        M[k + 1 :, k:] -= (M[k + 1 :, k] / M[k, k])[:, None] * M[k, k:]
+    X = M[:, n:]
+    for k in reversed(range(n)):
+        X[k] /= M[k, k]
+        X[:k] -= M[:k, k, None] * X[k]
+    return X
 
 
 def _halvings(A: FloatArray) -> int:

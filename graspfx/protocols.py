@@ -8,6 +8,7 @@ devices, for force limits that change, and for blocks and kernels that become pa
 
 from __future__ import annotations
 
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import (
@@ -143,6 +144,7 @@ __all__ = [  # noqa: RUF022 (in reading order: common names first, then by kind)
     "number",
     "LARGEST",
     "SMALLEST",
+    "elementary",
     "expm1",
     "zeros",
 ]

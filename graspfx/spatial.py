@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel, written
 from graspfx.compile.records import Table
 
@@ -226,8 +227,8 @@ def quaternion_matrix(q: Quaternion) -> Matrix:
 @inline
 def angle_matrix(angle: float) -> Matrix:
     """Compute the matrix of a rotation about z by `angle` [rad]."""
-    c = math.cos(angle)
-    s = math.sin(angle)
+    c = elementary.cos(angle)
+    s = elementary.sin(angle)
     return Matrix(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -241,8 +242,8 @@ def exponential(v: Vector) -> Quaternion:
     if not square <= LARGEST:  # the body has diverged: its state becomes NaN, and nothing is raised
         return Quaternion(math.nan, math.nan, math.nan, math.nan)
     angle = math.sqrt(square)
-    s = math.sin(0.5 * angle) / angle
-    return Quaternion(v.x * s, v.y * s, v.z * s, math.cos(0.5 * angle))
+    s = elementary.sin(0.5 * angle) / angle
+    return Quaternion(v.x * s, v.y * s, v.z * s, elementary.cos(0.5 * angle))
 
 
 @kernel

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.devices._plant import NOT_FINITE, HeldPlant
 from graspfx.devices.simulated.operated_sample import MOST, TOO_STIFF, OperatedPlantState, advance
-from graspfx.protocols import Hand, InputError, Operator, layout
+from graspfx.protocols import Hand, InputError, Operator, elementary, layout
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -107,8 +106,8 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
             own = self._operator.finger(i)
             start = finger.now.offset
             self.state[start : start + self._operator.numbers.shape[1]] = self._operator.numbers[i]
-            finger.grip_share = math.exp(-T / own.grip_lag) if own.grip_lag > 0.0 else 0.0
-            finger.command_share = math.exp(-T / own.command_lag) if own.command_lag > 0.0 else 0.0
+            finger.grip_share = elementary.exp(-T / own.grip_lag) if own.grip_lag > 0.0 else 0.0
+            finger.command_share = elementary.exp(-T / own.command_lag) if own.command_lag > 0.0 else 0.0
             finger.delay = samples_of(own.delay, T)
             if self._block.room and finger.delay >= self._block.room:
                 raise InputError("delay", own.delay, f"less than {self._block.room} samples, which is the line's room")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from graspfx.devices._plant import PlantState, unfit
-from graspfx.protocols import FingerOperator, Floats, Many, Record, Table, floats, kernel, many, table
+from graspfx.protocols import FingerOperator, Floats, Many, Record, Table, elementary, floats, kernel, many, table
 
 WAVES = 24  # sines of a finger's noise, as `FingerOperator` has them
 SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2: with them the series ends in rounding after `TERMS`
@@ -140,7 +140,7 @@ def respond(plant: OperatedPlantState) -> None:
         noise = 0.0
         if own.share != 0.0:
             for k in range(WAVES):
-                noise += math.sin(own.frequency[k] * now + own.phase[k])
+                noise += elementary.sin(own.frequency[k] * now + own.phase[k])
             noise *= own.share * math.sqrt(2.0 / WAVES)
         for a in range(d):
             c = i * d + a

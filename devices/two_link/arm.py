@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.protocols import DeviceError, InputError, inline
+from graspfx.protocols import DeviceError, InputError, elementary, inline
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -66,10 +66,10 @@ def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
 def links_at(lengths: Both, a1: float, a2: float) -> Links:
     """Give the links [m] in directions a1, a2 [rad]."""
     return Links(
-        lengths.first * math.cos(a1),
-        lengths.first * math.sin(a1),
-        lengths.second * math.cos(a2),
-        lengths.second * math.sin(a2),
+        lengths.first * elementary.cos(a1),
+        lengths.first * elementary.sin(a1),
+        lengths.second * elementary.cos(a2),
+        lengths.second * elementary.sin(a2),
     )
 
 
@@ -132,8 +132,8 @@ class Arm:
         self.check_reach(dx, dy)
         l1, l2 = self.links
         c = (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
-        bend = self.bend * math.acos(c)
-        a1 = math.atan2(dy, dx) - math.atan2(l2 * math.sin(bend), l1 + l2 * c)
+        bend = self.bend * elementary.acos(c)
+        a1 = elementary.atan2(dy, dx) - elementary.atan2(l2 * elementary.sin(bend), l1 + l2 * c)
         return a1, a1 + bend
 
     def check_reach(self, dx: float, dy: float) -> None:
@@ -216,7 +216,7 @@ class Mechanics:
     def mass_matrix(self, a1: float, a2: float) -> FloatArray:
         """Compute M(a), (2, 2) [kg m^2]."""
         i1, i2, m, r, *_ = self.constants
-        mixed = m * math.cos(a2 - a1) + r
+        mixed = m * elementary.cos(a2 - a1) + r
         return np.array([[i1, mixed], [mixed, i2]])
 
     def damping_matrix(self) -> FloatArray:

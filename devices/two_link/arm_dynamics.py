@@ -220,7 +220,7 @@ def fastest_rate(plant: ArmPlantState) -> float:
     for i, arm in enumerate(plant.arms):
         I1, I2 = arm.inertia.first, arm.inertia.second
         mixed = abs(arm.mixed) + abs(arm.rotors)
-        least = 0.5 * (I1 + I2) - math.sqrt(0.25 * (I1 - I2) ** 2 + mixed * mixed)  # eigenvalue of M, any posture
+        least = 0.5 * (I1 + I2) - math.sqrt(0.25 * (I1 - I2) * (I1 - I2) + mixed * mixed)  # eigenvalue of M
         longer = max(arm.lengths.first, arm.lengths.second)
         rate = max(
             rate,

@@ -46,8 +46,8 @@ def replay(
 ) -> Recording:
     """Replay a recording: each finger moves as it was recorded, and forces and objects are computed anew.
 
-    Without overrides forces and objects are those of the recording to the bit, on the same libm: also where samples
-    were held, periods left out, keys changed in mid-run, or a device had a fault. With overrides they are what would
+    Without overrides forces and objects are those of the recording to the bit: also where samples were
+    held, periods left out, keys changed in mid-run, or a device had a fault. With overrides they are what would
     have been felt on the same way, which is an open loop: no finger gives way to another force.
 
     Args:

@@ -87,8 +87,9 @@ def _placed(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     d = scene.dimensions
     pose = place_obstacle(table.name, solid.shape, d, *place(table, solid))
     u = np.array(start.toward, dtype=float)
-    u /= np.linalg.norm(u / np.abs(u).max()) * np.abs(u).max()  # of any length: its square may be too large
-    t = standoff(solid.shape, pose.rotation[:d, :d].T @ u, start.gap + finger.radius)
+    u /= np.abs(u).max()  # of any length: its square may be too large
+    u /= np.sqrt((u * u).sum())
+    t = standoff(solid.shape, np.einsum("ij,i->j", pose.rotation[:d, :d], u), start.gap + finger.radius)
     if t is None:
         return None
     point: Point = tuple((pose.position[:d] + t * u).tolist())

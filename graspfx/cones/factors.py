@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 
@@ -169,8 +170,8 @@ def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats
     """Subtract the terms of the pair p > q of pivots from M, and write them as numbers k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
-    angle = 0.5 * math.atan2(b, half)
-    cosine, sine = math.cos(angle), math.sin(angle)
+    angle = 0.5 * elementary.atan2(b, half)
+    cosine, sine = elementary.cos(angle), elementary.sin(angle)
     radius = math.sqrt(half * half + b * b)
     high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # of opposite signs, because b is large
     signs[k] = 1.0

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import elementary
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects.body_state import BodyState, Motion
@@ -85,7 +86,7 @@ def _round(grasped: GraspedObject, fingers: FloatArray, axis: int, way: FloatArr
     centre, start = position[:d].copy(), motion.quaternion
     created = peak = 0.0
     for phase in 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES:
-        sine, cosine = math.sin(phase), math.cos(phase)
+        sine, cosine = elementary.sin(phase), elementary.cos(phase)
         turn = [0.0, 0.0, 0.0]
         turn[axis] = TURN * sine
         position[:d] = centre + (1.0 + cosine) * way

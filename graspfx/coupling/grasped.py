@@ -190,7 +190,8 @@ class GraspedObject:
         """Give unit normals into the object at the fingers' contacts, world axes, (n, d)."""
         o = start_of(BodyState, "motion") + start_of(type(self.state.body.motion), "rotation")
         R = self.body_state[o : o + 9].reshape(3, 3)
-        return (self.array(FingerState.normal) @ R.T)[:, : self.dimensions]
+        normals: FloatArray = np.einsum("fi,ji->fj", self.array(FingerState.normal), R)
+        return normals[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
         """Attach contacts at points (n, d) in the object's frame [m]; the object's centre unless they are set."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 from graspfx.coupling.grasp_state import Gain, GraspState
@@ -255,5 +256,5 @@ def release_mode(A: Table, k: int, size: int, factor: float) -> None:
 @kernel
 def arm_of_blend(beta: float, low: float, high: float) -> float:
     """Compute the arm at which the smoothstep between two arms is beta: 3 t^2 - 2 t^3 = beta for the part t between."""
-    t = 0.5 - math.sin(math.asin(1.0 - 2.0 * beta) / 3.0)
+    t = 0.5 - elementary.sin(elementary.asin(1.0 - 2.0 * beta) / 3.0)
     return low + t * (high - low)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import ZERO, cross, dot, with_torsion
@@ -29,7 +28,7 @@ def twist(grasp: GraspState, finger: FingerState) -> None:
         w += dot(finger.anchor.row(k), motion.rotation.row(k))
     n = finger.normal
     along = dot(v, n)
-    theta = 2.0 * finger.patch * math.atan2(along, w)
+    theta = 2.0 * finger.patch * elementary.atan2(along, w)
     finger.displacement = with_torsion(finger.displacement.vector, finger.torsion_at_anchor - theta)
     axis = n
     length = w * w + along * along

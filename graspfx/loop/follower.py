@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx import elementary
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -61,5 +62,5 @@ class Follower:
     def follow(self, target: ArrayLike, duration: float) -> None:
         """Follow a target that has stood for a time [s], which was the same all along."""
         w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
-        share = math.exp(-w * duration)
+        share = elementary.exp(-w * duration)
         self.position[...], self.velocity[...] = follow(w, duration, share, goal, self.position, self.velocity)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.objects.body_state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT, Decay
 
@@ -25,7 +25,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
     They give velocity, displacement and rotation of the axis under a constant wrench; a series avoids cancellation.
     """
     if z >= 1.0:
-        E = math.exp(-z)
+        E = elementary.exp(-z)
         return E, (1.0 - E) / z, (z - 1.0 + E) / (z * z), (z + z * E - 2.0 + 2.0 * E) / (2.0 * z * z * z)
     term = 0.5  # (-z)^(k - 2)/k!
     two = term
@@ -36,7 +36,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
         term *= -z / k
         two += term
         k += 1
-    return math.exp(-z), 1.0 - z * two, two, turn
+    return elementary.exp(-z), 1.0 - z * two, two, turn
 
 
 @kernel

@@ -17,9 +17,9 @@ Rotations obey the same with moments and the rotation vector. In space the rotat
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Record
 from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
@@ -129,7 +129,7 @@ def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: 
 def decay_square(z: float) -> float:
     """Integrate ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, 1/3 at zero."""
     if z > SERIES:
-        E = math.exp(-z)
+        E = elementary.exp(-z)
         return (z - 2.0 * (1.0 - E) + 0.5 * (1.0 - E * E)) / (z * z * z)
     total, power, twos, k = 0.0, 0.5, 4.0, 2  # power = (-z)^(k - 2)/k!
     while abs(power) * twos > 1e-18:

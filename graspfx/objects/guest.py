@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
+from graspfx import elementary
 from graspfx.compile.calls import Call
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Record, size_of, start_of
@@ -186,7 +187,7 @@ def unwrapped_angle(guest: GuestState, T: float) -> float:
     """Compute the angle of the single free rotation [rad]: the quaternion's angle nearest to the expected one."""
     axis, q = guest.axis, guest.turn
     sine = q.x if axis == 0 else (q.y if axis == 1 else q.z)
-    angle = 2.0 * math.atan2(sine, q.w)
+    angle = 2.0 * elementary.atan2(sine, q.w)
     expected = guest.angle + T * guest.spin[axis]
     angle += 2.0 * math.pi * math.floor((expected - angle) / (2.0 * math.pi) + 0.5)
     guest.angle = angle

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.objects.body_state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import update_decay
@@ -50,7 +51,7 @@ def vector_of(turn: Quaternion) -> Vector:
     if cosine < 0.0:
         cosine, scale = -cosine, -2.0
     if sine > 0.0:
-        scale *= math.atan2(sine, cosine) / sine
+        scale *= elementary.atan2(sine, cosine) / sine
     return scale * u
 
 

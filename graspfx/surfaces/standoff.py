@@ -37,9 +37,9 @@ def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> flo
     Returns:
         t [m], or None if the ray never comes that close.
     """
-    u = direction / np.linalg.norm(direction)
+    u = direction / np.sqrt((direction * direction).sum())
     if getattr(shape, "endless", False):
-        climb = -float(_gap(shape, u, 1.0)[1] @ u)  # valid on either side of a plane
+        climb = -float((_gap(shape, u, 1.0)[1] * u).sum())  # valid on either side of a plane
         return distance / climb if climb > 0.0 else None
     extent = _extent(shape)
     t = extent + distance
@@ -63,7 +63,7 @@ def _polished(shape: Shape | Mesh, u: FloatArray, t: float, distance: float, ext
         if abs(left) <= EXACT * extent:
             break
         low, high = (t, high) if left < 0.0 else (low, t)
-        slope = -float(inward @ u)
+        slope = -float((inward * u).sum())
         newton = t - left / slope if slope > 0.0 else -np.inf
         t = newton if low < newton < high else 0.5 * (low + high)
         if not np.isfinite(t) or t in (low, high):

@@ -263,11 +263,20 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
 
 
 def _scaled(code: Code, x: Number, exponent: Number) -> Number:
-    """Write math.ldexp: x 2^e."""
-    code.used.add("ldexp")
-    bounded = extreme(code, "max", [constant(-5000), extreme(code, "min", [constant(5000), exponent])])
-    short = code.op("i32", f"trunc i64 {bounded.text} to i32")
-    return code.op(FLOAT, f"call double @graspfx_ldexp(double {x.text}, i32 {short.text})")
+    """Write math.ldexp: x 2^e, rounded once; a result that overflows is infinite, where CPython raises.
+
+    Powers of two that multiply x before the last one leave it exact: those downwards end above 2^-1022.
+    """
+    left = extreme(code, "max", [constant(-2200), extreme(code, "min", [constant(2200), exponent])])
+    for least, most in ((-969, 1023), (-969, 1023), (-1022, 1023)):
+        high = extreme(code, "min", [constant(most), left])
+        below = compare(code, ast.Lt(), left, constant(-1022))
+        part = select(code, below, constant(least), high)
+        biased = code.op(INT, f"add i64 {part.text}, 1023")
+        power = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'shl i64 {biased.text}, 52').text} to double")
+        x = code.op(FLOAT, f"fmul double {x.text}, {power.text}")
+        left = code.op(INT, f"sub i64 {left.text}, {part.text}")
+    return x
 
 
 def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:

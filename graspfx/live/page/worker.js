@@ -10,13 +10,12 @@ const unzip = async (text) => {
   return new Uint8Array(await new Response(new Blob([raw]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
 };
 const spread = (found, places) => new Uint8Array(BigUint64Array.from(places, (place) => found[place]).buffer);
-const NONE = { memset() { throw new Error("no such function"); } };
 
 async function begin(data) {
   ({ run, told } = data);
   const [code, found, places] = await Promise.all([run.module, run.arena.numbers, run.arena.places].map(unzip));
   const numbers = spread(new BigUint64Array(found.buffer), new (run.arena.kind === "u2" ? Uint16Array : Uint32Array)(places.buffer));
-  const { exports } = (await WebAssembly.instantiate(code, { env: NONE })).instance;
+  const { exports } = (await WebAssembly.instantiate(code)).instance;
   ({ memory, graspfx_entry: entry } = exports);
   at = (exports.__heap_base.value + 15) & ~15;
   const outside = 8 * (run.width + 3 * told.n); // behind the arena: a row, and the external forces

@@ -20,6 +20,9 @@ A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h and st
 
 from __future__ import annotations
 
+import math
+
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many
 from graspfx.cones.elimination import eliminate
@@ -147,7 +150,8 @@ def add_pads(grasp: GraspState, ledger: LedgerState, adds: bool) -> None:
         if ledger.guarded:
             k *= ledger.gain
         if k > 0.0 and push > 0.0:
-            depth = (push / k) ** (2.0 / 3.0)
+            root = elementary.cube_root(push / k)
+            depth = root * root
             for j in range(3):
                 ledger.curved[j] += 0.1 * depth * dot(finger.elastic.parts[j].force.vector, finger.normal)
             if adds:
@@ -171,7 +175,7 @@ def split_force(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4]
     for k in range(split.count):
         z = modes[k, 0] * along(split, contacts, forces, k)
         for i, contact in enumerate(contacts):
-            w = contact.weight**0.5
+            w = math.sqrt(contact.weight)
             rest, part = out[i].parts[0], out[i].parts[1 if k < split.shifts else 2]
             for a in range(width):
                 share = w * modes[k, 1 + width * i + a] * z
@@ -186,7 +190,7 @@ def along(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], k: i
     total = 0.0
     for i, contact in enumerate(contacts):
         if contact.weight > 0.0:
-            w = contact.weight**-0.5
+            w = 1.0 / math.sqrt(contact.weight)
             for a in range(width):
                 total += w * split.modes[k, 1 + width * i + a] * forces[i][a]
     return total
@@ -206,7 +210,7 @@ def stretch(split: ModeSplit, fingers: Many[FingerBooks], kep: float, kip: float
         for i, finger in enumerate(fingers):
             if finger.weight > 0.0:
                 for a in range(width):
-                    finger.stretch[a] += z * modes[k, 1 + width * i + a] * finger.weight**-0.5
+                    finger.stretch[a] += z * modes[k, 1 + width * i + a] / math.sqrt(finger.weight)
 
 
 @kernel

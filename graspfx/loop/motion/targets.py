@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats
 from graspfx.loop.follower import follow
@@ -75,7 +74,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
         return
     s, ds = step(since, part.ramp)
     a, w = part.amplitude, part.angular_frequency
-    sin, cos = math.sin(w * since), math.cos(w * since)
+    sin, cos = elementary.sin(w * since), elementary.cos(w * since)
     length, rate = a * s * sin, a * (s * w * cos + ds * sin)
     for j in range(part.dimensions):
         now.value[j] += length * part.direction[j]
@@ -143,8 +142,8 @@ def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
         for k in range(part.count):
             w = frequency[j, k]
             angle = w * t + phase[j, k]
-            x += math.sin(angle)
-            dx += w * math.cos(angle)
+            x += elementary.sin(angle)
+            dx += w * elementary.cos(angle)
         now.value[j] += a * s * x
         now.rate[j] += a * (s * dx + ds * x)
 
@@ -204,7 +203,7 @@ def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
 def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
     """Turn positions and velocities (n, 2) about z by the angle of now."""
     angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos, sin = elementary.cos(angle), elementary.sin(angle)
     for i in range(n):
         x, y = position[2 * i] - c.x, position[2 * i + 1] - c.y
         ax, ay = cos * x - sin * y, sin * x + cos * y
@@ -219,7 +218,7 @@ def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
     """Turn positions and velocities (n, 3) about the axis by the angle of now."""
     angle, rate, c, u = turning.now.value.x, turning.now.rate.x, turning.centre, turning.axis
-    R = axis_matrix(u, math.cos(angle), math.sin(angle))
+    R = axis_matrix(u, elementary.cos(angle), elementary.sin(angle))
     for i in range(n):
         arm = R @ (vector_at(position, i) - c)
         v = R @ vector_at(velocity, i) + rate * cross(u, arm)
@@ -294,7 +293,7 @@ def follow_goals(guide: GuidedHandState, t: float) -> None:
         return
     guide.time = t
     w = 1.0 / guide.lag
-    share = math.exp(-w * h)
+    share = elementary.exp(-w * h)
     guide.squeeze, guide.squeeze_rate = follow(w, h, share, guide.squeeze_goal, guide.squeeze, guide.squeeze_rate)
     goal, lead, rate = guide.goal, guide.lead, guide.lead_rate
     for j in range(guide.fingers * guide.dimensions):

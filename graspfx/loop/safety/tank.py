@@ -8,6 +8,8 @@ is not counted.
 
 from __future__ import annotations
 
+import math
+
 from graspfx.compile.kernel import inline, kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
@@ -110,7 +112,7 @@ def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) ->
         z = 0.0
         for i, finger in enumerate(grasp.fingers):
             if finger.weight > 0.0:
-                w = finger.weight**-0.5
+                w = 1.0 / math.sqrt(finger.weight)
                 for a in range(width):
                     z += w * grasp.modes[k, 1 + width * i + a] * finger.elastic[a]
         share = grasp.modes[k, 0]

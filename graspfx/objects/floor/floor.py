@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_for, size_of, start_of
@@ -183,7 +184,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
             yield RIM, 0.0, 0.0, end, a
             for side in range(SIDES):
                 angle = 2.0 * math.pi * side / SIDES
-                yield NOTCH, a * math.cos(angle), a * math.sin(angle), end, 0.0
+                yield NOTCH, a * elementary.cos(angle), a * elementary.sin(angle), end, 0.0
     elif shape.kind == proxy.ELLIPSOID:
         yield ELLIPSOID, a, b, c, 0.0
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many
 from graspfx.objects.body_state import BodyState
@@ -66,7 +67,7 @@ def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane
             extreme = i
     contacts[extreme].pair = -1 - contacts[extreme].pair  # marked
     for side in range(SIDES):
-        c, s = math.cos(2.0 * math.pi * side / SIDES), math.sin(2.0 * math.pi * side / SIDES)
+        c, s = elementary.cos(2.0 * math.pi * side / SIDES), elementary.sin(2.0 * math.pi * side / SIDES)
         outwards = c * plane.frame.second + s * plane.frame.third
         far = -math.inf
         for i in range(first, first + count):

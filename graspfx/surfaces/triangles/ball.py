@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 
+from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.spatial import ZERO, Vector, dot, length
 from graspfx.surfaces.nearest import Nearest
@@ -145,8 +146,8 @@ def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vecto
     across = length(t)
     if not across > 0.0:
         return
-    angle = min(math.atan2(across, along), STEP)
-    x = c + radius * math.cos(angle) * d + radius * math.sin(angle) / across * t
+    angle = min(elementary.atan2(across, along), STEP)
+    x = c + radius * elementary.cos(angle) * d + radius * elementary.sin(angle) / across * t
     if angle < STEP:
         share = radius / length(w)
         x = c + share * w + ZERO  # turns minus zero into zero

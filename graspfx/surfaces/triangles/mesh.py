@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
@@ -17,7 +18,7 @@ from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 from graspfx.surfaces.closed_form.shape import Contacts, contacts
 from graspfx.surfaces.triangles.ball import ball_contact
-from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, load_trimesh, read_mesh_file
+from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, read_mesh_file
 from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
@@ -25,6 +26,7 @@ from graspfx.surfaces.triangles.walk import mesh_contact
 from graspfx.surfaces.triangles.winding import wound
 
 STATE = size_of(MeshFinger)  # entries of a finger's state on a mesh
+ROTATIONS = 12  # sweeps over three rotations; four or five suffice
 FLAT = 1e-13  # relative to the mesh: a triangle of smaller height has no normal
 SAME_POINT = 1e-6  # relative distance at which vertices of an open mesh are merged
 ROUNDS = 100  # passes that cut at triangles without area; any that remain leave the surface open
@@ -122,12 +124,8 @@ class Mesh:
             raise InputError("density", density, "the mass of a shell", "a surface has no volume")
         middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
         size = float(np.ptp(self.vertices, axis=0).max())
-        unit = (self.vertices - middle) / size  # trimesh compares with absolute numbers
-        if self.shell:
-            volume, centre, inertia = _surface_properties(unit[self.faces])
-        else:
-            whole = load_trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
-            volume, centre, inertia = float(whole["volume"]), np.asarray(whole["center_mass"]), whole["inertia"]
+        unit = (self.vertices - middle) / size
+        volume, centre, inertia = (_surface_properties if self.shell else _solid_properties)(unit[self.faces])
         if not volume > LEAST_VOLUME:
             body = f"a surface around {volume * size**3:.3g} m^3"
             raise InputError("mesh", body, "a surface with an inside", "it is flat, or crosses itself: repair the file")
@@ -142,7 +140,7 @@ class Mesh:
 
     def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
         """Transform the mesh into a frame at `centre` (3,) with `axes` (3, 3) as columns, for example its body's."""
-        return replace(self, vertices=np.ascontiguousarray((self.vertices - centre) @ axes))
+        return replace(self, vertices=np.einsum("vi,ij->vj", self.vertices - centre, axes))
 
 
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
@@ -279,19 +277,63 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
     products = np.abs(inertia - np.diag(np.diag(inertia))).max()
     if products <= ALIGNED * np.diag(inertia).max():
         return np.diag(inertia).copy(), np.eye(3)
-    moments, axes = np.linalg.eigh(inertia)
+    moments, axes = _eigen(inertia)
     for k in (0, 1):  # choose the sign that keeps each axis close to one of the file's
         axes[:, k] *= np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     return moments, axes
 
 
+def _eigen(A: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the eigenvalues of a symmetric (3, 3), ascending, and eigenvectors as columns, by Jacobi rotations.
+
+    LAPACK's last digits depend on the processor; a scene's body must not.
+    """
+    A, Q = A.copy(), np.eye(3)
+    for _ in range(ROTATIONS):
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            if abs(A[i, j]) > 1e-17 * (abs(A[i, i]) + abs(A[j, j])):
+                theta = 0.5 * float(A[j, j] - A[i, i]) / float(A[i, j])
+                t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+                c = 1.0 / math.sqrt(1.0 + t * t)
+                s = c * t
+                for M in (A.T, A, Q.T):  # columns, then rows, of A; columns of Q
+                    M[i], M[j] = c * M[i] - s * M[j], s * M[i] + c * M[j]
+    order = np.argsort(np.diag(A))
+    return np.diag(A)[order], Q[:, order]
+
+
 def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Compute area, centre, and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     area = float(areas.sum())
-    centre = areas @ corners.sum(axis=1) / (3.0 * area)
+    centre = (areas[:, None] * corners.sum(axis=1)).sum(axis=0) / (3.0 * area)
+    return area, centre, _inertia(corners - centre, areas / 12.0)
+
+
+def _solid_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Compute volume, centre, and inertia about it (unit density) of the solid within triangles (f, 3, 3).
+
+    Triangles make tetrahedra with a common apex, which count negatively where they face it.
+    """
+    volumes = _tetrahedra(corners)
+    volume = float(volumes.sum())
+    if volume == 0.0:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    centre = (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4.0 * volume)
     x = corners - centre
-    x = np.concatenate([x, x.sum(axis=1, keepdims=True)], axis=1)  # integral of x x' = A/12 (aa' + bb' + cc' + ss')
-    second = np.einsum("f,fki,fkj->ij", areas / 12.0, x, x)
-    return area, centre, np.trace(second) * np.eye(3) - second
+    return volume, centre, _inertia(x, _tetrahedra(x) / 20.0)
+
+
+def _tetrahedra(corners: FloatArray) -> FloatArray:
+    """Compute the volumes of tetrahedra between triangles (f, 3, 3) and the origin."""
+    volumes: FloatArray = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum(axis=1) / 6.0
+    return volumes
+
+
+def _inertia(x: FloatArray, weights: FloatArray) -> FloatArray:
+    """Compute the inertia of simplices: the integral of x x' is w (aa' + bb' + cc' + ss') with s = a + b + c."""
+    x = np.concatenate([x, x.sum(axis=1, keepdims=True)], axis=1)
+    second = np.einsum("f,fki,fkj->ij", weights, x, x)
+    inertia: FloatArray = np.trace(second) * np.eye(3) - second
+    return inertia

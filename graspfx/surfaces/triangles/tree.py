@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import elementary
 from graspfx.compile.records import size_for
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node, Triangle, Vertex
 
@@ -12,6 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 LEAF = 4  # largest number of triangles in a leaf
+ANGLES = np.frompyfunc(elementary.atan2, 2, 1)  # arctan2 of NumPy depends on the processor
 
 
 def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArray:
@@ -133,7 +135,7 @@ def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, ve
     total = np.zeros((vertices, 3))
     for k in range(3):
         u, v = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
-        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1))
+        angle = ANGLES(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1)).astype(float)
         np.add.at(total, faces[:, k], normals * angle[:, None])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0.0, length, 1.0)

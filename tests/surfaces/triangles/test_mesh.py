@@ -79,8 +79,6 @@ def test_trimesh_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(MissingPackageError, match="trimesh"):
         load_mesh(tmp_path / "a.stl")
-    with pytest.raises(MissingPackageError, match="trimesh"):
-        make_mesh(*plate()).mass_properties(mass=1.0)
 
 
 def test_nothing_heavy_is_imported_before_a_file_is_read() -> None:
