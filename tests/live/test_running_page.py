@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.assembly.build import build
 from graspfx.errors import InputError
 from graspfx.live.guides import guided_scene
+from graspfx.live.page.running import module
 from graspfx.recording.record import Recording
 from tests.support.chromium import Browser, Page
 from tests.support.waiting import wait_until
@@ -20,6 +23,12 @@ pytest.importorskip("ziglang", reason="the module for browsers is compiled with 
 
 pytestmark = pytest.mark.alone
 CLOSE = 1e-9  # [m, N, m/s]: gaps of a fade that follow from stiffnesses are rounded otherwise in a page, after a second
+SCENES = Path(__file__).parents[2] / "scenes"
+NAMES = sorted(
+    file.stem.replace("_", "-")
+    for file in SCENES.iterdir()
+    if file.suffix in (".toml", ".py") and file.stem != "two-objects"
+)
 GAIN = "coupling.internal.stiffness"
 
 
@@ -176,3 +185,36 @@ def test_a_preset_has_sliders(tmp_path: Path) -> None:
         gx.load("paper-waving").to_html(tmp_path / "page.html", presets={"a": {"period": 0.001}})
     with pytest.raises(InputError, match=f"{GAIN} from 5 to 500"):
         gx.load("paper-waving").to_html(tmp_path / "page.html", presets={"a": {GAIN: 1e6}})
+
+
+MODULE = """<!DOCTYPE html><title>steps</title><script>
+const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+const { exports } = new WebAssembly.Instance(new WebAssembly.Module(bytes("%s")));
+function rowsOf(text, world, width, ticks) {
+  const arena = bytes(text), at = (exports.__heap_base.value + 15) & ~15, rows = at + arena.length;
+  const missing = rows + 8 * width * ticks - exports.memory.buffer.byteLength;
+  if (missing > 0) exports.memory.grow(Math.ceil(missing / 65536));
+  new Uint8Array(exports.memory.buffer).set(arena, at);
+  exports.graspfx_entry(at, rows, BigInt(world), 0n, BigInt(ticks), 0n);
+  const found = new Uint8Array(exports.memory.buffer, rows, 8 * width * ticks);
+  let letters = "";
+  for (const each of found) letters += String.fromCharCode(each);
+  return btoa(letters);
+}
+</script>"""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scene_computes_the_bits_of_native_code_in_a_browser(name: str, browser: Browser, tmp_path: Path) -> None:
+    """All built-in scenes but the one with PyBullet, by the module alone."""
+    page = tmp_path / "module.html"
+    page.write_text(MODULE % b64encode(module()).decode(), encoding="ascii")
+    scene = gx.load(name).replace({"record.every": 1, "record.columns": []})
+    ticks = min(200, round(scene.duration / scene.period))
+    with build(scene) as servo:
+        arena, width = servo.arena, servo.layout.width
+        start = arena.memory.floats[: arena.memory.used].tobytes()
+        opened = browser.open(page.as_uri(), 400, 300)
+        text = opened.evaluate(f"rowsOf('{b64encode(start).decode()}', {arena.offset}, {width}, {ticks})")
+    rows = np.frombuffer(b64decode(text)).reshape(ticks, width)
+    np.testing.assert_array_equal(rows, gx.run(scene, duration=ticks * scene.period).rows)
