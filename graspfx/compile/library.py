@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).with_name("programs")
 TABLE = "programs.json"
+IMPORTS = "imports.json"
 TRIPLE = "x86_64-unknown-linux-gnu"
 PROCESSOR = "x86-64-v2"  # of 2009 and later; numpy's own wheels ask for it too
 
@@ -84,13 +85,27 @@ def read(key: str) -> bytes | None:
 
 
 @cache
+def imports() -> dict[str, list[str]]:
+    """List what each source file of the wheel imports of the package, by the SHA-256 of its content.
+
+    A file that was edited is not in the list: whoever asks parses it.
+    """
+    return _read_json(IMPORTS)
+
+
+@cache
 def _table() -> dict[str, Any]:
+    return _read_json(TABLE)
+
+
+def _read_json(name: str) -> dict[str, Any]:
+    """Read a file of the library; an empty table if there is none, or if it is damaged."""
     try:
-        table: dict[str, Any] = json.loads((FOLDER / TABLE).read_bytes())
+        table: dict[str, Any] = json.loads((FOLDER / name).read_bytes())
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
-        _warn(FOLDER / TABLE, error)
+        _warn(FOLDER / name, error)
         return {}
     return table
 
@@ -124,6 +139,7 @@ def build(
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable
     from graspfx.compile.native import description_of, text_of
+    from graspfx.compile.own_sources import all_imports
 
     folder.mkdir(parents=True, exist_ok=True)
     table, newest = {}, 17  # of glibc: the least that `manylinux` platforms have
@@ -150,6 +166,7 @@ def build(
         (folder / f"{name}.wasm").write_bytes(content)
         table[key] = {"file": f"{name}.wasm", "sha256": hashlib.sha256(content).hexdigest()}
     (folder / TABLE).write_text(json.dumps(table, indent=1) + "\n", encoding="ascii")
+    (folder / IMPORTS).write_text(json.dumps(all_imports()), encoding="ascii")
     return f"manylinux_2_{newest}_x86_64"
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from graspfx.compile import cache as disk
+from graspfx.compile import library
 
 PACKAGE = __name__.partition(".")[0]
 NO_KERNELS = ("commands", "live", "show")  # rooms that no program is made from: they stand above all that has kernels
@@ -84,6 +85,11 @@ def closure_digest(*modules: str) -> str:
     return hashlib.sha256(repr(rows).encode()).hexdigest()
 
 
+def all_imports() -> dict[str, list[str]]:
+    """List what each source file imports of the package, by the digest of its content."""
+    return dict(sorted(_digest_and_imports(path) for path in _files().values()))
+
+
 @cache
 def compiler_modules() -> tuple[str, ...]:
     """List the modules of the compiler, which write a program's text."""
@@ -133,9 +139,16 @@ def _sources() -> Sources:
 
 def _digest_and_imports(path: str) -> tuple[str, list[str]]:
     """Read a source file: what it imports when it is loaded, not what its functions import or type checkers see."""
+    content = Path(path).read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    known = library.imports().get(digest)
+    return digest, _imports(content) if known is None else known
+
+
+def _imports(content: bytes) -> list[str]:
     import ast  # only for a source that is new
 
-    content, names = Path(path).read_bytes(), set[str]()
+    names = set[str]()
 
     def visit(statements: Iterable[ast.stmt]) -> None:
         for statement in statements:
@@ -150,7 +163,7 @@ def _digest_and_imports(path: str) -> tuple[str, list[str]]:
                 visit(each for each in ast.iter_child_nodes(statement) if isinstance(each, ast.stmt))
 
     visit(ast.parse(content).body)
-    return hashlib.sha256(content).hexdigest(), sorted(name for name in names if name.startswith(f"{PACKAGE}."))
+    return sorted(name for name in names if name.startswith(f"{PACKAGE}."))
 
 
 def _name(file: str) -> str:

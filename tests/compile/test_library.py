@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
 import re
@@ -15,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from graspfx.compile import library
+from graspfx.compile import library, own_sources
 from graspfx.compile.footprints import footprint, was_compiled
 from graspfx.compile.llvm.llvm import llvm_program
 from graspfx.compile.machine import Machine, request_of
@@ -42,14 +43,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Put another library in place of the package's."""
     monkeypatch.setattr(library, "FOLDER", tmp_path / "programs")
     library._table.cache_clear()
+    library.imports.cache_clear()
     yield tmp_path / "programs"
     library._table.cache_clear()
+    library.imports.cache_clear()
 
 
 def test_a_program_of_the_library_has_the_bits_of_one_compiled_here_and_of_python(folder: Path) -> None:
     tag = library.build({"waves": ("waves", llvm_program(WAVES))}, folder)
     assert re.fullmatch(r"manylinux_2_\d+_x86_64", tag)
-    assert sorted(each.name for each in folder.iterdir()) == ["programs.json", "waves.so"]
+    assert sorted(each.name for each in folder.iterdir()) == ["imports.json", "programs.json", "waves.so"]
     shipped, here = library.find("waves"), compiled(WAVES)
     assert shipped is not None and shipped.cached and shipped.place == str(folder)
     x = np.random.default_rng(1).normal(0.0, 3.0, 1000)
@@ -76,6 +79,21 @@ def test_a_kernel_is_taken_from_the_library_while_its_sources_are_the_same(
     (folder / library.TABLE).write_text(json.dumps({f"{key}0": table[key]}))  # as of other sources
     library._table.cache_clear()
     assert library.find(key) is None and not was_compiled(direct.couple)
+
+
+def test_sources_of_a_wheel_are_not_parsed_and_edited_ones_are(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What they import stands in the library by the digest of their content."""
+    library.build({}, folder)
+    library.imports.cache_clear()
+    own = Path(library.__file__)
+    with monkeypatch.context() as patch:
+        patch.setattr(ast, "parse", None)
+        known = own_sources._digest_and_imports(str(own))
+    (edited := tmp_path / "edited.py").write_bytes(own.read_bytes() + b"import graspfx.spatial\n")
+    assert known[1] == own_sources._imports(own.read_bytes()) and "graspfx.log" in known[1]
+    assert set(own_sources._digest_and_imports(str(edited))[1]) == {*known[1], "graspfx.spatial"}
 
 
 @pytest.mark.parametrize("harm", ["cut", "changed", "gone", "no table", "no JSON"])
