@@ -123,7 +123,7 @@ def test_cavities_face_inwards_whatever_the_file_says(turned: tuple[int, ...]) -
 
 
 def test_solids_that_cross_are_noted() -> None:
-    """A ball across a face of a cube of 100 mm, a ball beside the cube, and another cube that shares an edge with it."""
+    """A ball across a face of a cube of 100 mm, a ball beside it, and a cube that shares an edge with it."""
     cube = trimesh.creation.box(extents=[0.1] * 3)
     v, f = np.asarray(cube.vertices), np.asarray(cube.faces)
     ball, g = bumpy_sphere(2, 0.02, 0.0)
