@@ -118,7 +118,7 @@ class Certificate(Carded):
         rows = [
             ("at", self.at if self.at != "provisional" else "provisional: one step from the start; no rest was sought"),
             ("limits", "\n".join([*limits[:MOST], *more])),
-            ("granted", "; ".join(self.assumed)),
+            ("assumed", "; ".join(self.assumed)),
             ("notes", "\n".join(self.notes)),
         ]
         title = f"Certificate of {self.object}: {self.verdict}"
@@ -142,7 +142,13 @@ class Certificate(Carded):
         if not self.grasps:
             where = "at the end of the recording" if self.at == "recorded" else "with the hands closed and still"
             return f"{NOT_GRASPING}: nearest finger {1e3 * self.gap:.3g} mm away from {self.object}, {where}"
-        return f"{STABLE if self.stable else NOT_STABLE}, spectral radius {self.spectral_radius:.6f}"
+        return f"{STABLE if self.stable else NOT_STABLE}, {self.radius_text}"
+
+    @property
+    def radius_text(self) -> str:
+        """Spectral radius as text; if only the object on its support is unstable, it is said to be that in the air."""
+        air = " in the air" if not self.stable and is_stable(self.spectral_radius) else ""
+        return f"spectral radius {self.spectral_radius:.6f}{air}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate for JSON, with units in the names of keys; None stands for inf and nan."""
@@ -183,6 +189,11 @@ def lines(certificate: Certificate) -> Iterator[str]:
         yield f"  internal and external modes by themselves{checked}; pushing by the whole loop"
     elif certificate.limits:
         yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
+    if any(row.limit == 0.0 for row in certificate.limits):
+        yield (
+            "  limit 0: no value of that gain alone is stable; change several gains and dampings together, the period, "
+            "or the object's integrator"
+        )
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.grip:
         yield f"  {_said_of_grip(certificate.grip, certificate.edge)}"

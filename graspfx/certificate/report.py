@@ -198,8 +198,7 @@ def _sentence(certificate: Certificate) -> str:
     if not certificate.grasps:
         return certificate.verdict
     least, stable = _least(certificate), certificate.stable
-    radius = f"spectral radius {certificate.spectral_radius:.6f}"
-    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
+    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {certificate.radius_text}"
     if least is not None:
         text += f"; {_lead(stable, least)}{least.mode} {least.text}"
     if stable:

@@ -242,6 +242,7 @@ def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
 
 POINTS = 20  # along a key
 GAIN_POINTS = 30  # along a gain
+BEYOND = 1.25  # end of the axes of gains, over the largest that half of the hands take
 MOST_MARGIN = 4.0  # margin at which colours end
 MARGINS = (1.3, 2.0, 3.0)
 SHARES = ("some hands", "half of the hands", "95 % of the hands", "all hands")
@@ -292,6 +293,9 @@ def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
         )
         lines.set_linestyle("solid")
         (mark,) = ax.plot(*region.present, "o", color=INK, mfc="white", ms=6.0 * weight, ls="none", label="the scene's")
+        for k, (limit, values) in enumerate(((ax.set_xlim, region.external), (ax.set_ylim, region.internal))):
+            common = values[(region.share >= levels[1]).any(axis=1 - k)].max(initial=region.present[k])
+            limit(values[0], min(BEYOND * common, values[-1]))
         panel(ax, x="$k_{ep}$, external [N/m]", y="$k_{ip}$, internal [N/m]")
         patches = [Patch(color=tone, label=f"stable in {name}") for name, tone in zip(SHARES, TONES, strict=True)]
         drawing.legend(0, [*reversed(patches), Line2D([], [], color="none", label=f"{region.hands} hands"), mark])

@@ -160,6 +160,19 @@ def test_the_worst_object_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verdict.startswith("stable: base, ") and verdict.endswith("; the other objects have more room")
 
 
+def test_a_radius_below_one_is_that_in_the_air_where_the_support_decides() -> None:
+    found = certificate("block", 0.86, row("standing on table", 600.0, 359.0))
+    assert found.verdict == "NOT STABLE, spectral radius 0.860000 in the air"
+    assert certificate("block", 0.86, row("standing on table", 600.0, 900.0)).verdict.endswith("0.860000")
+
+
+def test_a_limit_of_zero_is_explained() -> None:
+    """No value of either gain is stable: the others have to change too."""
+    text = "\n".join(lines(certificate("block", 1.66, row("internal", 600.0, 0.0), row("external", 250.0, 0.0))))
+    assert text.count("limit 0: no value of that gain alone is stable") == 1
+    assert "limit 0:" not in "\n".join(lines(certificate("block", 0.9, row("internal", 600.0, 700.0))))
+
+
 def test_twenty_alike_rows_become_one_with_a_range() -> None:
     (at_start,) = certificates(gx.load("twenty-fingers"), at="start")
     (pushing,) = (line for line in lines(at_start) if "pushing with" in line)

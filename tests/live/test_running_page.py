@@ -14,7 +14,7 @@ import graspfx as gx
 from graspfx.assembly.build import build
 from graspfx.errors import InputError
 from graspfx.live.guides import guided_scene
-from graspfx.live.page.running import module
+from graspfx.live.page.running import module, running
 from graspfx.recording.record import Recording
 from tests.support.chromium import Browser, Page
 from tests.support.waiting import wait_until
@@ -73,6 +73,16 @@ def test_the_rows_of_a_page_are_those_of_a_run(name: str, browser: Browser, tmp_
     wanted[:, : recording.layout.dimensions] = recording.external_force[k]
     np.testing.assert_allclose(external, wanted, atol=1e-6 * np.abs(recording.finger_force).max())
     assert page.console_errors == [] and page.requests == [(tmp_path / "page.html").as_uri()]
+
+
+def test_a_slider_shows_its_limit_at_the_end_of_its_range_too() -> None:
+    """The range of a stiffness ends at 1.5 times its limit: limits were looked up before, at 4 times the value."""
+    scene = guided_scene(gx.load("sphere-three-fingers"))
+    limit = next(row.limit for row in gx.certify(scene)[0].limits if row.mode == "internal")
+    (slider,) = [each for each in running(scene, 10, {})["sliders"] if each["key"] == GAIN]
+    assert slider["most"] > limit > 4.0 * slider["value"]
+    ((low, high),) = slider["margin"]
+    assert high == slider["most"] and low == pytest.approx(limit, rel=0.02)  # the squeeze is that of the value
 
 
 def test_a_slider_writes_what_a_session_sets(browser: Browser, tmp_path: Path) -> None:

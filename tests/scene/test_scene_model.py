@@ -201,6 +201,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger", [], "finger: expected at least one"),
     (line, "object", [], "object: expected at least one"),
     (line, "coupling.kep", 30.0, "coupling.kep: unknown key; here it is external.stiffness"),
+    (plane, "finger.0.start", {"position": [0, 0]}, "finger.0.start.position: unknown key; here it is start = "),
     (line, "objct", {}, "objct: unknown key; did you mean 'object'?"),
     # relations
     (line, "gravity", [0.0, -9.81], "gravity: expected 1 number (dimensions = 1); given [0.0, -9.81]"),

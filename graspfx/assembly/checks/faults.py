@@ -101,7 +101,9 @@ ELSEWHERE = {
     ("Cylinder", "axis"): "the orientation of what has the shape",
     ("HalfSpace", "offset"): "the position of what has the shape",
     ("Plane", "offset"): "the position of what has the shape",
+    ("Placement", "position"): "start = [x, y, z], without a table",
 }
+INSTEAD = {("Placement", "position"): "toward"}  # required keys that are not missed where the other is given
 
 
 def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
@@ -155,7 +157,10 @@ def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, st
 def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
     """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
-    close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
+    parts = {at: part_at(draft, at[:-1]) for at in unknown}
+    close = {
+        at: INSTEAD.get((type(part).__name__, str(at[-1]))) or _near(str(at[-1]), part) for at, part in parts.items()
+    }
     return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
 

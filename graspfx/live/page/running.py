@@ -71,9 +71,7 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
     Raises:
         InputError: A part of the scene is plain Python, other software's or hardware, or a preset has no slider.
     """
-    numbers = sliders(scene)
-    verdict, margins = _margins(scene, numbers)
-    numbers = [widened(each, verdict) for each in numbers]
+    verdict, numbers, margins = _margins(scene)
     parts = resolve(scene)
     with build(scene, live=live_keys(numbers)) as servo:
         arena = _whole(servo)
@@ -334,17 +332,19 @@ def _written(
         servo.watch.note()
 
 
-def _margins(scene: Scene, numbers: Sequence[Slider]) -> tuple[Verdict, dict[str, list[list[float]]]]:
-    """Look up over each slider's range where the scene is stable, the others at their values.
+def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[float]]]]:
+    """Look up over the whole range of each slider where the scene is stable, the others at their values.
 
     Returns:
-        The certificate of the scene, and by slider the intervals that are not stable.
+        The certificate of the scene, its sliders, and by slider the intervals that are not stable.
     """
     certifier = Certifier(scene)
     *_, verdict = certifier.stages({})
+    numbers = [widened(each, verdict) for each in sliders(scene)]
     if verdict.is_stable is None:
-        return verdict, {}
-    return verdict, {each.key: found for each in numbers if (found := _unstable(certifier, each, numbers)) is not None}
+        return verdict, numbers, {}
+    found = {each.key: _unstable(certifier, each, numbers) for each in numbers}
+    return verdict, numbers, {key: intervals for key, intervals in found.items() if intervals is not None}
 
 
 def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) -> list[list[float]] | None:

@@ -212,12 +212,18 @@ def make_mesh(
     crowded = half_edges(f)[2]
     if not shell and (crowded or _open_edges(f)):
         fault = f"{_open_edges(f)} open edges, {crowded} with more than two triangles"
-        raise InputError(name, fault, "a watertight surface", "close it, or set shell = true to touch its front only")
-    f, turned = wound(v, f, closed=not shell)
+        do = "close it, or set shell = true to touch its front only"
+        raise InputError(name, fault, "a watertight surface", f"unite solids that touch, {do}" if crowded else do)
+    f, turned, crossing = wound(v, f, closed=not shell)
     if turned == len(f):
         notes.append("the triangles faced inwards and were all turned over")
     elif turned:
         notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were turned over")
+    if crossing:
+        notes.append(
+            f"{crossing} closed surfaces may cross: common volume counts twice or not at all, and fingers meet faces "
+            "inside; unite the solids, as trimesh.boolean.union does"
+        )
     return Mesh(v, f, shell, tuple(notes))
 
 

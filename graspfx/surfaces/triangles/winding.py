@@ -12,25 +12,28 @@ MOST_PIECES = 2000
 MOST_WORK = 50_000_000  # solid angles, which take a few seconds
 
 
-def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int]:
+def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int, int]:
     """Orient faces (f, 3) consistently, and outwards if the surface is closed; count the reversed ones.
 
     A piece inside another is a cavity and faces inwards. An open piece keeps the orientation of most of its triangles.
+    The third result is the number of closed pieces that may cross another.
 
     Raises:
         InputError: There are too many pieces, or too many nested pieces.
     """
     across, same, _ = half_edges(faces)
     pieces, turned = _agree(across // 3, same & (across >= 0))
-    count = int(pieces.max()) + 1
+    count, crossing = int(pieces.max()) + 1, 0
     if closed:
         corners = vertices[np.where(turned[:, None], faces[:, ::-1], faces)]
         volume = np.bincount(pieces, _volumes(corners), minlength=count)
-        wrong = (volume < 0.0) != _cavities(corners, pieces, count)
+        low, high = _boxes(corners, pieces, count)
+        cavity = _cavities(corners, pieces, low, high)
+        wrong, crossing = (volume < 0.0) != cavity, _crossing(low, high, cavity)
     else:
         wrong = 2 * np.bincount(pieces, turned, minlength=count) > np.bincount(pieces, minlength=count)
     turned = turned ^ wrong[pieces]
-    return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
+    return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum()), crossing
 
 
 def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
@@ -61,11 +64,30 @@ def _volumes(corners: FloatArray) -> FloatArray:
     return volumes
 
 
-def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.bool_]:
-    """Find the pieces inside an odd number of others, by the solid angle of each piece from a point of the other."""
+def _boxes(corners: FloatArray, pieces: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Find the lower and upper corners of the boxes around the pieces, (count, 3) each."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, pieces, corners.min(axis=1))
     np.maximum.at(high, pieces, corners.max(axis=1))
+    return low, high
+
+
+def _crossing(low: FloatArray, high: FloatArray, cavity: NDArray[np.bool_]) -> int:
+    """Count the pieces whose boxes overlap with another's, except cavities in a piece and pieces in a cavity."""
+    within = [((low <= low[k]) & (high[k] <= high)).all(axis=1) for k in range(len(low))]
+    hollow = np.array([(each & cavity).sum() > cavity[k] for k, each in enumerate(within)])
+    found = 0
+    for k, inside in enumerate(within):
+        others = ((low < high[k]) & (low[k] < high)).all(axis=1) & ~hollow
+        around = ((low[k] <= low) & (high <= high[k])).all(axis=1)
+        others[k] = False
+        found += not hollow[k] and bool((others & ~(around & cavity) & ~(inside & cavity[k])).any())
+    return found
+
+
+def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
+    """Find the pieces inside an odd number of others, by the solid angle of each piece from a point of the other."""
+    count = len(low)
     first = np.unique(pieces, return_index=True)[1]
     cavity = np.zeros(count, dtype=bool)
     order = np.argsort(pieces, kind="stable")

@@ -117,6 +117,20 @@ def test_cavities_face_inwards_whatever_the_file_says(turned: tuple[int, ...]) -
     points = [scale * v + np.array([x, 0, 0]) for scale, x in zip(scales, places, strict=True)]
     mesh = make_mesh(np.vstack(points), np.vstack(parts))
     assert volume(mesh) == pytest.approx(one * (0.04**3 - 0.03**3 + 0.02**3 + 0.01**3), rel=1e-12)
+    assert not any("may cross" in note for note in mesh.notes)
+
+
+def test_solids_that_cross_are_noted() -> None:
+    """A ball across a face of a cube of 100 mm, a ball beside it, and a cube that shares an edge with it."""
+    cube = trimesh.creation.box(extents=[0.1] * 3)
+    v, f = np.asarray(cube.vertices), np.asarray(cube.faces)
+    ball, g = bumpy_sphere(2, 0.02, 0.0)
+    for x, crosses in ((0.05, True), (0.08, False)):
+        mesh = make_mesh(np.vstack([v, ball + np.array([x, 0.0, 0.0])]), np.vstack([f, g + len(v)]))
+        assert any(note.startswith("2 closed surfaces may cross") for note in mesh.notes) == crosses
+    diagonal = v + np.array([0.1, 0.1, 0.0])
+    with pytest.raises(InputError, match=r"1 with more than two triangles.*unite solids that touch"):
+        make_mesh(np.vstack([v, diagonal]), np.vstack([f, f + len(v)]))
 
 
 def test_not_watertight_is_refused_unless_a_shell() -> None:
