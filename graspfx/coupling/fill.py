@@ -79,9 +79,7 @@ class Grip:
     def __post_init__(self) -> None:
         rules, mu = self.rules, self.friction
         if self.soft and self.dimensions != 3:
-            raise InputError(
-                "patch", rules.patch, "soft fingers in space only", "in fewer dimensions use hard fingers"
-            )
+            raise InputError("patch", rules.patch, "soft fingers in space only", "elsewhere use hard fingers")
         directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
             raise InputError("patch", rules.patch, "one number for each gain of soft fingers, or a gain of the object")

@@ -15,7 +15,7 @@ from graspfx.coupling.law import bilateral, keep_elastic, normal_force
 from graspfx.coupling.recoil import recoil
 from graspfx.spatial import NOTHING
 
-LEAST = 1e-8  # fraction of a coordinate's damping, added if some direction has none
+LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has no damping
 
 
 @kernel
