@@ -113,7 +113,7 @@ REFUSALS: dict[str, tuple[str, Mapping[str, Any], str, Any, str]] = {  # scene, 
     "steps of a squeeze": (
         "sphere-three-fingers", {}, "hand.squeeze",
         [{"to": 0.01, "begin": 0.1, "duration": 0.1}, {"to": 0.0, "begin": 1.0, "duration": 0.1}],
-        "laid out at the start",
+        "a fixed memory layout",
     ),
 }  # fmt: skip
 
@@ -136,11 +136,11 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
         ("reference-1dof", {}, "period", "time is counted in periods"),
         ("reference-1dof", {}, "object.position", "moving parts continue from their present state"),
         ("reference-1dof", {}, "finger.0.start", "moving parts continue from their present state"),
-        ("reference-1dof", {}, "object.shape.size", "what bodies are made"),
+        ("reference-1dof", {}, "object.shape.size", "which bodies exist"),
         ("reference-1dof", {}, "coupling.contact", "it selects what is computed"),
-        ("reference-1dof", {}, "coupling.passivity", "what is recorded"),
+        ("reference-1dof", {}, "coupling.passivity", "whether energy is recorded"),
         ("reference-1dof", {}, "finger.*.radius", "the memory layout of contacts"),
-        ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the ledger"),
+        ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the energy ledger"),
         ("reference-1dof", {"coupling.metric": "mass"}, "finger.*.device.mass", "coupling.split = 'mass'"),
         ("paper-spring-arms", {}, "finger.*.device.mass", "only the mechanics of a simulated point"),
     ],
@@ -207,7 +207,7 @@ def test_live_keys_that_are_no_list(live: Any) -> None:
 
 @pytest.mark.parametrize("key", ["finger", "finger.*", "object.0", "hand"])
 def test_whole_tables_are_not_live(key: str) -> None:
-    with pytest.raises(InputError, match=f"'{re.escape(key)}' stands for whole tables"):
+    with pytest.raises(InputError, match=f"'{re.escape(key)}' denotes whole tables"):
         gx.open("reference-1dof", live=[key])
 
 

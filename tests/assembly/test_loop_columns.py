@@ -94,7 +94,7 @@ def test_switches_and_raw_numbers(tmp_path: Path) -> None:
 
 WRONG = {
     "returned 9 for its switches, expected the bits of 3": {"switches": property(lambda self: 9)},
-    "told True for its switches": {"switches": property(lambda self: True)},
+    "returned True for its switches": {"switches": property(lambda self: True)},
     "cannot be read: ZeroDivisionError": {"switches": property(lambda self: 1 // 0)},
 }
 

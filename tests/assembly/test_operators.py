@@ -101,7 +101,7 @@ def test_faults_stand_where_they_are(key: str, value: Any, text: str) -> None:
 
 
 def test_other_simulations_than_points_are_refused_and_say_what_to_do() -> None:
-    with pytest.raises(SceneError, match="take the device 'simulated'"):
+    with pytest.raises(SceneError, match="use the device 'simulated'"):
         gx.load("paper-waving", {"finger.*.hand.limb": {"mass": 0.1, "stiffness": 100.0}})
     gx.load("paper-waving", {"finger.*.hand.tremor": {"amplitude": 1e-4}})
 
