@@ -40,7 +40,10 @@ DEATHS = 3  # worker deaths before dask blames a chunk
 DEPTH = 2  # chunks per worker that are submitted at a time
 TRIES = 2  # attempts of a single chunk before it counts as killing its worker
 KILLS = "the process that ran it was killed or crashed in every attempt"
-BORN_DEAD = "worker processes die before they begin: a script that sweeps in processes must do so below "
+BORN_DEAD = (
+    "worker processes die before they begin: a script that sweeps in processes must do so below "
+    '`if __name__ == "__main__":`, because each of them runs the script again'
+)
 SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
 
 

@@ -354,7 +354,7 @@ def test_what_cannot_be_run_says_so(line, values, options, error, said):
 
 def test_a_part_that_is_no_kernel_is_named():
     pytest.importorskip("pybullet")
-    with pytest.raises(InputError, match=r"not so: the body of .* \(BulletWorld\)"):
+    with pytest.raises(InputError, match=r"not kernels: the body of .* \(BulletWorld\)"):
         gx.run_batch(gx.load("two-objects"), {KIP: [50.0, 60.0]})
 
 

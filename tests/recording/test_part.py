@@ -153,7 +153,7 @@ for case in range(cases):
         try:
             rec = gx.Recording.load(part)
         except RecordingError as error:
-            assert "holds nothing" in str(error), error
+            assert "is empty" in str(error), error
             empty += 1
             continue
         lengths.append(len(rec))
