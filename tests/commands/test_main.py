@@ -197,7 +197,7 @@ def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFix
     main(["run", "paper-spring", "--set", *far, "--duration", "0.3", "--no-figure"])
     before, after = capsys.readouterr().err.splitlines()
     assert "is unstable under kip = 9000 N/m" in before
-    assert after.startswith("note: finger0 never touches object: 3")  # it sets out 375 mm from the cube
+    assert after.startswith("note: finger0 never touches object: smallest gap 3")  # it sets out 375 mm from the cube
 
 
 def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -> None:
