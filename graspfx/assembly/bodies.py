@@ -1,4 +1,4 @@
-"""Bodies of a scene: their shapes, masses and first states, and which of them meet one another."""
+"""Bodies of a scene: shapes, masses, initial states and collisions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
-SHAPES = {  # by kind, the classes of graspfx.surfaces.closed_form.shape, which is loaded where a scene has a shape
+SHAPES = {  # classes of graspfx.surfaces.closed_form.shape by kind; the module is loaded for scenes with shapes
     "box": "Box",
     "sphere": "Sphere",
     "half-space": "HalfSpace",
@@ -47,8 +47,8 @@ class Solid:
     """The shape of an object or obstacle.
 
     Attributes:
-        primitive: the shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
-        mesh: the mesh with its mass properties; None for every other shape.
+        primitive: shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
+        mesh: mesh with its mass properties; None for every other shape.
     """
 
     primitive: Shape | None = None
@@ -61,7 +61,7 @@ class Solid:
 
 
 def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
-    """Make the shape that a table describes; `folder` is where the path of a mesh starts.
+    """Make the shape that a table describes; relative paths of meshes start in `folder`.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.
@@ -72,7 +72,7 @@ def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
 
 
 def _primitive(table: Object | Obstacle) -> Shape | None:
-    """Make a shape in closed form: its table's keys are its parameters."""
+    """Make a shape in closed form, whose parameters are its table's keys."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
     from graspfx.surfaces.closed_form import shape
@@ -82,10 +82,10 @@ def _primitive(table: Object | Obstacle) -> Shape | None:
 
 
 def mass(table: Object, solid: Solid) -> float:
-    """Give the mass of the table, or its density times the volume of its shape [kg].
+    """Return the mass in the table, or density times volume of the shape [kg].
 
     Raises:
-        InputError: neither a mass nor a density with a volume.
+        InputError: the table has neither a mass nor a density with a volume.
     """
     if table.mass is not None:
         return table.mass
@@ -96,14 +96,14 @@ def mass(table: Object, solid: Solid) -> float:
 
 
 def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
-    """Give the table's moments about the centre, else those of the solid shape [kg m^2]; None for neither."""
+    """Return the table's moments of inertia about the centre, or those of the solid shape [kg m^2], or None."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
     return solid_inertia(solid, mass(table, solid), scene.dimensions)
 
 
 def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ...] | None:
-    """Give the moments of a solid shape of that mass about its centre [kg m^2]; None if it has none."""
+    """Compute the moments of inertia of a solid shape about its centre [kg m^2]; None without a shape."""
     if solid.mesh is not None:
         return solid.mesh.moments(mass)
     shape = solid.primitive
@@ -114,7 +114,7 @@ def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ..
 
 
 def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Give the frame of a shape at first: position [m] and orientation."""
+    """Return the initial frame of a shape: position [m] and orientation."""
     position, orientation = table.position, table.orientation
     if solid.mesh is not None and not isinstance(orientation, float):
         return solid.mesh.body_pose(position, orientation)
@@ -122,19 +122,19 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Name the body's integrator: others than native ones have their own, and are not asked for their free motion."""
+    """Name the body's integrator; third-party dynamics have their own and do not predict free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
 def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
-    """Write parameters and first state into a body's block.
+    """Write parameters and initial state into a body's block.
 
-    A table's pose is that of the frame in which its shape is described; the body of a mesh is at its centre of mass,
-    with its principal axes.
+    A table's pose is that of the shape's frame. The frame of a mesh's body has its origin at the centre of mass and its
+    axes along the principal axes.
 
     Args:
-        predicts: whether the implicit integrator is one; else it stands in the block as the semi-implicit one, whose
-            forces are functions of the pose.
+        predicts: whether the implicit integrator is used as such; otherwise the block has the semi-implicit one, whose
+                forces are functions of the pose.
 
     Raises:
         InputError: naming the key that cannot be.
@@ -162,29 +162,29 @@ Location = tuple[str | int, ...]
 
 
 class Stock:
-    """Connected devices, shapes and recorded paths, by the places of their tables in the scene.
+    """Connected devices, shapes and recorded paths, by the locations of their tables in the scene.
 
-    The checks of a scene fill it, and the scene carries it on. A copy of a scene begins with an empty one: neither
-    pickling nor `copy.deepcopy` takes a device along.
+    The checks of a scene fill it, and the scene keeps it. A copy of a scene starts with an empty one, because neither
+    pickling nor `copy.deepcopy` copies devices.
 
     Args:
-        folder: where relative paths of the scene start; None for the current folder.
+        folder: folder of the scene's relative paths; None for the current folder.
     """
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
         self.devices: dict[Location, Device] = {}
-        self.starts: dict[int, tuple[float, ...] | None] = {}  # of fingers that come in along a direction
-        self.memory = Memory()  # in which blocks of its devices stand
-        self.parts: Any = None  # of `graspfx.assembly.resolve`, once they are asked for
-        self.built: Any = None  # of `graspfx.assembly.build`: a servo that has run, and how it begins
+        self.starts: dict[int, tuple[float, ...] | None] = {}  # starts of fingers placed along a direction
+        self.memory = Memory()  # memory of its devices' blocks
+        self.parts: Any = None  # parts by `graspfx.assembly.resolve`, made on demand
+        self.built: Any = None  # by `graspfx.assembly.build`: a servo that has run, and its initial state
         self._solids: dict[Location, Solid] = {}
         self._paths: dict[str, motion.Path] = {}
         self._lock = Lock()
         self._unused = True
 
     def solid(self, at: Location, table: Object | Obstacle) -> Solid:
-        """Give the shape of the object or obstacle whose table stands there.
+        """Return the shape of the object or obstacle whose table is at this location.
 
         Raises:
             InputError: naming the key of the shape's table that cannot be.
@@ -195,23 +195,23 @@ class Stock:
         return self._solids[at]
 
     def path(self, file: str) -> motion.Path:
-        """Give the motion that a file records.
+        """Return the motion recorded in a file.
 
         Raises:
-            InputError: no such file, or not such a table, with the line.
+            InputError: the file is missing or has another format; the error names the line.
         """
         if file not in self._paths:
             self._paths[file] = motion.Path.read(file, self.folder)
         return self._paths[file]
 
     def claim(self) -> bool:
-        """Tell the first caller that the devices are its own to open; every later one has to connect others."""
+        """Give the connected devices to the first caller only; return whether this is the first call."""
         with self._lock:
             first, self._unused = self._unused, False
         return first
 
     def take_built(self) -> Any:
-        """Take what is `built`; nobody else has it then."""
+        """Take and clear `built`."""
         with self._lock:
             built, self.built = self.built, None
         return built
@@ -227,17 +227,17 @@ Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
-    """Tell whether any freedom of an object is free."""
+    """Tell whether an object has a free degree of freedom."""
     return any(scene.free(thing))
 
 
 def collide(scene: SceneTable) -> bool:
-    """Tell whether objects that share a world meet one another."""
+    """Tell whether objects of a world collide with one another."""
     return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
 
 
 def groups(scene: SceneTable) -> list[list[int]]:
-    """List the objects that are moved together, by number: natively each alone, otherwise those of a world."""
+    """List groups of objects that move together, by index: single native objects, or the objects of a world."""
     groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
         mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
@@ -249,7 +249,7 @@ def groups(scene: SceneTable) -> list[list[int]]:
 
 
 def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
-    """Tell whether the objects of a group meet anything: an obstacle, or one another."""
+    """Tell whether the objects of a group can collide, with an obstacle or with one another."""
     things = [scene.object[i] for i in group]
     if scene.obstacle:
         return any(thing.shape is not None and moves(scene, thing) for thing in things)
@@ -257,7 +257,7 @@ def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
 
 
 def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
-    """Put the scene's obstacles in their places."""
+    """Place the scene's obstacles."""
     solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
         place_obstacle(table.name, solid.shape, scene.dimensions, *place(table, solid))
@@ -266,7 +266,7 @@ def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
 
 
 def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
-    """Tell whether an object meets anything, and what and how."""
+    """Tell whether an object collides with anything, and describe with what and how."""
     if thing.shape is None:
         return False, "it has no shape: it meets nothing"
     if not moves(scene, thing) and thing.dynamics == "native":

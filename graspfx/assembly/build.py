@@ -1,4 +1,4 @@
-"""A scene made to run: devices connected, bodies, plants and hands joined, objects filled."""
+"""Building a servo from a scene: devices, bodies, plants, hands and objects."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]:
-    """Give the fields of a `Layout` that such a run has."""
+    """Return the fields of a `Layout` for a real-time run."""
     devices = device_names(wired, fingers)
     own = [(name, wire.device) for name, wire in zip(devices, wired, strict=True)]
     raw = [(name, device.raw) for name, device in own if isinstance(device, RawDevice)]
@@ -60,10 +60,10 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make what moves the objects whose blocks these are; closed with the stack.
+    """Make the movers of the objects with these blocks; they are closed with the stack.
 
     Raises:
-        PluginError: what code of another raises when it makes a body.
+        PluginError: third-party code raises an error in making a body.
     """
     scene, world = parts.scene, parts.scene.world
     meeting = Meeting(world.friction, world.restitution, world.stiffness, collide(scene))
@@ -92,20 +92,20 @@ def _nothing() -> None:
 def make_plants(
     parts: Parts, wired: Sequence[Wire], inward: FloatArray, live: Collection[str] = ()
 ) -> Iterator[PlantWiring]:
-    """Make the plants of the simulated devices: one for all devices that hands join to one another.
+    """Make the plants of the simulated devices, one for all devices that share hands.
 
     Args:
-        parts: of the scene.
-        wired: its devices.
+        parts: parts of the scene.
+        wired: devices of the scene.
         inward: unit normals of the fingers' contacts (n, d).
-        live: keys that may change in mid-run: a squeeze among them has a course in time also where it is zero.
+        live: keys that may change during the run; a live squeeze is a motion even if it is zero.
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
         DeviceError: A plant cannot be placed where its fingers start.
     """
     scene, start = parts.scene, parts.start
-    others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands change no plant
+    others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands do not change a plant
     squeezes = any(key.endswith(".squeeze") for key in others)
     changes = any(key.startswith(("hand.", "device.")) or ".hand." in key or ".device." in key for key in others)
     for members in _components(wired, parts.hands):
@@ -165,26 +165,26 @@ def build(
     playback: Playback | None = None,
     room: int = ROOM,
 ) -> Iterator[Servo]:
-    """Build a servo ready to tick; simulated devices and bodies are closed at the end, whatever happens.
+    """Build a servo that is ready to tick; simulated devices and bodies are always closed at the end.
 
-    Hardware is not opened: a run does so once all that it needs is there (`graspfx.assembly.hardware`). The first build
-    of a scene has the devices that its checks connected; a later one connects others.
+    Hardware is not opened; a run opens it when everything else is ready (`graspfx.assembly.hardware`). The first build
+    of a scene uses the devices that its checks connected; a later build connects new ones.
 
     Args:
-        scene: what to build.
-        engine: instead of the scene's own.
+        scene: scene to build.
+        engine: engine that replaces the scene's.
         record: whether its ticks are recorded.
-        selected: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
-        live: keys that may change in mid-run (`graspfx.assembly.live`): no program folds in what they reach.
-        real_time: whether its ticks are on the wall's clock, and record what they say of it.
-        varying: whether largest forces that devices tell are recorded in any case.
-        playback: of a recording in the place of devices, hands and plants; none is opened then.
-        room: entries of the memory in which the parts' blocks stand; those for which there is none stand apart.
+        selected: whether ticks write only the columns and rows that the scene's `record` selects; otherwise all.
+        live: keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
+        real_time: whether ticks follow the wall clock and record its data.
+        varying: whether the devices' largest forces are always recorded.
+        playback: playback of a recording instead of devices, hands and plants; no device is then opened.
+        room: number of entries of the memory for the parts' blocks; other blocks are separate.
 
     Raises:
-        InputError: a live key that cannot change in mid-run.
-        SceneError: a finger that starts out of its device's reach.
-        DeviceError: A device does not open, or a plant cannot be placed where its fingers start.
+        InputError: a live key cannot change during a run.
+        SceneError: a finger starts outside its device's reach.
+        DeviceError: a device does not open, or a plant cannot be placed at its fingers' start.
     """
     fields = live_fields(live)
     parts = resolve(scene)
@@ -229,9 +229,10 @@ def build(
 
 @contextmanager
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
-    """Build as `build` does, or give the servo of the run before with its memory put back to the start.
+    """Build as `build` does, or return the previous run's servo with its memory reset to the start.
 
-    So where its memory is all that a run changes, as of kernels alone; the devices are opened and closed by each run.
+    A servo is reused only if a run changes nothing but its memory, that is, if all parts are kernels. Each run opens
+    and closes the devices.
     """
     stock = resolve(scene).stock
     kept = stock.take_built()
@@ -257,13 +258,13 @@ def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
 def meet(
     parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup], start: FloatArray | None = None
 ) -> FloatArray:
-    """Let the fingers meet their objects where they start; the unit normals into the objects there, (n, d).
+    """Let the fingers meet their objects at their start; return the unit normals into the objects, (n, d).
 
     Args:
-        parts: of the scene.
-        objects: to be met.
-        movers: their bodies.
-        start: where the fingers are, (n, d) [m]; where the scene has them start if not given.
+        parts: parts of the scene.
+        objects: grasped objects.
+        movers: bodies of the objects.
+        start: positions of the fingers, (n, d) [m]; by default their start positions in the scene.
     """
     start = parts.start if start is None else start
     for mover in movers:
@@ -279,11 +280,11 @@ def meet(
 
 
 def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
-    """Lay out the columns of a recording; simulated devices also tell their true positions.
+    """Lay out the columns of a recording; simulated devices add their true positions.
 
     Args:
         parts: of the scene.
-        real_time: whether the run is on the wall's clock.
+        real_time: whether the run follows the wall clock.
     """
     scene = parts.scene
     soft = any(finger.model == "soft" for finger in scene.finger)
@@ -308,7 +309,7 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
 
 
 def _predicted(parts: Parts) -> tuple[int, ...]:
-    """List the objects that turn about a centre which moves some ways only, where the implicit integrator puts it."""
+    """List the implicitly integrated objects that rotate and whose centre has locked translations."""
     scene, d = parts.scene, parts.scene.dimensions
     return tuple(
         k

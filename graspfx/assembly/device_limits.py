@@ -1,4 +1,4 @@
-"""Limits of a scene's devices: the largest forces that they tell, those of the safety chain, the guards of hardware."""
+"""Limits of a scene's devices: reported largest forces, limits of the safety chain, guards of hardware."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ FloatArray = NDArray[np.float64]
 
 
 def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
-    """Give the largest force of each of so many fingers [N], infinite where its device tells none; None if all do.
+    """Return the largest force of each finger [N], infinite if its device reports none; None if all are infinite.
 
     Raises:
-        InputError: a device's `features.peak_force` is no force above zero.
+        InputError: a device's `features.peak_force` is not above zero.
     """
     limits = np.full(fingers, np.inf)
     for wire in wired:
@@ -38,7 +38,7 @@ def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
 
 
 def peak_force(wire: Wire) -> float:
-    """Give the largest force of a device [N], infinite where it tells none."""
+    """Return the largest force of a device [N], infinite if it reports none."""
     peak = wire.features.peak_force
     if peak is None:
         return math.inf
@@ -51,17 +51,17 @@ def peak_force(wire: Wire) -> float:
 
 
 def changes(wire: Wire) -> bool:
-    """Tell whether a device's largest force depends on where it stands."""
+    """Tell whether a device's largest force depends on its position."""
     return isinstance(wire.device, LimitedDevice)
 
 
 def may_hide(wire: Wire) -> bool:
-    """Tell whether a device tells no largest force, but writes by code of its own, in which there may be one."""
+    """Tell whether a device reports no largest force, but may limit forces in its own code."""
     return math.isinf(peak_force(wire)) and not (changes(wire) or is_forceless(wire)) and fused(wire.device) is None
 
 
 def is_forceless(wire: Wire) -> bool:
-    """Tell whether a device says that it displays no force."""
+    """Tell whether a device declares that it displays no force."""
     return wire.features.continuous_force == 0.0
 
 
@@ -71,12 +71,12 @@ def forceless_text(scene: Scene, wired: Sequence[Wire]) -> str:
 
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """List the devices that tell a largest force, with it and whose they are."""
+    """List the devices that report a largest force, with the force and their fingers."""
     return "; ".join(_limit_of(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
 
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """List the devices in whose own code there may be a limit that they do not tell."""
+    """List the devices that may have an unreported limit in their own code."""
     return _listing(scene, [wire for wire in wired if may_hide(wire)])
 
 
@@ -96,24 +96,24 @@ def _fingers(scene: Scene, wire: Wire) -> str:
     return ", ".join(scene.finger_names[f] for f in wire.used)
 
 
-CONTINUOUS = 0.6  # of a device's continuous force may be displayed
-DEFAULT = 3.0  # of a finger whose device tells none [N]
+CONTINUOUS = 0.6  # fraction of a device's continuous force that may be displayed
+DEFAULT = 3.0  # limit of a finger whose device reports none [N]
 
 
 def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
-    """Give the table of a scene's safety chain; with hardware a scene without one has the usual values.
+    """Return the table of a scene's safety chain; with hardware, default values if the scene has none.
 
     None for a simulation without the table.
     """
     if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety
-    from graspfx.scene.tables.safety_table import Safety  # a scene from the cache goes without what checks tables
+    from graspfx.scene.tables.safety_table import Safety  # a cached scene skips the checks of tables
 
     return Safety()
 
 
 def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
-    """Give the limits of all fingers; None for a scene without a safety chain."""
+    """Return the limits of all fingers; None for a scene without a safety chain."""
     table = chain_table(scene, wired)
     if table is None:
         return None
@@ -140,7 +140,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
 
 
 def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
-    """Give a limit of finger f: its own, or the scene's."""
+    """Return a limit of finger f, its own or the scene's."""
     own = scene.finger[f].safety
     value = None if own is None else getattr(own, name)
     return getattr(table, name) if value is None else value
@@ -162,9 +162,9 @@ def _box(scene: Scene, table: Safety, wire: Wire, f: int) -> tuple[Any, Any] | N
 
 
 def guards_of(scene: Scene, wired: Sequence[Wire]) -> Guards:
-    """Give the guards of a scene's hardware.
+    """Return the guards of a scene's hardware.
 
-    Where forces decay by themselves, when readings stop or a finger is too quick, they are given the time to.
+    Guards allow time for the decay of forces after lost readings or excessive speed.
     """
     table = chain_table(scene, wired)
     if table is None:

@@ -1,4 +1,4 @@
-"""The grasps of a scene at the start: hands that have closed, contacts, and where a fade begins."""
+"""The grasps of a scene at the start: closed hands, contacts, and start of the fade."""
 
 from __future__ import annotations
 
@@ -28,42 +28,42 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StillHand:
-    """A hand without its motion and turns: the fingers that it holds, and when it is closed most [s]."""
+    """A hand without motion and turns: its fingers, and the time at which it is closed most [s]."""
 
     hand: Hand
     fingers: list[int]
     closed: float
 
     def stiffness(self, force: FloatArray) -> FloatArray:
-        """Give K (d, n, n) with which it holds its fingers at rest [N/m]: r - p = K^-1 f.
+        """Compute the stiffness K (d, n, n) of the hand at rest [N/m]: r - p = K^-1 f.
 
         Args:
-            force: f of its fingers at rest (n, d) [N], for a hand that grip makes stiffer.
+            force: force f of its fingers at rest (n, d) [N], for a hand that stiffens with the grip.
         """
         operator = getattr(self.hand, "operator", None)
         return self.hand.stiffness if operator is None else np.asarray(operator.at_rest(self.hand.stiffness, force))
 
 
 def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Iterator[StillHand]:
-    """Make the hands of a scene as they would close if they neither moved nor turned.
+    """Make the hands of a scene without motion and turns.
 
     Args:
-        parts: of the scene.
+        parts: parts of the scene.
         inward: unit normals of the fingers' contacts (n, d).
-        guided: whether their guides have led them to their goals; else they have none.
+        guided: whether their guides have reached their goals; otherwise hands have no guides.
     """
     for hand in parts.hands:
         yield StillHand(hand.still(guided=guided).hold(parts.start, inward), hand.fingers, _closing_time(hand))
 
 
 def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
-    """Give the forces with which hands squeeze at most, K (r - p), (n,) [N].
+    """Compute the largest squeezing forces of the hands, K (r - p), (n,) [N].
 
-    r is where a hand closes to, without its guide, and p the finger's start, or its contact if it starts inside of the
-    object: a finger that is squeezed in is nearer to r.
+    r is the closed position of the hand without its guide. p is the finger's start, or its contact if it starts inside
+    the object, because a finger that is squeezed in is closer to r.
 
     Args:
-        parts: of the scene.
+        parts: parts of the scene.
         inward: unit normals of the fingers' contacts (n, d).
         contacts: contact points (n, d) [m].
     """
@@ -80,7 +80,7 @@ def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> Float
 
 
 def _closing_time(hand: HandPart) -> float:
-    """Give when a hand is closed most [s]."""
+    """Return the time at which a hand is closed most [s]."""
     table = hand.holding.table
     if table is None or table.form == "made":
         return 0.0
@@ -91,9 +91,9 @@ def _closing_time(hand: HandPart) -> float:
 
 
 def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, start: FloatArray) -> None:
-    """Let an automatic fade begin where the squeeze of the hands asks for it: fingers have met their objects.
+    """Set the start of an automatic fade from the squeeze of the hands; fingers must have met their objects.
 
-    h1 = 1/2 |1/kep - 1/kip| sum |f|, |f| the most with which a hand squeezes, and 2 mm at least; h2 = h1 + 8 mm.
+    h1 = 1/2 |1/kep - 1/kip| sum |f| with the hands' largest squeezing forces |f|, and at least 2 mm; h2 = h1 + 8 mm.
     """
     rules = parts.scene.coupling
     if rules.fade != "auto" or rules.absent == "follow" or rules.contact == "attached":
@@ -109,7 +109,7 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, s
 
 
 def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
-    """Add up the most that hands squeeze each object with, sum |f| [N]: fingers have met their objects."""
+    """Compute the largest total squeeze of each object, sum |f| [N]; fingers must have met their objects."""
     contacts = parts.start.copy()
     for each in objects:
         contacts[each.fingers] = each.grasped.contact_position
@@ -118,7 +118,7 @@ def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -
 
 
 def grasps(parts: Parts) -> list[GraspedPart]:
-    """Make the objects that fingers are assigned to, with their contacts where the fingers meet them."""
+    """Make the objects that have fingers, with their contacts at the fingers' start."""
     start = parts.start
     inward = np.zeros_like(start)
     objects = []
@@ -127,7 +127,7 @@ def grasps(parts: Parts) -> list[GraspedPart]:
             continue
         grasped, fingers = part.grasped(), part.fingers
         if grasped.implicit:
-            NativeBody(grasped.body_state).free_motion(parts.scene.period)  # its samples are about the next pose
+            NativeBody(grasped.body_state).free_motion(parts.scene.period)  # its samples use the next pose
         grasped.meet(start[fingers])
         inward[fingers] = grasped.inward()
         grasped.finger_position[:] = start[fingers]
@@ -137,16 +137,16 @@ def grasps(parts: Parts) -> list[GraspedPart]:
 
 
 def axes_notes(parts: Parts) -> list[str]:
-    """Say how much energy the gains of each object create on a closed turn, where they stand in axes that allow it.
+    """Report the energy that each object's gains generate in a closed rotation, in axes that allow it.
 
-    Those are the world's axes, and any axes where the reaction acts at the contact. The figure is the line integral of
+    These are world axes, and any axes if the reaction acts at the contact. The value is the line integral of
     `worst_turn` about the grasp at the start, without cones.
     """
     return list(_notes(parts)) if _has_axes(parts.scene) else []
 
 
 def _has_axes(scene: Scene) -> bool:
-    """Tell whether a gain is a matrix, and stands where springs may create energy."""
+    """Tell whether a gain is a matrix in axes in which springs may generate energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
     if hasattr(rules.external, "object_stiffness"):
@@ -165,7 +165,7 @@ def _notes(parts: Parts) -> Iterator[str]:
             continue
         where = f"in {rules.axes} axes" + (" with reaction = 'contact'" if rules.reaction == "contact" else "")
         yield (
-            f"gains that are matrices {where} create energy on {part.name} as it turns: up to "
-            f"{100.0 * abs(energy.share):.2g} % of the largest stored on a closed turn of +-{TURN:g} rad; "
-            "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' creates none"
+            f"matrix gains {where} generate energy on {part.name} as it rotates: up to "
+            f"{100.0 * abs(energy.share):.2g} % of the largest stored in a closed rotation of +-{TURN:g} rad; "
+            "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' generates none"
         )

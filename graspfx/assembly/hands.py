@@ -1,4 +1,4 @@
-"""The hands of a scene: the fingers that each holds, what it does in time, and how it takes hold of them."""
+"""The hands of a scene: their fingers, their motions, and their springs and dampers."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 
 
 FloatArray = NDArray[np.float64]
-PARTS = ("limb", "stiffening", "reaction", "noise")  # of a hand's table, that make an operator of it
+PARTS = ("limb", "stiffening", "reaction", "noise")  # parts of a hand's table that define an operator model
 
 
 def is_operated(table: object) -> bool:
-    """Tell whether a hand's table has a part that is no spring and damper."""
+    """Tell whether a hand's table has parts beyond spring and damper."""
     return any(getattr(table, name, None) is not None for name in PARTS)
 
 
 def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Operator | None:
-    """Make the operator of a hand; None where it is spring and damper alone.
+    """Make the operator model of a hand; None for spring and damper only.
 
     Args:
-        table: of the hand.
-        fingers: that it holds, by their numbers in the scene: the noise of each is its own.
-        dimensions: d.
+        table: table of the hand.
+        fingers: indices of its fingers in the scene, which seed their noise.
+        dimensions: number of dimensions d.
     """
     if not is_operated(table):
         return None
@@ -78,7 +78,7 @@ Location = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Holding:
-    """The fingers that one hand holds, and its table (None: nobody holds them) with where that stands."""
+    """The fingers of one hand, its table (None without a hand) and the table's location."""
 
     at: Location
     table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
@@ -86,7 +86,7 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """List the hands of a scene in the order of their first fingers; a finger without one stands alone."""
+    """List the hands of a scene in the order of their first fingers; a finger without a hand is separate."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Location, Holding] = {}
     for i, finger in enumerate(scene.finger):
@@ -97,14 +97,14 @@ def holdings(scene: SceneTable) -> list[Holding]:
 
 
 def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
-    """Give the unit vector (d,) along an axis by its name or number, or along a vector."""
+    """Return the unit vector (d,) along an axis, given by name or number, or along a vector."""
     if isinstance(axis, tuple):
         return motions.direction(axis, dimensions)
     return motions.direction(AXES[axis] if isinstance(axis, str) else axis, dimensions)
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Describe every hand: its name, the fingers that it holds, what it does in time."""
+    """Describe every hand: its name, its fingers and its motion."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -117,7 +117,7 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
 
 
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
-    """Describe what a hand does in time."""
+    """Describe the motion of a hand."""
     if table.form == "made":
         return f"as {table.kind} has it"
     texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
@@ -133,7 +133,7 @@ def doing(table: OwnHand | SharedHand | MadeHand) -> str:
     return "; ".join(texts)
 
 
-AUTOMATIC = frozenset({"rest", "inward"})  # given to a plug-in's `hold` that takes them
+AUTOMATIC = frozenset({"rest", "inward"})  # arguments of a plug-in's `hold`, if it accepts them
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,13 +141,13 @@ class HandPart:
     """A hand, its fingers, and its intended motion, squeeze and turns.
 
     Attributes:
-        holding: its table and its fingers.
-        driver: the module of a hand that is a plug-in's own; such a hand has its own course in time.
-        motion: of all its fingers together.
-        squeeze: how far it closes in time [m].
-        turns: one after another.
-        guided: whether it has the guide that its table asks for.
-        settled: whether the followers of its guide begin at their goals.
+        holding: table and fingers of the hand.
+        driver: module of a plug-in's hand, which has its own motion.
+        motion: translation of all its fingers.
+        squeeze: closing distance over time [m].
+        turns: turns in order.
+        guided: whether it has the guide of its table.
+        settled: whether the followers of its guide start at their goals.
     """
 
     holding: Holding
@@ -160,19 +160,19 @@ class HandPart:
 
     @property
     def fingers(self) -> list[int]:
-        """The numbers of its fingers in the scene."""
+        """Indices of its fingers in the scene."""
         return self.holding.fingers
 
     def still(self, *, guided: bool = True) -> HandPart:
-        """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is.
+        """Return the hand without motion and turns; a plug-in's hand is unchanged.
 
         Args:
-            guided: whether its guide has led it to the goals; else it has none.
+            guided: whether its guide has reached the goals; otherwise it has no guide.
         """
         return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
-        """Give the hand with a squeeze that has a course in time, also one of zero, which else has none."""
+        """Return the hand with a squeeze that is a motion, even if it is zero."""
         table = self.holding.table
         if (
             self.driver is not None
@@ -184,11 +184,11 @@ class HandPart:
         return replace(self, squeeze=motions.Levels([[self.squeeze, 0.0, table.squeeze_ramp]]))
 
     def hold(self, start: FloatArray, inward: FloatArray) -> plant.Hand:
-        """Take hold of the fingers.
+        """Make the hand that holds the fingers.
 
         Args:
-            start: of all fingers of the scene (n, d) [m].
-            inward: unit normals into the objects where they touch (n, d).
+            start: start positions of all fingers of the scene (n, d) [m].
+            inward: unit normals into the objects at the contacts (n, d).
         """
         table, rest, normals = self.holding.table, start[self.fingers], inward[self.fingers]
         if table is None:
@@ -228,7 +228,7 @@ class HandPart:
 
 
 def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
-    """Make a hand's motion, squeeze and turns, or load the plug-in that it is."""
+    """Make a hand's motion, squeeze and turns, or load its plug-in."""
     table = holding.table
     if table is None:
         return HandPart(holding)
@@ -249,7 +249,7 @@ def plugin_hand(
 
     Raises:
         InputError: The returned object is not a hand for these fingers.
-        PluginError: whatever else it raises, with its line.
+        PluginError: `hold` raises another error; the message names its line.
     """
     parameters = signature(module.hold).parameters
     scene = {"rest": rest.copy(), "inward": inward.copy()}
@@ -274,12 +274,12 @@ def plugin_hand(
         }
     for (name, array), shape in zip(arrays.items(), [(d, n, n), (d, n, n), (n, d), (n, d)], strict=True):
         if not isinstance(array, np.ndarray) or array.shape != shape or not np.isfinite(array).all():
-            raise InputError(f"{name} of what hold() gives", array, f"an array {shape} of finite numbers")
+            raise InputError(f"{name} of the result of hold()", array, f"an array {shape} of finite numbers")
     return hand
 
 
 def closing_directions(table: SharedHand, rest: FloatArray, normals: FloatArray) -> FloatArray:
-    """Give the direction in which each finger goes when the hand closes, (n, d)."""
+    """Return the direction in which each finger moves when the hand closes, (n, d)."""
     if table.closing == "normal":
         return normals
     if table.closing == "centre":
@@ -288,7 +288,7 @@ def closing_directions(table: SharedHand, rest: FloatArray, normals: FloatArray)
 
 
 def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Motion:
-    """Make the intended motion of a hand: that of its table, or the sum of several."""
+    """Make the intended motion of a hand, the sum of the motions in its table."""
     each = [make_motion(scene, stock, part) for part in listed(table.motion)]
     if len(each) > 1:
         return motions.Sum(each)
@@ -296,7 +296,7 @@ def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Moti
 
 
 def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first: int) -> motions.Motion:
-    """Add the tremor of a hand, whose first finger tells its random numbers from those of other hands."""
+    """Add the tremor of a hand, with its first finger as part of the seed."""
     own = table.tremor
     if own is None:
         return motion
@@ -321,7 +321,7 @@ def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.
 
 
 def make_squeeze(table: Moving) -> float | motions.Motion:
-    """Give how far a hand closes in time: a number as it is, steps as levels."""
+    """Return the squeeze of a hand: a number, or steps as levels."""
     if isinstance(table.squeeze, int | float):
         return table.squeeze
     return motions.Levels([[step.to, step.begin, step.duration] for step in listed(table.squeeze)])

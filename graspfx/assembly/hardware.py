@@ -1,4 +1,4 @@
-"""A run's hardware, in the order that keeps it safe: open, settle, arm, run, rest, close."""
+"""A run's hardware, in the safe order: open, settle, arm, run, rest, close."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-TOUCH = 1e-3  # a finger this deep in an object is called touching [m]
+TOUCH = 1e-3  # depth up to which a finger counts as touching [m]
 
 
 class Hardware:
-    """Hardware that is open and at rest, at zero force.
+    """Open hardware at rest and at zero force.
 
     Args:
-        servo: that is ready to tick.
-        parts: of its scene.
-        devices: that are open.
-        clock: of the run.
-        exits: signals that ask the run to end.
+        servo: servo that is ready to tick.
+        parts: parts of its scene.
+        devices: open devices.
+        clock: clock of the run.
+        exits: signals that end the run.
 
     Attributes:
-        pacer: of the run's ticks.
+        pacer: pacer of the run's ticks.
     """
 
     def __init__(self, servo: Servo, parts: Parts, devices: DeviceExchange, clock: Clock, exits: Exits) -> None:
@@ -51,7 +51,7 @@ class Hardware:
         self._offset = self._meet(self._rest.positions)
 
     def header(self, header: Header) -> Header:
-        """Add to a header where the fingers are."""
+        """Add the fingers' positions to a header."""
         names = self._servo.layout.fingers
         settled = {
             names[f]: {"position": p.tolist(), "offset": self._offset[f].tolist()}
@@ -60,7 +60,7 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm and run; whatever happens, zero force is the first that comes after it.
+        """Arm and run; whatever happens, the next force is zero.
 
         A signal ends the run like `stop`.
         """
@@ -68,18 +68,18 @@ class Hardware:
             self._arm()
             self._servo.run(ticks, recorder, self._stops(stop), self.pacer)
         except Interruption:
-            pass  # of a driver's call, by a signal
+            pass  # interruption of a driver's call by a signal
         finally:
             self._servo.rest(recorder)
 
     @property
     def has_unstopped(self) -> bool:
-        """Whether the force of a device may still be there, as it did not let itself be stopped."""
+        """Whether a device could not be stopped, so that its force may persist."""
         return self._devices.has_unstopped
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: what ended it early, readings without a new sample, and lateness."""
+        """Items of the run's `Outcome`: cause of an early end, readings without a new sample, and lateness."""
         cause = self._servo.hang or self._exits.cause
         return {"cause": cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
@@ -87,7 +87,7 @@ class Hardware:
         return Stops(self._exits, stop)
 
     def _arm(self) -> None:
-        """Look once more where the fingers are, and let those in gradually that are inside an object."""
+        """Check the fingers' positions again, and start forces gradually for fingers inside an object."""
         periods = 1 + int((self._clock.now() - self._time) / self._servo.period)
         look_again(self._devices, self._rest, periods)
         for each in self._devices.ports:
@@ -99,10 +99,10 @@ class Hardware:
                 each.readings.let_in(offset, self._servo.guards.soft_start, step)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
-        """Let the fingers meet their objects where they are; give by how much each is deeper, (n, d) [m].
+        """Let the fingers meet their objects at their positions; return the depth of each as a vector, (n, d) [m].
 
         Raises:
-            InputError: a finger that is inside its object, unless `coupling.enter` lets it in.
+            InputError: a finger is inside its object, and `coupling.enter` does not allow it.
         """
         servo = self._servo
         offset = meet_hardware(servo, self._parts, positions)
@@ -115,11 +115,11 @@ class Hardware:
 
 
 class Stops:
-    """Tells whether a run is to stop: a signal has come, or who runs it says so.
+    """Tells whether a run must stop, because of a signal or the caller's function.
 
     Args:
         exits: the signals.
-        stop: of who runs it.
+        stop: function of the caller.
     """
 
     def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
@@ -127,7 +127,7 @@ class Stops:
 
     @property
     def has_news(self) -> bool:
-        """Whether who runs it has something to write into the memories of the run."""
+        """Whether the caller has data to write into the memories of the run."""
         return bool(getattr(self._stop, "has_news", False))
 
     def __call__(self) -> bool:
@@ -135,10 +135,10 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Let fingers that hardware has at these positions meet their objects there, or a depth above, (n, d) [m].
+    """Let fingers on hardware at these positions meet their objects there, or at a depth above, (n, d) [m].
 
     Returns:
-        By how much each of them is deeper than where it meets its object, (n, d) [m].
+        Depth of each below the point where it meets its object, as a vector, (n, d) [m].
     """
     start = parts.start.copy()
     for f, position in positions.items():
@@ -160,18 +160,18 @@ def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray
 def at_hardware(
     servo: Servo, parts: Parts, clock: Clock, *, ready: Callable[[Exits], None] | None = None
 ) -> Iterator[Hardware]:
-    """Open a scene's hardware, and close it in the end: all that takes time has been done before.
+    """Open a scene's hardware, and close it at the end; all slow preparations must be done before.
 
     Args:
-        servo: that is ready to tick.
-        parts: of its scene.
-        clock: of the run.
-        ready: called when all is there but the hardware, which is opened after it.
+        servo: servo that is ready to tick.
+        parts: parts of its scene.
+        clock: clock of the run.
+        ready: function that is called when everything is ready, before the hardware is opened.
 
     Raises:
-        DeviceError: a device that does not open or is not at rest.
-        InputError: a finger that is inside its object.
-        KeyboardInterrupt: a signal came before the run, or within it, where its own handler let the process go on.
+        DeviceError: a device does not open or is not at rest.
+        InputError: a finger is inside its object.
+        KeyboardInterrupt: a signal arrived before or during the run, and its handler let the process continue.
     """
     with waiting("preparing ticks"):
         devices = servo.prepare()
@@ -187,7 +187,7 @@ def at_hardware(
 def _refusal(devices: DeviceExchange, finger: str, f: int, thing: str, depth: FloatArray, servo: Servo) -> InputError:
     name, deep = next(each.name for each in devices.ports if f in each.channels), 1e3 * np.linalg.norm(depth)
     return InputError(
-        "coupling.enter", "refuse", f"fingers outside of their objects: {finger} is {deep:.1f} mm inside "
+        "coupling.enter", "refuse", f"fingers outside their objects: {finger} is {deep:.1f} mm inside "
         f"{thing}, read by {name}",
-        f"move it out and start again; 'ramp' lets it in within {servo.guards.soft_start:g} s",
+        f"move it out and start again, or set 'ramp' to start its force within {servo.guards.soft_start:g} s",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Keys of a scene that may change in mid-run, and why others may not."""
+"""Keys of a scene that may change during a run, and the reasons why others may not."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ GUIDE = tuple(f"{table}.guide.{name}" for table in ("finger.*.hand", "hand.*") f
 HAND = (*(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS), *GUIDE)
 
 REASONS = {
-    ("period", "duration"): "time is counted in periods, and a session runs as long as it is stepped",
-    ("dimensions", "engine", "title", "preset"): "it belongs to the whole run",
+    ("period", "duration"): "time is counted in periods, and a session runs until it is closed",
+    ("dimensions", "engine", "title", "preset"): "it holds for the whole run",
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
-        "it says where the run starts; what moves goes on from where it is"
+        "it defines the start of the run; moving parts continue from their present state"
     ),
     (
         "coupling.contact",
@@ -42,24 +42,24 @@ REASONS = {
         "coupling.split",
         "coupling.weights",
         "coupling.external.object_point",
-    ): ("it decides what is computed"),
-    ("coupling.enter",): "it says how the run begins",
-    ("coupling.passivity",): "whether energy is booked decides what is recorded",
+    ): ("it selects what is computed"),
+    ("coupling.enter",): "it defines the beginning of the run",
+    ("coupling.passivity",): "it selects whether energy is recorded",
     ("safety", "finger.*.safety"): "limits hold for a whole run",
-    ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
-    ("hand.*.guide", "finger.*.hand.guide"): "of a guide the goals change, its offset and its squeeze",
-    ("finger.*.hand.reaction", "hand.*.reaction"): "of a reaction its stiffness, damping and force change",
-    ("finger.*.hand.noise", "hand.*.noise"): "of a noise its share changes",
-    ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
+    ("object", "obstacle", "world"): "it defines which bodies exist and how they move",
+    ("hand.*.guide", "finger.*.hand.guide"): "only the goals of a guide can change, its offset and squeeze",
+    ("finger.*.hand.reaction", "hand.*.reaction"): "only stiffness, damping and force of a reaction can change",
+    ("finger.*.hand.noise", "hand.*.noise"): "only the share of a noise can change",
+    ("finger", "device", "hand"): "it defines the connected devices, or the memory layout of contacts",
 }
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Name the fields of grasps' blocks that choose what is computed, and that may change where these keys are live.
+    """Name the fields of grasps' blocks that select what is computed and that may change with these live keys.
 
     Raises:
-        InputError: keys that are no names.
-        UnknownNameError: a key that cannot change in mid-run, with the reason.
+        InputError: a key is not a text.
+        UnknownNameError: a key cannot change during a run; the error gives the reason.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
 
@@ -75,11 +75,11 @@ def _choices(plain: str) -> frozenset[str]:
 
 
 def require(key: str) -> str:
-    """Require a key that can change in mid-run.
+    """Require a key that can change during a run.
 
     Raises:
-        InputError: no text, or a key that cannot change in mid-run, with the reason.
-        UnknownNameError: no scene has such a key.
+        InputError: the key is not a text, or cannot change during a run; the error gives the reason.
+        UnknownNameError: no scene has this key.
     """
     if not isinstance(key, str):
         raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
@@ -90,7 +90,7 @@ def require(key: str) -> str:
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
     first = key.partition(".")[0]
     if plain == f"{first}.*":
-        do = f"{key!r} stands for whole tables: name the values in them that may change, with dots"
+        do = f"{key!r} denotes whole tables: name the values in them that may change, with dots"
         raise InputError("live", key, "a key that may change in mid-run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
@@ -99,23 +99,23 @@ def require(key: str) -> str:
 
 
 def is_live(plain: str) -> bool:
-    """Tell whether a key in its general form can change in mid-run."""
+    """Tell whether a key in its general form can change during a run."""
     return plain in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
 
 
 def is_of_a_hand(plain: str) -> bool:
-    """Tell whether a key in its general form is one of a hand that can change."""
+    """Tell whether a key in its general form is a live key of a hand."""
     return any(plain == each or plain.startswith(f"{each}.") for each in HAND)
 
 
 def covers(live: str, key: str) -> bool:
-    """Tell whether a live key stands for a key: `*` for every number, a table for what is below it."""
+    """Tell whether a live key includes a key: `*` includes every number, and a table all keys below it."""
     ours, theirs = _indexed(live), _indexed(key)
     return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
 
 
 def numbered(scene: Scene, key: str) -> str:
-    """Write a key with numbers for the names of tables: `finger.left.hand.stiffness` is `finger.0.hand.stiffness`.
+    """Replace table names in a key by numbers: `finger.left.hand.stiffness` becomes `finger.0.hand.stiffness`.
 
     Raises:
         InputError: no text.
@@ -131,10 +131,10 @@ def numbered(scene: Scene, key: str) -> str:
 
 
 def keys_of(live: Any) -> list[str]:
-    """List live keys, of which one may stand by itself.
+    """List live keys; a single key may be given as a text.
 
     Raises:
-        InputError: no keys.
+        InputError: the argument is not a key or a list of keys.
     """
     if isinstance(live, str):
         return [live]
@@ -146,10 +146,10 @@ def keys_of(live: Any) -> list[str]:
 
 
 def require_value(scene: Scene, key: str) -> None:
-    """Require that a scene has a key that may change in mid-run, with numbers for names: its value is there.
+    """Require that a scene has a value for a live key, with numbers for names.
 
     Raises:
-        UnknownNameError: it does not, with keys that come close.
+        UnknownNameError: it does not; the error lists close matches.
     """
     if not _has(scene, key):
         present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
@@ -164,11 +164,11 @@ def _has(scene: Scene, key: str) -> bool:
 
 
 def value_of(scene: Scene, key: str) -> Any:
-    """Give the value of a key now; of `*` the one value of all, or a tuple of them.
+    """Return the present value of a key; for `*` the common value, or a tuple of all values.
 
     Raises:
-        UnknownNameError: no scene has such a key, or this one no table of that name or number.
-        InputError: a setting that is left to its driver, or a table that stands elsewhere.
+        UnknownNameError: no scene has this key, or this scene has no table of that name or number.
+        InputError: the setting is left to its driver, or the table is defined elsewhere.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
@@ -178,13 +178,13 @@ def value_of(scene: Scene, key: str) -> Any:
     if not values:
         raise InputError(
             "key", key, "a key of a table that the scene has",
-            "where a name stands for a table, ask for that one, as in hand.NAME.stiffness",
+            "if a name denotes a table, ask for that table, as in hand.NAME.stiffness",
         )  # fmt: skip
     return values[0] if all(each == values[0] for each in values) else tuple(values)
 
 
 def _indexed(key: str) -> list[str]:
-    """Split a key at its dots, with the number 0 where a list's is left out."""
+    """Split a key at its dots, and insert the number 0 where a list's number is omitted."""
     first, *rest = key.split(".")
     if general(key).split(".")[1:2] == ["*"] and not (rest and (rest[0] == "*" or rest[0].isdecimal())):
         rest = ["0", *rest]
@@ -192,7 +192,7 @@ def _indexed(key: str) -> list[str]:
 
 
 def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
-    """Follow a path into a part of the scene that stands at a key, and give what is there."""
+    """Follow a path into a part of the scene at a key, and yield the values there."""
     if not path:
         yield part
     elif isinstance(part, tuple):
@@ -203,14 +203,14 @@ def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
         settings = getattr(part, "settings", {})
         fields = {name: getattr(part, name) for name in type(part).model_fields}
         if path[0] in ("*", "0") and path[1:]:
-            yield from _values(part, path[1:], at)  # a lone table as a list of one
+            yield from _values(part, path[1:], at)  # a single table counts as a list of one
         elif hasattr(part, "settings") and path[0] in ("mass", "damping") and path[0] not in settings:
             yield None  # left to the device's driver
         elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):
-            raise InputError("key", f"{at}.{path[0]}", "a setting that the scene gives", "its driver's own value holds")
+            raise InputError("key", f"{at}.{path[0]}", "a setting that the scene gives", "the driver's default applies")
         else:
             yield from _below(fields | settings, path, at)
-    elif part is not None and not isinstance(part, str):  # nothing, or a name that stands for a table elsewhere
+    elif part is not None and not isinstance(part, str):  # None, or the name of a table elsewhere
         raise InputError("key", f"{at}.{'.'.join(path)}", "a key of the scene", f"{at} is a value and has no parts")
 
 

@@ -1,4 +1,4 @@
-"""Mechanics of a scene's fingers, as matrices: masses and dampings of devices, springs and dampers of hands."""
+"""Mechanics of a scene's fingers as matrices: masses and damping of devices, stiffness and damping of hands."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-MECHANICAL = {"mass", "friction"}  # measures that stand for what an arm says of where its finger is
+MECHANICAL = {"mass", "friction"}  # measures that replace an arm's posture-dependent values
 
 
 @runtime_checkable
 class Postured(Protocol):
-    """A device whose mass and damping depend on where its finger is, as those of an arm do."""
+    """A device whose mass and damping depend on the finger's position, such as an arm."""
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray: ...
 
@@ -33,18 +33,18 @@ class Postured(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Matrices of n fingers in d dimensions, where they are.
+    """Matrices of n fingers in d dimensions at their positions.
 
     Attributes:
-        mass, friction: (n, d, d) [kg], [N s/m].
-        stiffness, damping: of the hands, (n d, n d) [N/m], [N s/m].
-        delay: of each device's output, (n,) [samples].
-        lateness: besides, from the reading to the force, (n,) [s].
-        age: of the positions when they are read, (n,) [s].
-        jitter: least and largest lateness, (2, n) [s].
-        round_trip: part of the lateness that reading and writing take, (n,) [s].
-        hardware: whether its device is no simulation, (n,).
-        assumed: what devices do not tell and is taken as zero.
+        mass, friction: mass and friction of the devices, (n, d, d) [kg], [N s/m].
+        stiffness, damping: stiffness and damping of the hands, (n d, n d) [N/m], [N s/m].
+        delay: output delay of each device, (n,) [samples].
+        lateness: additional time from the reading to the force, (n,) [s].
+        age: age of the positions when they are read, (n,) [s].
+        jitter: smallest and largest lateness, (2, n) [s].
+        round_trip: part of the lateness due to reading and writing, (n,) [s].
+        hardware: mask of fingers on real devices, (n,).
+        assumed: unreported values that are assumed to be zero.
     """
 
     mass: FloatArray
@@ -61,10 +61,10 @@ class Mechanics:
 
 
 def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
-    """Give the mechanics of devices with their fingers at positions (n, d) [m], and of hands.
+    """Compute the mechanics of devices, with fingers at positions (n, d) [m], and of hands.
 
     Raises:
-        InputError: a device that does not tell its mass or damping, by its finger.
+        InputError: a device does not report its mass or damping; the error names its finger.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
@@ -97,15 +97,15 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 
 def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
-    """Say what of a device is not known, or not as its simulation has it."""
+    """Yield the unknown values of a device, and those that differ from its simulation."""
     features, who = wire.features, ", ".join(names)
     if features.delay is None and features.lateness is None:
-        yield "no output delay, where devices tell none"
+        yield "no output delay of devices that report none"
     if features.resolution:
-        yield "encoders too fine to be felt"
+        yield "encoder resolution neglected"
     late = (features.lateness or 0.0) + (features.latency or 0.0)
     if late and isinstance(wire.device, SimulatedDevice):
-        yield f"forces of {who} {1e3 * late:.3g} ms late, as measured: their simulation is not, and does not run so"
+        yield f"forces of {who} {1e3 * late:.3g} ms late, as measured; a simulation does not include this delay"
 
 
 def _in_posture(device: Postured, frame: Frame | None, position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,7 +129,7 @@ def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Feature
         raise InputError(
             f"the device of {names}",
             None,
-            f"one that tells its {' and '.join(lacking)}",
-            "a limit of stability needs both; give the driver the settings that its features are made of",
+            f"one that reports its {' and '.join(lacking)}",
+            "a stability limit needs both; give the driver the settings that determine its features",
         )
     return _DeviceMechanics(features.mass, features.friction, features.delay)

@@ -1,4 +1,4 @@
-"""Meshes that a scene names: read, checked, weighed and laid out once; kept on disk by the content of their files."""
+"""Meshes of a scene: read, checked and prepared once, then cached on disk by the content of their files."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
 
 
-SHARES = ("centre", "inertia", "moments", "axes")  # of mass properties, beside the mass
+SHARES = ("centre", "inertia", "moments", "axes")  # mass properties except the mass
 
 
 def through_cache(
     content: bytes, settings: object, make: Callable[[], tuple[Mesh, MassProperties]]
 ) -> tuple[Mesh, MassProperties]:
-    """Give the mesh and mass properties that `make` makes, from the cache where they are of this very content.
+    """Return the mesh and mass properties by `make`, or from the cache for the same content.
 
     Args:
-        content: of the mesh's file, or its arrays' bytes.
-        settings: all else that the mesh follows from, in a form of which the text tells everything.
-        make: makes both, or raises; a mesh that is refused is not cached.
+        content: content of the mesh's file, or bytes of its arrays.
+        settings: everything else on which the mesh depends, as a value with a complete text form.
+        make: function that makes both, or raises; a refused mesh is not cached.
     """
     distributions = installed.distributions()
     if distributions is None:
@@ -50,21 +50,21 @@ def through_cache(
 
     table, (vertices, faces, data, *shares) = entry
     mesh = Mesh(vertices, faces, table["shell"], tuple(table["notes"]))
-    vars(mesh)["data"] = data  # the value of its cached property
+    vars(mesh)["data"] = data  # value of its cached property
     return mesh, MassProperties(float.fromhex(table["mass"]), *shares)
 
 
 Numbers = tuple[float, ...]
-CACHED = 8  # meshes that are remembered, so that a check and a run read each file once
+CACHED = 8  # number of meshes in memory, so that a check and a run read each file once
 
 
 @dataclass(frozen=True)
 class SceneMesh:
-    """A mesh as its body has it, and where the body is in the frame of the file.
+    """A mesh in its body's frame, and the body's pose in the file's frame.
 
     Attributes:
-        mesh: in the body's frame.
-        unit: mass properties in the file's frame: of a density of 1 kg/m^3, of a shell of a mass of 1 kg.
+        mesh: mesh in the body's frame.
+        unit: mass properties in the file's frame, for a density of 1 kg/m^3, or for a shell of mass 1 kg.
     """
 
     mesh: Mesh
@@ -74,14 +74,14 @@ class SceneMesh:
         """Compute the volume [m^3].
 
         Raises:
-            InputError: a shell has none.
+            InputError: the mesh is a shell.
         """
         if self.mesh.shell:
             raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
         return self.unit.mass
 
     def moments(self, mass: float) -> Numbers:
-        """Compute the principal moments at that mass, (3,) [kg m^2]."""
+        """Compute the principal moments of inertia for a mass, (3,) [kg m^2]."""
         return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
 
     @property
@@ -90,7 +90,7 @@ class SceneMesh:
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
-        """Place the centre of mass and the principal axes for a pose of the file's frame in the world."""
+        """Compute the pose of the centre of mass and principal axes from the pose of the file's frame."""
         x, y, z = position or (0.0, 0.0, 0.0)
         q = Quaternion(*(orientation or (0.0, 0.0, 0.0, 1.0)))
         centre = rotate(q, Vector(*self.unit.centre.tolist()))
@@ -98,14 +98,14 @@ class SceneMesh:
 
     @property
     def frame(self) -> Mapping[str, list[float]]:
-        """The pose of the file's frame in the body's: what a viewer needs to draw the file."""
+        """Pose of the file's frame in the body's frame, for viewers that draw the file."""
         turn = self.turn.conjugate
         centre = rotate(turn, Vector(*self.unit.centre.tolist()))
         return {"position": [-each for each in numbers(centre)], "orientation": list(numbers(turn))}
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
-    """Load the mesh of an object or obstacle; None if its shape is none.
+    """Load the mesh of an object or obstacle; None if its shape is not a mesh.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.
@@ -143,7 +143,7 @@ def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits
         return SceneMesh(*make())
     try:
         content = file.read_bytes()
-    except OSError:  # `load_mesh` says what is wrong
+    except OSError:  # `load_mesh` reports the error
         return SceneMesh(*make())
     return SceneMesh(*through_cache(content, (file.suffix.lower(), scale, shell, limits), make))
 
@@ -165,6 +165,6 @@ def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMe
 
 
 def _weighed(mesh: Mesh) -> tuple[Mesh, MassProperties]:
-    """Move a mesh into its body's frame, and give its mass properties in the frame of the file."""
+    """Transform a mesh to its body's frame; return it with its mass properties in the file's frame."""
     unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
     return mesh.seen_from(unit.centre, unit.axes), unit

@@ -1,4 +1,4 @@
-"""What a run stands on: scene, files, code, versions and machine, as the header of its recording says."""
+"""Provenance of a run, for the header of its recording: scene, files, code, versions and machine."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 
 PACKAGE = "__init__.py"
-SHARED = ("site-packages", "dist-packages")  # folders of everybody's packages, which are nobody's own
+SHARED = ("site-packages", "dist-packages")  # folders of installed packages
 OURS = Path(__file__).resolve().parents[1]
 
 
 def python_files(path: Path) -> list[Path]:
-    """List a file, and of a Python file what it imports from its own folder or package, and what that imports, ...
+    """List a file and, for a Python file, its direct and indirect imports from its own folder or package.
 
-    Statements `import` and `from ... import` count, wherever they stand. What is imported by other means or from other
-    folders, extension modules, and GraspFX itself are left out; so is what a file imports that is no Python.
+    All `import` and `from ... import` statements count. Other kinds of import, other folders, extension modules, files
+    that are not Python, and GraspFX itself are omitted.
     """
     files: dict[Path, None] = {}
     left = [path]
@@ -69,7 +69,7 @@ def _imports(path: Path) -> Iterator[Path]:
 
 
 def _roots(path: Path, module: str) -> Iterator[Path]:
-    """List the folders in which a name at the top level is looked for: the file's own, and that of its package."""
+    """List the folders in which a top-level name is searched: the file's folder, and that of its package."""
     folder = path.parent
     if folder.name not in SHARED:
         yield folder
@@ -80,7 +80,7 @@ def _roots(path: Path, module: str) -> Iterator[Path]:
 
 
 def _modules(root: Path, name: str, is_inside: bool = False) -> Iterator[Path]:
-    """List the files that an import of a dotted name runs, of those that are there."""
+    """List the existing files that an import of a dotted name runs."""
     if is_inside:
         yield from filter(Path.is_file, [root / PACKAGE])
     place = root
@@ -94,14 +94,14 @@ LONGEST = 4096  # letters of a path
 
 
 def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
-    """Digest the files that a scene or a value names, by their path.
+    """Compute digests, by path, of the files that a scene or a value names.
 
-    Meshes, recorded paths and whatever else a text names are among them; so is the Python of devices, hands and
-    dynamics that do not come with GraspFX, with what it imports from its own folder or package (`own_imports`).
+    They include meshes, recorded paths and any other named file. They also include the Python code of third-party
+    devices, hands and dynamics, with its imports from its own folder or package (`own_imports`).
 
     Args:
-        scene: as it is run.
-        values: that take the place of its own, nested in any way; each text in them may name a file or a plug-in.
+        scene: scene of the run.
+        values: values that replace the scene's, nested in any way; each text in them may name a file or a plug-in.
     """
     texts = list(dict.fromkeys(texts_in(values)))
     paths = [path for text in chain(_code(scene), _code_in(scene, texts), texts_in(scene.to_dict()), texts)
@@ -112,7 +112,7 @@ def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
 
 
 def by_name(files: Mapping[str, str]) -> dict[str, str]:
-    """List digests by the names of files, wherever these are; of some of one name together, in the order of paths."""
+    """List digests by file names without folders; files of the same name are combined in the order of paths."""
     digests: dict[str, list[str]] = {}
     for path in sorted(files):
         digests.setdefault(Path(path).name, []).append(files[path])
@@ -120,20 +120,20 @@ def by_name(files: Mapping[str, str]) -> dict[str, str]:
 
 
 def file_changes(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Say which files are not those that were digested before, both as of `by_name`."""
+    """Yield the differences between two sets of digests, both from `by_name`."""
     lines = []
     for name in sorted({*there, *here}):
         if name not in there:
-            lines.append(f"the file {name} counts here and did not there")
+            lines.append(f"the file {name} is used here but was not used there")
         elif name not in here:
-            lines.append(f"the file {name} counted there and does not here, or is missing")
+            lines.append(f"the file {name} was used there but is not used here, or is missing")
         elif there[name] != here[name]:
             lines.append(f"the file {name} has changed")
     return lines
 
 
 def digest_of(path: str) -> str | None:
-    """Digest a file; None where there is none."""
+    """Compute the digest of a file; None if it does not exist."""
     try:
         return sha256(Path(path).read_bytes()).hexdigest()
     except OSError:
@@ -141,7 +141,7 @@ def digest_of(path: str) -> str | None:
 
 
 def _file(scene: Scene, text: str) -> Path | None:
-    """Find the file that a text names; None where it names none."""
+    """Find the file that a text names; None if it names none."""
     try:
         path = to_path("file", text, folder=scene.source.folder).resolve()
         return path if len(text) < LONGEST and path.is_file() else None
@@ -150,7 +150,7 @@ def _file(scene: Scene, text: str) -> Path | None:
 
 
 def _code(scene: Scene) -> Iterator[str]:
-    """List the files of devices, hands and dynamics that do not come with GraspFX."""
+    """List the files of third-party devices, hands and dynamics."""
     devices = [*scene.device, *(finger.device for finger in scene.finger if not isinstance(finger.device, str))]
     hands = [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
     yield from _of_group(scene, "devices", [each.name for each in devices])
@@ -159,12 +159,12 @@ def _code(scene: Scene) -> Iterator[str]:
 
 
 def _code_in(scene: Scene, texts: Sequence[str]) -> Iterator[str]:
-    """List the files of plug-ins that texts name, whatever group they are of."""
+    """List the files of plug-ins of any group that texts name."""
     for group in GROUPS:
         table = plugins.names(group)
         for text in texts:
             if text in table:
-                with suppress(GraspFXError):  # a name that two claim, which its variant says
+                with suppress(GraspFXError):  # an ambiguous name, which its variant resolves
                     yield from _of_group(scene, group, [text])
 
 
@@ -177,11 +177,11 @@ def _of_group(scene: Scene, group: Group, names: Sequence[str]) -> Iterator[str]
             yield str(path)
 
 
-LONGEST_VALUE = 60  # letters of a value that is said
+LONGEST_VALUE = 60  # largest number of letters of a shown value
 
 
 def scene_changes(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Say where the table of a scene is another one than it was, key by key."""
+    """Yield the differences between two tables of a scene, key by key."""
     return [f"the scene's {key} is {brief(one)} there, {brief(two)} here" for key, one, two in _changes(there, here)]
 
 
@@ -203,23 +203,23 @@ def _changes(one: Any, two: Any, key: str = "") -> Iterator[tuple[str, Any, Any]
 
 
 def engines_of(scene: Scene, values: Any = ()) -> list[str]:
-    """List the distributions whose dynamics a scene names, or a text among values that take the place of its own."""
+    """List the distributions whose dynamics a scene, or a replacing value, names."""
     names = {thing.dynamics for thing in scene.object} | {text for text in texts_in(values) if text in DYNAMICS}
     return sorted({package for name in names if (package := dynamics_of(name).distribution)})
 
 
 def engine_versions(scene: Scene, values: Any = ()) -> dict[str, str]:
-    """Give the version of each of `engines_of`."""
+    """Return the version of each distribution from `engines_of`."""
     return {package: version_of(package) for package in engines_of(scene, values)}
 
 
 def version_of(package: str) -> str:
-    """Give the version of a distribution, in words where it is not installed."""
+    """Return the version of a distribution, or a text if it is not installed."""
     return installed.version(package) or "not installed"
 
 
 def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
-    """Say for a run's recording what the scene, the time and the machine are, and how the objects' forces divide."""
+    """Make the header of a run's recording: scene, time, machine, and split rules of the objects."""
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
@@ -241,15 +241,15 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once: a process goes on with what it has imported, whatever is installed meanwhile."""
+    """Look up versions once, because a process keeps its imports whatever is installed in the meantime."""
     return versions(*packages)
 
 
 def source_name(source: Source) -> str:
-    """Name a scene as on the shelf: after its file, or as it stands in messages."""
+    """Name a scene like a built-in scene: after its file, or as in messages."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 
 def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
-    """Write for a header how the forces of each object's grasp divide, as the blocks have it that run."""
+    """Write the split rule of each object's grasp, from the running blocks, for a header."""
     return {part.name: part.grasped.split_rule.table() for part in objects}

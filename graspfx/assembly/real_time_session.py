@@ -1,4 +1,4 @@
-"""Sessions that go on by the wall's clock in another process, looked at and steered meanwhile."""
+"""Sessions that run on the wall clock in another process and can be inspected and steered."""
 
 from __future__ import annotations
 
@@ -33,16 +33,15 @@ if TYPE_CHECKING:
 
 
 ENDLESS = 1 << 53  # ticks
-LOOK = 0.05  # between two looks at signals and faults of the recording [s]
+LOOK = 0.05  # interval of checks for signals and faults of the recording [s]
 
 
 class RealTimeSession(Session):
-    """A run on the wall's clock, in a process of its own; `gx.open(scene, real_time=True)` makes it.
+    """A run on the wall clock in a separate process; `gx.open(scene, real_time=True)` creates it.
 
-    Ticks come by themselves from then on, with hardware or without, until the end of the `with` block: then every force
-    decays to zero, the recording is closed, and the hardware after it. Positions, velocities and forces are those of
-    the last tick that has come here, some 20 ms old at most. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block at
-    once, and the run with it.
+    Ticks run until the end of the `with` block, with or without hardware. At the end every force decays to zero, then
+    the recording is closed, and the hardware last. Positions, velocities and forces are those of the last received
+    tick, which is at most some 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
 
     Args:
         scene: what is run.
@@ -77,12 +76,12 @@ class RealTimeSession(Session):
         while not self.tick and not self._remote.await_rest(0.005):
             if self._remote.exits.numbers:
                 raise Interruption(self._remote.exits.cause)
-        if self._remote.error is not None:  # as of a finger that has gone elsewhere meanwhile
+        if self._remote.error is not None:  # for example of a finger that has moved in the meantime
             raise self._remote.error
-        self._remote.exits.inside = True  # a signal breaks off what the user does
+        self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Look at rows that have come."""
+        """Process received rows."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 
@@ -92,18 +91,18 @@ class RealTimeSession(Session):
         return Card(repr(self), rows, face)
 
     def step(self, ticks: int = 1) -> None:
-        """Refuse: ticks come by the wall's clock.
+        """Refuse, because ticks follow the wall clock.
 
         Raises:
             InputError: always.
         """
-        raise InputError("ticks", ticks, "a session that is not in real time", "ticks come by themselves: use wait")
+        raise InputError("ticks", ticks, "a session without real time", "ticks run by themselves: use wait")
 
     def wait(self, seconds: float) -> bool:
-        """Wait while the run goes on; return whether it still does.
+        """Wait while the run continues; return whether it is still running.
 
         Raises:
-            RecordingError: the recording cannot be written; every force is zero then.
+            RecordingError: the recording cannot be written; every force is then zero.
         Exception: whatever ended the run in its process, such as a driver's own.
         """
         end = time.monotonic() + seconds
@@ -118,10 +117,10 @@ class RealTimeSession(Session):
         return not self._remote.has_rested
 
     def mark(self, text: str) -> int:
-        """Write a text of yours into the recording, such as the beginning of a trial; give its tick.
+        """Write a text, such as the beginning of a trial, into the recording; return its tick.
 
         Raises:
-            InputError: no text, or a session that has ended.
+            InputError: the argument is not a text, or the session has ended.
         """
         if not isinstance(text, str):
             raise InputError("text", text, "a text")
@@ -129,13 +128,13 @@ class RealTimeSession(Session):
             return self._mail.post(Letter([], []), {MARK: text}, self._require_going)
 
     def rest(self) -> None:
-        """Let every force decay to zero and stay there; what was recorded can still be looked at."""
+        """Let every force decay to zero and stay there; the recording remains accessible."""
         with self._undisturbed():
             self._remote.rest()
 
     @property
     def fault(self) -> RunFault | None:
-        """The first fault; from it on every force is zero. None so far."""
+        """First fault, from which on every force is zero; None without a fault."""
         return RunFault(*self._relay.faults[0]) if self._relay.faults else None
 
     def _write(self, update: Update) -> None:
@@ -143,7 +142,7 @@ class RealTimeSession(Session):
         with self._undisturbed():
             self._require_going()
             self.servo.write(update)
-            if any(general(key) in GUIDE for key in update.values):  # they come the way of all goals, and are told so
+            if any(general(key) in GUIDE for key in update.values):  # they are sent like all goals
                 self._goals.send_all(self.servo)
             values = {key: value for key, value in update.values.items() if general(key) not in GUIDE}
             if not values:
@@ -156,17 +155,17 @@ class RealTimeSession(Session):
                 self._splits.append((tick, split))
 
     def _require_going(self) -> None:
-        """Require that the run goes on, with its first tick here."""
+        """Require that the run continues and that its first tick has been received."""
         self._require_open()
         while not self._remote.await_rest(0.0):
             if self.tick:
                 return
             time.sleep(0.001)
-        raise InputError("session", self, "a session that goes on", f"it has ended: {self._remote.outcome['cause']}")
+        raise InputError("session", self, "a session that is running", f"it has ended: {self._remote.outcome['cause']}")
 
     @contextmanager
     def _undisturbed(self) -> Iterator[None]:
-        """Let no signal break off the block; one that came ends it afterwards."""
+        """Defer signals to the end of the block."""
         exits = self._remote.exits
         exits.inside = False
         try:
@@ -193,21 +192,21 @@ class RealTimeSession(Session):
         remote.rest()
         self._spent = time.perf_counter() - self._began
         super()._close(complete=complete and not (remote.outcome["cause"] or remote.error))
-        if remote.error is not None and complete:  # else the block ends in an error anyway
+        if remote.error is not None and complete:  # otherwise the block ends in an error anyway
             raise remote.error
 
 
 FloatArray = NDArray[np.float64]
-BEGINNING = 0.005  # between two looks whether a servo runs [s]
+BEGINNING = 0.005  # interval of checks whether a servo runs [s]
 
 
 class LiveSession(RealTimeSession):
-    """A run in real time whose rows are in the ring alone unless a folder is given.
+    """A real-time run whose rows are only in the ring buffer unless a folder is given.
 
     Args:
         scene: what is run.
         live, out, overwrite: as of `open`.
-        paused: whether it waits before the first tick.
+        paused: whether it pauses before the first tick.
     """
 
     keeps_rows = False
@@ -238,19 +237,19 @@ class LiveSession(RealTimeSession):
     def _look(self, first: int, count: int) -> None:
         super()._look(first, count)
         if not self._is_recorded:
-            self._recorder.changes.clear()  # nobody asks for them, and a day has many
-            oldest = first + count - SLOTS  # tick of the oldest row that is still there
+            self._recorder.changes.clear()  # they are not needed, and a day has many
+            oldest = first + count - SLOTS  # tick of the oldest available row
             while len(self._splits) > 1 and self._splits[1][0] <= oldest:
                 del self._splits[0]
 
     @property
     def ring(self) -> Ring:
-        """The rows, and the words of the servo."""
+        """Ring buffer of rows and status words of the servo."""
         return self._remote.ring
 
     @property
     def goals(self) -> GoalSender:
-        """The goals of guided hands."""
+        """Sender of the goals of guided hands."""
         return self._goals
 
     @property
@@ -260,38 +259,38 @@ class LiveSession(RealTimeSession):
 
     @property
     def header(self) -> Header:
-        """Header that its recording has."""
+        """Header of its recording."""
         return self._recorder.header
 
     @property
     def splits(self) -> list[tuple[int, Split]]:
-        """Rules by which forces divide, each from a tick on."""
+        """Split rules of the forces, each with its first tick."""
         return list(self._splits)
 
     @property
     def start(self) -> FloatArray:
-        """Positions where fingers start, (n, d) [m]."""
+        """Start positions of the fingers, (n, d) [m]."""
         return resolve(self.scene).start
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """How it ended, as entries of an `Outcome`."""
+        """Result of the run, as items of an `Outcome`."""
         return self._remote.outcome
 
     @property
     def error(self) -> BaseException | None:
-        """Error that the run ended in; None without."""
+        """Error that ended the run; None without one."""
         return self._remote.guard.failure or self._remote.error
 
     def look(self) -> bool:
-        """Take over what the servo says; return whether it goes on."""
+        """Read the servo's status; return whether it still runs."""
         return not self._remote.await_rest(0.0)
 
     def _require_going(self) -> None:
         self._require_open()
         if not self.look():
             cause = self._remote.outcome["cause"] or "it was closed"
-            raise InputError("run", "one without a servo", "a run that goes on", f"it has ended: {cause}")
+            raise InputError("run", "one without a servo", "a run that is running", f"it has ended: {cause}")
         while not self.tick and not self._waits_to_begin and self.look():
             time.sleep(0.001)
 
@@ -303,13 +302,13 @@ class LiveSession(RealTimeSession):
 
     @property
     def is_paused(self) -> bool:
-        """Whether the coming tick waits."""
+        """Whether the next tick waits."""
         words = self.ring.words
         halt = int(words[Word.HALT])
         return bool(halt) and int(words[Word.HEAD]) >= halt - 1
 
     def pause(self) -> None:
-        """Let the coming tick wait; values and goals are taken all the same.
+        """Pause before the next tick; values and goals are still accepted.
 
         Raises:
             InputError: a scene with hardware.
@@ -318,7 +317,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Go on, without ticks for the time of the pause.
+        """Continue, without ticks for the time of the pause.
 
         Raises:
             InputError: a scene with hardware.
@@ -327,10 +326,10 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 0
 
     def advance(self, ticks: int = 1) -> None:
-        """Run that many ticks of a pause, at their pace.
+        """Run a number of ticks during a pause, at their normal rate.
 
         Raises:
-            InputError: a scene with hardware, or no whole number above zero.
+            InputError: the scene has hardware, or the number is not an integer above zero.
         """
         self.require_no_hardware("step")
         if type(ticks) is not int or ticks < 1:
@@ -342,13 +341,13 @@ class LiveSession(RealTimeSession):
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
     def require_no_hardware(self, action: str) -> None:
-        """Require that no device of the scene shows forces to anybody.
+        """Require that no device of the scene displays forces to a person.
 
         Raises:
             InputError: one does.
         """
         if self.servo.hardware:
             raise InputError(
-                action, ", ".join(self.servo.hardware), "a scene of simulations alone",
-                "hardware shows the force of every tick: let it rest instead",
+                action, ", ".join(self.servo.hardware), "a scene with simulated devices only",
+                "hardware displays the force of every tick; use rest() instead",
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Replay of a recording: its fingers move as they did, and forces and objects are computed anew."""
+"""Replay of a recording: recorded motion of the fingers, recomputed forces and objects."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
     from graspfx.scene.model import Scene
 
-OWN = "engine"  # the key of a scene that changes no bit
+OWN = "engine"  # key of a scene that does not affect results
 NEEDS = ("finger_position", "finger_velocity")
 
 
@@ -44,28 +44,28 @@ def replay(
     overwrite: bool = False,
     trust: bool = False,
 ) -> Recording:
-    """Replay a recording: each finger moves as it was recorded, and forces and objects are computed anew.
+    """Replay a recording: fingers follow their recorded motion, and forces and objects are recomputed.
 
-    Without overrides forces and objects are those of the recording to the bit: also where samples were
-    held, periods left out, keys changed in mid-run, or a device had a fault. With overrides they are what would
-    have been felt on the same way, which is an open loop: no finger gives way to another force.
+    Without overrides, forces and objects are identical to the recording bit by bit, also after held samples,
+    skipped periods, key changes and device faults. With overrides, they are the forces and motions on the same
+    path. This is an open loop, because fingers do not respond to the changed force.
 
     Args:
-        recording: of every tick, or its path.
-        overrides: values by dotted key, over those that the scene was run with.
-        out: a folder in which recording.h5 is written.
-        overwrite: whether a recording that is there already is replaced.
-        trust: whether Python files that the recording names (drivers, hands, bodies) may run, and files outside of its
+        recording: recording of every tick, or its path.
+        overrides: values by dotted key, which replace those of the run.
+        out: folder for recording.h5.
+        overwrite: whether to replace an existing recording.
+        trust: whether Python files that the recording names (drivers, hands, bodies) may run, and files outside the
             scene's folder may be used, as with `graspfx replay --trust`. Read them first.
 
     Returns:
-        The replay, with the columns of the recording that follow from the fingers' motion.
+        Replay, with the columns that follow from the fingers' motion.
 
     Raises:
         InputError, UnknownNameError, SceneError: An override is unknown or not allowed in the scene, or `trust` is
             neither True nor False.
-        RecordingError: a recording that lacks what a replay needs, whose scene cannot be made again, or whose mesh has
-            changed; one that names Python files, without `trust` or GRASPFX_TRUST=1; `out` has a recording already.
+        RecordingError: the recording lacks data that a replay needs, its scene cannot be restored, or its mesh has
+                changed; it names Python files, without `trust` or GRASPFX_TRUST=1; or `out` already has a recording.
     """
     if not isinstance(trust, bool):
         raise InputError("trust", trust, "True or False")
@@ -82,13 +82,13 @@ def replay(
 
 @dataclass(frozen=True)
 class Replay:
-    """A replay beside what it replays.
+    """A replay and its original.
 
     Attributes:
-        original: the recording.
-        recording: the replay.
-        is_open_loop: whether it has values that the original has not.
-        differences: of the two, by column.
+        original: original recording.
+        recording: recording of the replay.
+        is_open_loop: whether its values differ from those of the original.
+        differences: differences between the two, by column.
     """
 
     original: Recording
@@ -98,12 +98,12 @@ class Replay:
 
     @property
     def columns(self) -> list[str]:
-        """Names of the columns that are compared."""
+        """Names of the compared columns."""
         return compared(self.original, self.recording)
 
 
 def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
-    """Replay a recording with values replaced, and compare the two; the errors are those of `replay`."""
+    """Replay a recording with some values replaced, and compare the two; raises the errors of `replay`."""
     _require(original)
     is_open = any(key != OWN for key in overrides)
     scene = _scene_of(original, overrides)
@@ -126,7 +126,7 @@ def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
 
 
 def _require(recording: Recording) -> None:
-    """Require a recording that says all that a replay needs."""
+    """Require a recording with all data that a replay needs."""
     header, layout = recording.header, recording.layout
     if header.every > 1:
         raise RecordingError(
@@ -150,13 +150,13 @@ def _require(recording: Recording) -> None:
 
 
 def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
-    """Make the scene of a recording again, with values replaced; relative paths start where they did."""
+    """Restore the scene of a recording with some values replaced; relative paths keep their folder."""
     from graspfx.scene.model import make_scene
 
     header = original.header
     table = {key: value for key, value in header.scene_table.items() if key != "record"}
     if table.get("engine") == "compiled":
-        table["engine"] = "auto"  # a program for one replay is not worth its making
+        table["engine"] = "auto"  # compiling a program for one replay does not pay off
     folder = Path(header.scene_folder) if header.scene_folder else Path.cwd()
     path = folder / f"{header.scene or 'scene'}.toml"
     source = Source(header.scene or "scene", header.scene_text, path, dict(overrides), is_recorded=True)
@@ -179,7 +179,7 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
 
 
 def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
-    """Tell whether a scene can be made without overrides."""
+    """Tell whether a scene is valid without overrides."""
     from graspfx.scene.model import make_scene
 
     try:
@@ -190,7 +190,7 @@ def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
 
 
 def _require_meshes(original: Recording, parts: Parts) -> None:
-    """Require meshes with the centres and axes that they had."""
+    """Require meshes with unchanged centres and axes."""
     for name, frame in original.header.frames.items():
         now = parts.mesh_frames.get(name)
         if now is not None and any(list(frame[key]) != list(now[key]) for key in frame):
@@ -201,14 +201,14 @@ def _require_meshes(original: Recording, parts: Parts) -> None:
 
 
 def _lacks_largest(original: Recording, parts: Parts) -> bool:
-    """Tell whether largest forces changed with the fingers' places, and are not recorded."""
+    """Tell whether largest forces depended on the fingers' positions and are not recorded."""
     from graspfx.assembly.device_limits import changes
 
     return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
 
 
 def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, Any]) -> Recording:
-    """Repeat a simulation with the force limits that its devices reported."""
+    """Repeat a simulation with the force limits reported by its devices."""
     if overrides:
         scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
     if not resolve(scene).simulated:
@@ -219,12 +219,12 @@ def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, A
 
 
 class Replaying(Session):
-    """A run over a recording's readings, or a repeated simulation, with the recorded key changes at their ticks.
+    """A run with recorded readings, or a repeated simulation, with the recorded key changes at their ticks.
 
     Args:
-        original: the recording.
-        scene: that is run.
-        playback: of the recording; None for the scene's own simulations.
+        original: original recording.
+        scene: scene to run.
+        playback: playback of the recording; None for the scene's own simulations.
     """
 
     def __init__(self, original: Recording, scene: Scene, playback: Playback | None) -> None:
@@ -248,7 +248,7 @@ class Replaying(Session):
         )  # fmt: skip
 
     def follow(self) -> None:
-        """Run as many ticks as were recorded."""
+        """Run the recorded number of ticks."""
         original, count = self._original, len(self._original)
         events = sorted(original.outcome.changes, key=lambda change: change.tick)
         with waiting(f"replaying {original.header.scene or 'a recording'}", count, "ticks", lambda: self.tick):
@@ -262,7 +262,7 @@ class Replaying(Session):
                 self.step(count - self.tick)
 
     def _change(self, changes: Sequence[KeyChange]) -> None:
-        """Change keys before the coming tick as they were changed."""
+        """Apply the recorded key changes before the next tick."""
         self.set({change.key: change.value for change in changes if change.key not in OF_THE_RUN})
         for change in changes:
             if change.key == REST and self.servo.safety is not None:

@@ -1,4 +1,4 @@
-"""A scene resolved once: its devices connected, its shapes loaded, its laws and hands made, for all that asks."""
+"""A scene resolved once for all users: connected devices, loaded shapes, laws and hands."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ Location = tuple[str | int, ...]
 
 
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
-    """Give where finger i starts, (d,) [m]; None where its table leads to no place, which is a fault.
+    """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
-    A table names a direction from the object's centre of mass, in world axes, with the object where it is at first.
-    From far out the fingertip comes in along it, and starts where its gap to the object is what the table asks for.
+    The table gives a direction from the object's centre of mass, in world axes at the object's initial pose. The
+    fingertip approaches along it from far away and starts at the gap that the table specifies.
     """
     start = scene.finger[i].start
     if isinstance(start, tuple):
@@ -57,7 +57,7 @@ def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
 
 
 def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
-    """Find why a finger has no place on the way in to its object."""
+    """Find the reasons why a finger has no start position on the line towards its object."""
     start, at = scene.finger[i].start, ("finger", i, "start")
     if isinstance(start, tuple):
         return
@@ -68,7 +68,7 @@ def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Findin
     if thing.shape is None:
         yield at, f"expected coordinates: {thing.name!r} has no shape to start from"
         return
-    with suppress(GraspFXError):  # a shape with a fault of its own
+    with suppress(GraspFXError):  # the shape has a fault
         if start_of(scene, i, stock) is None:
             along = abbreviate(list(start.toward))
             yield (
@@ -87,7 +87,7 @@ def _placed(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     d = scene.dimensions
     pose = place_obstacle(table.name, solid.shape, d, *place(table, solid))
     u = np.array(start.toward, dtype=float)
-    u /= np.abs(u).max()  # of any length: its square may be too large
+    u /= np.abs(u).max()  # any length: its square may overflow
     u /= np.sqrt((u * u).sum())
     t = standoff(solid.shape, np.einsum("ij,i->j", pose.rotation[:d, :d], u), start.gap + finger.radius)
     if t is None:
@@ -102,16 +102,16 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class ObjectPart:
-    """An object of a scene, as its coupling takes it.
+    """An object of a scene, prepared for its coupling.
 
     Attributes:
-        scene: the scene.
-        table: of the object.
-        index: its number in the scene.
-        fingers: the numbers of its fingers.
-        solid: its shape.
-        gains: of eq. (4) for its fingers; those in the object's axes stand in its body's.
-        rules: how its fingers touch.
+        scene: scene of the object.
+        table: table of the object.
+        index: index of the object in the scene.
+        fingers: indices of its fingers.
+        solid: shape of the object.
+        gains: gains of eq. (4) for its fingers; gains in the object's axes are converted to its body's axes.
+        rules: contact rules of its fingers.
     """
 
     scene: Scene
@@ -129,19 +129,19 @@ class ObjectPart:
 
     @property
     def law(self) -> Coupling:
-        """The gains as a law of its own: it remembers of what it has warned, which is one run's business."""
+        """A new law with the gains, whose memory of warnings belongs to one run."""
         return replace(self.gains)
 
     def grasped(
         self, limits: FloatArray | None = None, *, predicts: bool = True, live: Collection[str] = ()
     ) -> GraspedObject:
-        """Make the object as the coupling sees it, with a block of its own.
+        """Make the grasped object with a new block.
 
         Args:
-            limits: largest forces of all fingers of the scene [N], infinite where there is none; None where forces
-                have no limit.
-            predicts: whether the implicit integrator is one (`bodies.fill`).
-            live: names of the block's fields that may change in mid-run.
+            limits: largest forces of all fingers of the scene [N], infinite for a finger without a limit; None without
+                    limits.
+                predicts: whether the implicit integrator is used as such (`bodies.fill`).
+                live: names of the block's fields that may change during a run.
         """
         n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
         return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
@@ -160,7 +160,7 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
-    """Make the law and the rules of each object of a scene; `wired` tells the masses that a split counts with."""
+    """Make the law and the rules of each object of a scene; devices in `wired` give the masses for the split."""
     masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
     if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
@@ -168,7 +168,7 @@ def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[Obj
 
 
 def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
-    """Give the mass of the device at each fingertip, as its features tell it, (n,) [kg]."""
+    """Return the mass of the device at each fingertip from its features, (n,) [kg]."""
     masses = np.zeros(len(scene.finger))
     for wire in wired:
         masses[wire.used] = wire.features.mass
@@ -191,7 +191,7 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
 
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
-    """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
+    """Make the gains of eq. (4) for the fingers of one object, in its body's axes if they are in the object's."""
     part = scene.coupling.external
     (K, D), inner = (
         [_own(_given(gains, quantity), fingers) for quantity in ("stiffness", "damping")]
@@ -203,13 +203,13 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
         internal=Impedance(*inner),
         form=scene.coupling.form,
     )
-    # the body of a mesh has its principal axes, the file others
+    # a mesh's body has principal axes, which differ from the file's
     mesh = solid.mesh if scene.coupling.axes == "object" else None
     return law if mesh is None else law.turned(mesh.unit.axes.T)
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Give a gain of a table, also of one from the cache, which has fields alone; of an object as a square."""
+    """Return a gain of a table, also of a cached table, which has fields only; an object's gain is a matrix."""
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")
@@ -219,9 +219,9 @@ def _given(part: Any, quantity: str) -> Any:
 
 
 def _own(gain: Gains, fingers: Index) -> float | FloatArray:
-    """Pick from gains that are given per finger those of these fingers; give any other as it is.
+    """Select these fingers from gains per finger; return other gains unchanged.
 
-    An object without fingers exerts no force by them: it has one number in their place.
+    An object without fingers gets one number instead, because no force depends on it.
     """
     values = np.asarray(gain, dtype=float)
     if values.ndim == 0 or not len(fingers):
@@ -242,7 +242,7 @@ def _fade(scene: Scene) -> tuple[float, float] | None:
 
 
 def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
-    """Make the rules by which the fingers of one object touch it."""
+    """Make the contact rules of one object's fingers."""
     rules, own = scene.coupling, [scene.finger[i] for i in fingers]
     return Rules(
         attached=rules.contact == "attached",
@@ -262,11 +262,11 @@ def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """A scene's parts, each made when it is first asked for, and only then.
+    """A scene's parts, each made on demand.
 
     Attributes:
-        scene: the description.
-        stock: its connected devices and its shapes.
+        scene: description of the scene.
+        stock: connected devices and shapes.
     """
 
     scene: Scene
@@ -274,19 +274,19 @@ class Parts:
 
     @property
     def folder(self) -> Path | None:
-        """The folder in which relative paths of the scene start; None for the current one."""
+        """Folder of the scene's relative paths; None for the current folder."""
         return self.stock.folder
 
     @cached_property
     def wires(self) -> tuple[Wire, ...]:
-        """The devices, to be looked at: a run takes those of `own_wires`."""
+        """Devices for inspection only; a run uses those of `own_wires`."""
         return wires(self.scene, self.stock)
 
     def claim(self, room: int = ROOM) -> tuple[tuple[Wire, ...], Memory]:
-        """Give devices as `own_wires` does, with the memory in which all that goes with them is to stand.
+        """Return devices as `own_wires` does, with the memory for their blocks.
 
         Args:
-            room: entries of that memory; of devices that the checks connected it is that of any scene.
+            room: number of entries of that memory; devices connected by the checks have the default number.
         """
         if self.stock.claim():
             return self.wires, self.stock.memory
@@ -294,36 +294,36 @@ class Parts:
             return wires_anew(self.scene, self.folder), memory
 
     def own_wires(self) -> tuple[Wire, ...]:
-        """Give devices to open, or to move by a plant, that nobody else has.
+        """Return devices that no other run uses, to be opened or moved by a plant.
 
-        The first caller has those that the checks connected; a later one has devices connected anew, as a device
-        belongs to one run: it carries that run's state, and hardware may still be open.
+        The first caller gets the devices that the checks connected. A later caller gets newly connected ones, because a
+        device holds the state of one run, and hardware may still be open.
         """
         return self.claim()[0]
 
     @cached_property
     def start(self) -> FloatArray:
-        """Where the fingers start, (n, d) [m]."""
+        """Start positions of the fingers, (n, d) [m]."""
         return np.array([start_of(self.scene, i, self.stock) for i in range(len(self.scene.finger))], dtype=float)
 
     @cached_property
     def objects(self) -> tuple[ObjectPart, ...]:
-        """The objects with their solids, laws and rules, in the scene's order."""
+        """Objects with their solids, laws and rules, in the scene's order."""
         return make_objects(self.scene, self.stock, self.wires)
 
     @cached_property
     def hands(self) -> tuple[HandPart, ...]:
-        """The hands in the order of their first fingers."""
+        """Hands in the order of their first fingers."""
         return tuple(make_hand(self.scene, self.stock, each) for each in holdings(self.scene))
 
     @cached_property
     def obstacles(self) -> list[Obstacle]:
-        """The obstacles in their places."""
+        """Placed obstacles."""
         return obstacles(self.scene, self.stock)
 
     @cached_property
     def limits(self) -> FloatArray | None:
-        """The largest force of each finger [N], its device's or its safety's, infinite without; None if all are."""
+        """Largest force of each finger [N] by device or safety, infinite without a limit; None if all are infinite."""
         limits = force_limits(len(self.scene.finger), self.wires)
         if self.safety is None:
             return limits
@@ -331,7 +331,7 @@ class Parts:
 
     @cached_property
     def safety(self) -> SafetyLimits | None:
-        """The limits of the safety chain; None for a scene without one."""
+        """Limits of the safety chain; None for a scene without one."""
         return safety_limits(self.scene, self.wires)
 
     @cached_property
@@ -341,7 +341,7 @@ class Parts:
 
     @property
     def hardware(self) -> list[str]:
-        """The devices that are no simulations, by name."""
+        """Names of the real devices."""
         names = self.scene.finger_names
         return [
             device_name(DeviceWiring(wire.device, wire.fingers), names)
@@ -351,28 +351,28 @@ class Parts:
 
     @property
     def mesh_notes(self) -> list[str]:
-        """The repairs of the meshes, and what looks wrong in them, a sentence each."""
+        """Sentences about repairs and likely errors of the meshes."""
         meshes = [(part.table, part.solid.mesh) for part in self.objects]
         return [f"{mesh_name(table)}: {note}" for table, mesh in meshes if mesh is not None for note in mesh.mesh.notes]
 
     @property
     def mesh_frames(self) -> dict[str, Mapping[str, list[float]]]:
-        """The `SceneMesh.frame` of each object that has a mesh, by its name."""
+        """`SceneMesh.frame` of each object with a mesh, by name."""
         meshes = [(part.name, part.solid.mesh) for part in self.objects]
         return {name: mesh.frame for name, mesh in meshes if mesh is not None}
 
 
 def reach_faults(scene: Scene) -> list[Finding]:
-    """Find the fingers of a scene without other faults that cannot be put where they start."""
+    """Find the fingers that cannot be placed at their start, in a scene without other faults."""
     parts = resolve(scene)
     return placing_faults(parts.start, parts.own_wires())
 
 
 def resolve(scene: Scene) -> Parts:
-    """Give the parts of a scene: the same ones each time, for as long as there is the scene.
+    """Return the parts of a scene, the same ones as long as the scene exists.
 
-    What the scene's checks have connected and loaded is not asked for again. A copy of a scene, or one with values
-    replaced, has parts of its own.
+    Devices and shapes that the scene's checks have connected and loaded are reused. A copy of a scene, or one with
+    replaced values, has separate parts.
     """
     if scene._stock is None:
         scene._stock = Stock(scene.source.folder)
@@ -384,7 +384,7 @@ def resolve(scene: Scene) -> Parts:
 
 
 def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
-    """List devices whose forces come late by a time in seconds, the age of the sample included, each with it [s]."""
+    """List devices with late forces, each with its lateness including the age of the sample [s]."""
     for wire in parts.wires:
         late = (wire.features.lateness or 0.0) + (wire.features.latency or 0.0)
         if late > 0.0:
@@ -392,11 +392,11 @@ def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
 
 
 def require_no_host(scene: Scene, action: str) -> None:
-    """Refuse what needs the object of a scene whose object another program has.
+    """Refuse an action that needs the scene's object if another program simulates it.
 
     Args:
-        scene: the scene.
-        action: what was asked for, as the reason names it.
+        scene: scene to check.
+        action: name of the action in the message.
 
     Raises:
         InputError: the scene has a host.
@@ -404,17 +404,17 @@ def require_no_host(scene: Scene, action: str) -> None:
     host = getattr(scene, "host", None)
     if host is not None:
         raise InputError(
-            "host", host.name, f"a scene whose object is its own, for {action}",
+            "host", host.name, f"a scene that simulates its object, for {action}",
             "the host has the object, and its forces are nowhere in the scene; gx.Feedback.limits judges a host that "
             "is linear",
         )  # fmt: skip
 
 
 def require_prompt_simulations(parts: Parts) -> None:
-    """Refuse to simulate devices whose forces are to come late by part of a sample: they begin with a sample.
+    """Refuse to simulate devices whose forces are late by a fraction of a sample.
 
     Raises:
-        InputError: there is one; a certificate takes any delay.
+        InputError: there is such a device; a certificate accepts any delay.
     """
     for wire, late in late_wires(parts):
         if isinstance(wire.device, SimulatedDevice):

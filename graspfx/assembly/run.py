@@ -1,4 +1,4 @@
-"""Run a scene, at once or opened as a session: both are sessions, and one steps to the end."""
+"""Running a scene, to its end or step by step as a session."""
 
 from __future__ import annotations
 
@@ -65,32 +65,31 @@ def open(
     overwrite: bool = False,
     real_time: bool = False,
 ) -> Session:
-    """Open a scene as a run that goes on tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
+    """Open a scene as a session that runs tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
 
-    For any division into steps the recording is that of `gx.run`, bit by bit.
+    The recording is identical to that of `gx.run`, bit by bit, for any division into steps.
 
-    With `real_time` it goes on by itself, on the wall's clock and in a process of its own, from here on until it is
-    closed: a `RealTimeSession`, whose scene may have hardware. Forces come as soon as it is open.
+    With `real_time` the session runs on the wall clock in another process until it is closed: a `RealTimeSession`,
+    whose scene may have hardware. Forces start as soon as it is open.
 
     Args:
-        scene: a scene, its name or its path.
+        scene: scene, its name or its path.
         overrides: values by dotted key.
-        live: keys that `Session.set` may change in mid-run, such as "coupling.internal.stiffness"; `*` stands for
-            all of a list.
-        out: a folder in which recording.h5 is written; it may exist. While the session is open its rows are there in
-            recording.h5.part too.
-        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
-        real_time: whether ticks come by the wall's clock.
+        live: keys that `Session.set` may change during the run, such as "coupling.internal.stiffness"; `*` stands for
+            all entries of a list.
+        out: folder for recording.h5; it may exist. While the session is open, its rows are in recording.h5.part.
+        overwrite: whether to replace an existing recording, or the part of a killed run.
+        real_time: whether ticks follow the wall clock.
 
     Raises:
-        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path;
-            hardware without `real_time`, or with a finger inside its object.
-        SceneError: with every fault of the scene at once.
-        DeviceError: a device that does not open, or is not at rest.
-        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
+        InputError, UnknownNameError: the scene does not exist; a live key cannot change during a run; `out` is not a
+                path; there is hardware without `real_time`; or a finger on hardware is inside its object.
+            SceneError: the scene has faults; the error lists all of them.
+            DeviceError: a device does not open, or is not at rest.
+            RecordingError: `out` already has a recording, another run is writing there, or it is not writable.
     """
     if not isinstance(real_time, bool):
-        raise InputError("real_time", real_time, "True for the wall's clock, or False for steps")
+        raise InputError("real_time", real_time, "True for the wall clock, or False for steps")
     scene_ = _loaded(scene, overrides)
     if not real_time:
         return Session(scene_, live=live, out=out, overwrite=overwrite)
@@ -109,44 +108,44 @@ def run(
     stop: Callable[[], bool] | None = None,
     real_time: bool = False,
 ) -> Recording:
-    """Run a scene: simulated on its own clock (time = tick x period), two runs bit-identical; or in real time.
+    """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
 
-    A scene with hardware runs in real time only. Its fingers are held still for a fifth of a second before it starts,
-    and whatever ends it, zero force comes first, files are closed after that, and the hardware last. In the main thread
-    SIGINT, SIGTERM and SIGHUP end it in this order, and are passed on when it is over.
+    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
+    However the run ends, forces are set to zero first, then files are closed, and the hardware last. In the main
+    thread, SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
 
     Args:
-        scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
-        overrides: values by dotted key, as `load` takes them. (A bare number is taken for the duration, with a
+        scene: name of a built-in scene, path of a .toml or .py file, or a Scene.
+        overrides: values by dotted key, as for `load`. (A bare number is interpreted as the duration, with a
             FutureWarning.)
-        duration: instead of the scene's own [s]; rounded to whole periods.
-        out: a folder in which recording.h5 is written; it may exist. While the run goes on its rows are only there, in
-            recording.h5.part, which `Recording.load` reads also after the run was killed.
-        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
-        stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
-            ends the run there, and what was recorded is marked as incomplete.
-        real_time: whether each tick waits for its time on the wall's clock; a tick that comes too late leaves out whole
-            periods. What a simulation computes is the same.
+        duration: duration that replaces the scene's [s]; rounded to whole periods.
+        out: folder for recording.h5; it may exist. During the run, rows are only in recording.h5.part, which
+            `Recording.load` can read even if the run is killed.
+        overwrite: whether to replace an existing recording, or the part of a killed run.
+        stop: function that is called before every tick or, for compiled ticks, before every 64. The first True ends
+            the run, and the recording is marked as incomplete.
+        real_time: whether each tick waits for its time on the wall clock; a late tick skips whole periods. The results
+            of a simulation do not change.
 
     Raises:
-        InputError: a duration that is not a positive time, or more ticks than there is room for; an `out` that is no
-            path, a `stop` that cannot be called; hardware without `real_time`, or with a finger inside its object.
-        UnknownNameError, PluginError: of a scene that is loaded.
-        SceneError: a scene with faults; a finger that starts out of its device's reach.
-        DeviceError: a device that does not open, or is not at rest before the run.
-        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
-            rows were written already, the error says where they are.
+        InputError: the duration is not a positive time, or too long for memory or disk; `out` is not a path; `stop` is
+                not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
+            UnknownNameError, PluginError: the scene cannot be loaded.
+            SceneError: the scene has faults, or a finger starts outside its device's reach.
+            DeviceError: a device does not open, or is not at rest before the run.
+            RecordingError: `out` already has a recording, another run is writing there, or it is not writable. If rows
+                have been written, the error tells where they are.
     """
     if isinstance(overrides, int | float):
         if duration is not None:
-            raise InputError("overrides", overrides, "values by dotted key", "the duration has been given by its name")
-        note = f"a number after the scene is taken for its duration: write run(scene, duration={overrides})"
+            raise InputError("overrides", overrides, "values by dotted key", "the duration is also given as a keyword")
+        note = f"a number after the scene is interpreted as its duration: write run(scene, duration={overrides})"
         log.warn(note, FutureWarning)
         overrides, duration = None, overrides
     if not isinstance(real_time, bool):
-        raise InputError("real_time", real_time, "True for the wall's clock, or False for the scene's own")
+        raise InputError("real_time", real_time, "True for the wall clock, or False for the scene's own")
     if stop is not None and not callable(stop):
-        raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
+        raise InputError("stop", stop, "a function without arguments that tells whether to stop, or None")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
     host: Any = getattr(scene_, "host", None)
     if host is not None and not real_time:
@@ -168,12 +167,12 @@ def run(
 
 
 class WholeRun(Session):
-    """A run of all its ticks, whose rows have only what the scene records."""
+    """A run of all ticks, whose rows have only the columns that the scene records."""
 
     is_repeated = True
 
     def finish(self, ticks: int, stop: Callable[[], bool] | None) -> None:
-        """Run to the end, or until `stop` says so."""
+        """Run to the end, or until `stop` returns true."""
         text = f"running {source_name(self.scene.source)}"
         with waiting(text, ticks, "ticks", lambda: self._recorder.ticks):
             self._advance(ticks, stop)
@@ -192,14 +191,14 @@ class WholeRun(Session):
 
     @property
     def spent(self) -> float:
-        """Time that its ticks have taken [s]."""
+        """Computing time of its ticks [s]."""
         return self._spent
 
 
 class RealTimeRun(WholeRun):
-    """A run on the wall's clock: its hardware is open from here on, and closed at its end.
+    """A run on the wall clock, whose hardware is open until its end.
 
-    With hardware the servo runs in a process of its own, unless the clock is not the machine's.
+    With hardware, the servo runs in a separate process, unless the clock is not the machine's.
     """
 
     is_paced = True
@@ -242,7 +241,7 @@ def ticks_of(duration: float, period: float) -> int:
     """Count the whole periods in a time.
 
     Raises:
-        InputError: a time that is none, or shorter than a period.
+        InputError: the time is not positive, or shorter than a period.
     """
     expected = f"a time of at least one period, {period} s"
     ratio = number("duration", duration, expected) / period

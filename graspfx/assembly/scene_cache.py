@@ -1,4 +1,4 @@
-"""Disk cache of validated scenes: a scene that was checked before is run without what checks it."""
+"""Disk cache of validated scenes, which are run without repeating their checks."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ PLAIN: tuple[type, ...] = (bool, int, float, str, type(None))
 
 
 class Place(NamedTuple):
-    """Where a scene with these overrides is kept: everything on which the answer of its checks depends."""
+    """Cache key of a scene with overrides: everything on which the result of its checks depends."""
 
     key: str
     source: Source
 
 
 class KeptTable:
-    """The fields of a table that was valid, by their names."""
+    """Fields of a validated table by name."""
 
     def __init__(self, fields: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         self.__dict__.update(fields)
@@ -52,7 +52,7 @@ class KeptTable:
 
 
 class KeptScene(Readable, KeptTable):
-    """A scene from the disk cache, as a run reads it."""
+    """A scene from the disk cache, for a run."""
 
     _stock = None
 
@@ -65,19 +65,19 @@ class KeptScene(Readable, KeptTable):
         return self._written
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Make the error of faults that its checks did not find."""
+        """Make the error for faults that its checks did not find."""
         return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
 
 
 def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
-    """Find where the scene of a TOML file is cached; None for a scene that cannot be.
+    """Compute the cache key of a TOML scene; None for a scene that cannot be cached.
 
-    The key holds the file's text and path, the overrides and preset, whether the scene is trusted, what is installed,
-    and the time and size of every source file of GraspFX and of the shelf of devices, as Python judges its own
-    bytecode. The meshes and paths that a scene names are compared with those that were checked, by their content.
+    The key includes the file's text and path, overrides and preset, trust, installed packages, and time and size of
+    every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and paths of a scene are
+    compared with the checked ones by their content.
 
     Raises:
-        UnknownNameError, InputError: as `load` has it.
+        UnknownNameError, InputError: as for `load`.
     """
     path = plugins.find("scenes", name)
     installed_ = installed.distributions()
@@ -95,7 +95,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
 
 
 def cached(where: Place) -> tuple[Scene, list[str]] | None:
-    """Load a cached scene and the notes on it; None if there are none."""
+    """Load a cached scene and its notes; None if it is not cached."""
     content = cache.load(where.key)
     if content is None:
         return None
@@ -107,7 +107,7 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
-    """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
+    """Cache a scene that has been run, and its notes, if its key determines it completely."""
     if scene.source.text != where.source.text or not is_self_contained(scene):
         return
     names = list(data_files(scene))
@@ -118,13 +118,13 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
         values = dict(scene.source.preset_values)
         entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
         entry |= {"names": names, "files": files}
-    except TypeError:  # a setting of a kind that JSON has not
+    except TypeError:  # a setting of a type that JSON lacks
         return
     cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
 
 
 def is_self_contained(scene: Scene) -> bool:
-    """Tell whether the scene names no code but the shelf's, no other distribution, and nothing real."""
+    """Tell whether the scene uses built-in code only, no other distribution and no hardware."""
     from graspfx.assembly.resolve import resolve
 
     folder = scene.source.folder
@@ -142,7 +142,7 @@ def _hands(scene: Scene) -> list[Any]:
 
 
 def data_files(scene: Scene) -> Iterator[str]:
-    """List the files that the scene names and that are read, not run: meshes and recorded paths."""
+    """List the data files of a scene: meshes and recorded paths."""
     for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
         if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
             yield shape.mesh
@@ -152,7 +152,7 @@ def data_files(scene: Scene) -> Iterator[str]:
 
 
 def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
-    """Digest files that a scene names, each with where its links lead; None where one cannot be read."""
+    """Compute digests of a scene's files, each with its resolved path; None if one cannot be read."""
     try:
         paths = [to_path("file", name, folder=source.folder).resolve() for name in names]
         return [[str(path), sha256(path.read_bytes()).hexdigest()] for path in paths]
@@ -161,7 +161,7 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
 
 
 def _written(value: Any) -> Any:
-    """Write a table, tuple or list as a name and a list; TypeError for anything else that is not plain."""
+    """Convert a table, tuple or list to a name and a list; TypeError for other values that are not plain."""
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, tuple | list):
@@ -186,15 +186,15 @@ def _read(value: Any) -> Any:
     return tuple(items) if name == "tuple" else items
 
 
-SEPARATOR = b"\n"  # after the names and digests of data files, before the scene
+SEPARATOR = b"\n"  # separates names and digests of data files from the scene
 
 
 class SceneMemory:
-    """A memory of scenes and of the notes on them, by all that their checks depend on.
+    """A cache of scenes and their notes in memory, by everything on which their checks depend.
 
-    The key holds the whole table with its numbers to the last bit, where relative paths start, what is installed, and
-    time and size of every source file of GraspFX and of the shelf of devices; data files that the scene names are
-    compared by their content. A scene that names code is not kept.
+    The key includes the whole table with exact numbers, the folder of relative paths, installed packages, and time and
+    size of every source file of GraspFX and of its device drivers. Data files are compared by their content. A scene
+    that names code is not cached.
     """
 
     def __init__(self) -> None:
@@ -204,23 +204,23 @@ class SceneMemory:
         self._usable = distributions is not None
 
     def recall(self, table: Mapping[str, Any], source: Source) -> CheckedTable | None:
-        """Recall what the checks made of a table; None if they have to be made."""
+        """Return the checked form of a table; None if it is not cached."""
         content = self._load("scene", table, source)
         return None if content is None else CheckedTable(*pickle.loads(content))
 
     def keep(self, table: Mapping[str, Any], source: Source, scene: Scene) -> None:
-        """Keep a scene that has just passed its checks, if nothing but its table and data files tells what it is."""
+        """Cache a scene that has just passed its checks, if its table and data files determine it completely."""
         if self._usable and is_self_contained(scene):
             parts = vars(scene), scene.model_fields_set, scene.to_dict()
             self._store("scene", table, source, scene, pickle.dumps(parts, protocol=pickle.HIGHEST_PROTOCOL))
 
     def notes(self, scene: Scene) -> list[str] | None:
-        """Recall the notes on a scene; None if nobody has looked."""
+        """Return the notes on a scene; None if they are not cached."""
         content = self._load("notes", scene.to_dict(), scene.source)
         return None if content is None else [str(note) for note in json.loads(content)]
 
     def keep_notes(self, scene: Scene, notes: list[str]) -> None:
-        """Keep the notes on a scene."""
+        """Cache the notes on a scene."""
         if self._usable and is_self_contained(scene):
             self._store("notes", scene.to_dict(), scene.source, scene, json.dumps(notes).encode())
 
@@ -240,7 +240,7 @@ class SceneMemory:
             cache.store(key, json.dumps([names, files]).encode() + SEPARATOR + content)
 
     def _key(self, kind: str, table: Mapping[str, Any], source: Source) -> str:
-        """Digest all that the answer depends on; an empty text for a table with other than plain values."""
+        """Compute the digest of the key; empty for a table with values that are not plain."""
         if not self._usable:
             return ""
         try:
@@ -259,10 +259,10 @@ class SceneMemory:
 
 
 def _canonical(value: Any) -> Any:
-    """Write nested values so that their `repr` tells them apart, kind by kind and to the last bit.
+    """Convert nested values to a form whose `repr` is unique, including types and exact numbers.
 
     Raises:
-        TypeError: a value of another kind than numbers, texts, lists, tables and arrays of numbers.
+        TypeError: a value is not a number, text, list, table or array of numbers.
     """
     if type(value) in PLAIN:
         return value

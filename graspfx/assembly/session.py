@@ -1,4 +1,4 @@
-"""A session: the one way in which a scene is run, to the end or tick by tick, looked at and steered meanwhile."""
+"""Sessions: runs of a scene to the end or tick by tick, which can be inspected and steered."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ObjectView:
-    """An object in one tick.
+    """State of an object in one tick.
 
     Attributes:
-        position: of its centre (d,) [m].
-        velocity: (d,) [m/s].
-        orientation: an angle [rad], a quaternion x y z w, or None on a line.
-        angular_velocity: [rad/s], or (3,) in world axes, or None on a line.
-        wrench: of the fingers on it, about its centre (w,) [N, N m].
+        position: position of its centre, (d,) [m].
+        velocity: velocity of its centre, (d,) [m/s].
+        orientation: angle [rad], quaternion x y z w, or None on a line.
+        angular_velocity: angular velocity [rad/s], in space (3,) in world axes, or None on a line.
+        wrench: wrench of the fingers on it about its centre, (w,) [N, N m].
     """
 
     position: FloatArray
@@ -68,16 +68,16 @@ class ObjectView:
 
 
 class Session(Carded):
-    """A run that is stepped by its caller; `open` makes it, and the end of its `with` block closes it.
+    """A run that its caller steps. `open` creates it, and the end of its `with` block closes it.
 
-    Positions, velocities and forces are those of the last tick, as the recording has them; before the first tick they
-    are those at the start, and forces are zero.
+    Positions, velocities and forces are the recorded ones of the last tick. Before the first tick, positions and
+    velocities are those at the start, and forces are zero.
 
     Args:
-        scene: what is run.
-        live, out, overwrite: as of `open`.
-        ticks: of the whole run, if that is known.
-        how: it is built, besides, as `build` takes it.
+        scene: scene to run.
+        live, out, overwrite: arguments of `open`.
+        ticks: number of ticks of the whole run, if known.
+        how: further arguments of `build`.
     """
 
     is_paced = False  # whether it runs on the wall's clock
@@ -137,11 +137,11 @@ class Session(Carded):
             self._stack = stack.pop_all()
 
     def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
-        """Make ready whatever runs the ticks, until the stack ends; give the header of the recording."""
+        """Prepare the servo, until the stack ends; return the header of the recording."""
         return header_of(parts, self.servo.objects)
 
     def _go(self) -> None:
-        """Begin, with all that is recorded in place."""
+        """Begin, after the recording has been prepared."""
 
     def _card(self) -> Card:
         rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
@@ -163,12 +163,12 @@ class Session(Carded):
         self._close(complete=kind is None)
 
     def close(self) -> None:
-        """End the run: the recording is written, devices and bodies are closed; a second time nothing happens."""
+        """End the run: write the recording, close devices and bodies. A second call has no effect."""
         self._close(complete=True)
 
     def _require_open(self) -> None:
         if self._finished is not None:
-            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+            raise InputError("session", self, "an open session", "it is closed; start another run by gx.open")
 
     def _close(self, *, complete: bool) -> None:
         if self._finished is not None:
@@ -197,12 +197,11 @@ class Session(Carded):
     # Stepping -----------------------------------------------------------------------------------------------------
 
     def step(self, ticks: int = 1) -> None:
-        """Run that many ticks.
+        """Run a number of ticks.
 
         Raises:
-            InputError: no whole number above zero, a session that is closed, no room in memory, or a number that was
-                written into a block past `set`.
-            DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
+            InputError: the number is not an integer above zero, the session is closed, memory is exhausted, or a block
+                    was written directly instead of by `set`. A failing device raises nothing; it is a recorded fault.
         """
         count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
@@ -213,7 +212,7 @@ class Session(Carded):
         self._advance(int(count))
 
     def _advance(self, ticks: int, stop: Callable[[], bool] | None = None) -> None:
-        """Run that many ticks, fewer if `stop` says so."""
+        """Run a number of ticks, or fewer if `stop` returns true."""
         began = perf_counter()
         try:
             self._tick(ticks, self._recorder, stop)
@@ -225,24 +224,24 @@ class Session(Carded):
 
     @property
     def tick(self) -> int:
-        """Count of ticks so far, the number of the coming one."""
+        """Number of ticks so far, which is the index of the next one."""
         return self.servo.ticks
 
     @property
     def time(self) -> float:
-        """Time of the coming tick, tick x period [s]."""
+        """Time of the next tick, tick x period [s]."""
         return self.tick * self.servo.period
 
     @property
     def fault(self) -> RunFault | None:
-        """The fault from which on every force is zero; None so far."""
+        """First fault, from which on every force is zero; None without a fault."""
         return self.servo.fault
 
     # Looking at it ------------------------------------------------------------------------------------------------
 
     @property
     def recording(self) -> Recording:
-        """The recording of the ticks so far; of all of them once the session is closed."""
+        """Recording of the ticks so far, or of all ticks after the session is closed."""
         if self._finished is not None:
             return self._finished
         state = self.tick, len(self._recorder.changes)
@@ -317,7 +316,7 @@ class Session(Carded):
         return values
 
     def _column(self, i: int, name: str) -> FloatArray:
-        """Give a quantity of object i as a flat array, empty where it has none."""
+        """Return a quantity of object i as a flat array, empty if the object lacks it."""
         part = self.servo.objects[i]
         column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
         if column is None:
@@ -335,33 +334,33 @@ class Session(Carded):
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """Values of the live keys now."""
+        """Present values of the live keys."""
         return by_name("live key", {key: value_of(self.scene, key) for key in self.live})
 
     def get(self, key: str) -> Any:
-        """Give the value of a key of the scene now; of `*` the one value of all, or a tuple of them.
+        """Return the present value of a key of the scene; for `*` the common value, or a tuple of all values.
 
         Raises:
-            UnknownNameError: there is no such key, with one that comes close.
-            InputError: a setting that is left to its driver, or a table that stands elsewhere.
+            UnknownNameError: the key does not exist; the error names a close match.
+            InputError: the setting is left to its driver, or the table is defined elsewhere.
         """
         return value_of(self.scene, numbered(self.scene, key))
 
     def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
-        """Change live keys from the coming tick on: `session.set("coupling.internal.stiffness", 55.0)`.
+        """Change live keys from the next tick on: `session.set("coupling.internal.stiffness", 55.0)`.
 
-        What follows from them is changed too, as the automatic `coupling.fade`. States go on as they are: positions,
-        contacts, anchors. The change is recorded with its tick.
+        Dependent values, such as an automatic `coupling.fade`, change too. States (positions, contacts, anchors) are
+        kept. The change is recorded with its tick.
 
         Args:
-            key: a key and its value, or values by key, which are changed together.
-            value: of the key.
+            key: key, or values by key, which change together.
+            value: value of the key.
 
         Raises:
-            InputError: a key that is not live, a value that would change more than numbers, or a number that was
-                written into a block past `set`.
-            UnknownNameError: there is no such key, with one that comes close.
-            SceneError: a value that the scene does not allow; nothing has changed then.
+            InputError: the key is not live, the value would change more than numbers, or a block was written directly
+                    instead of by `set`.
+            UnknownNameError: the key does not exist; the error names a close match.
+            SceneError: the scene does not allow the value; nothing is changed.
         """
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
@@ -380,7 +379,7 @@ class Session(Carded):
         self.scene = scene
 
     def _write(self, update: Update) -> None:
-        """Write new numbers, and note how forces divide from the coming tick on where that follows from them."""
+        """Write new numbers, and record the split of forces from the next tick on if it depends on them."""
         self.servo.write(update, self._recorder)
         split = split_rules(self.servo.objects)
         if split != self._splits[-1][1]:
@@ -389,7 +388,7 @@ class Session(Carded):
 
 
 def warn_of_axes(parts: Parts) -> None:
-    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    """Warn of matrix gains in axes in which they generate energy on a rotating object."""
     scene = parts.scene
     if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
         return
@@ -401,7 +400,7 @@ def warn_of_axes(parts: Parts) -> None:
 
 
 def require_room(ticks: int, layout: Layout, every: int, out: str | PathLike[str] | None) -> None:
-    """Raise InputError where so many ticks have no room on the disk of `out`, or in memory where that is None."""
+    """Raise InputError if the ticks do not fit on the disk of `out`, or in memory if `out` is None."""
     if out is None:
         require_memory(ticks, 8 * layout.width / every)
     else:
@@ -409,15 +408,15 @@ def require_room(ticks: int, layout: Layout, every: int, out: str | PathLike[str
 
 
 def require_memory(ticks: float, size: float) -> None:
-    """Raise InputError where so many ticks of so many bytes have no room in memory."""
+    """Raise InputError if `ticks` rows of `size` bytes do not fit in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
 def _require_disk(folder: Path, ticks: float, size: float) -> None:
-    """Raise InputError where so many ticks of so many bytes have no room on the disk of a folder that may not exist."""
+    """Raise InputError if `ticks` rows of `size` bytes do not fit on the disk of a folder, which may not exist."""
     home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
     usage = None if home is None else shutil.disk_usage(home)
-    if usage is not None and usage.total > 0:  # what is no disk, as /proc, has none
+    if usage is not None and usage.total > 0:  # a pseudo file system such as /proc has no size
         _require_room(ticks, size, f"the disk of {folder}", usage.free)
 
 
@@ -434,7 +433,7 @@ def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
 
 @cache
 def _memory() -> float:
-    """Count the bytes in this machine; where it does not say, those that it could address."""
+    """Return the machine's memory in bytes; if unknown, the addressable memory."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Values of live keys on their way into a running servo: checked by the scene, filled as if it were built with them."""
+"""Transfer of live values to a running servo: checked by the scene, then written as if it were built with them."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-Numbers = tuple[FloatArray, Index, FloatArray]  # a memory, entries of it and what is written there
+Numbers = tuple[FloatArray, Index, FloatArray]  # a memory, its entries and the values written there
 
-# Fields of a grasp's block that hold a scene's numbers, and what follows from them; all others are the run's.
+# Fields of a grasp's block with a scene's numbers and dependent values; all others are state of the run.
 NUMBERS = (
     "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
     "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule", "release", "stiffest",
@@ -64,13 +64,13 @@ class Steering:
     """The live keys of a servo.
 
     Args:
-        servo: built with these keys live.
-        scene: that it was built from.
-        keys: with numbers for names of tables.
-        playback: that the servo plays, whose devices, hands and plants have no numbers.
+        servo: servo that was built with these live keys.
+        scene: scene from which it was built.
+        keys: keys with numbers for names of tables.
+        playback: playback of the servo, whose devices, hands and plants have no numbers.
 
     Raises:
-        InputError: a key that this scene's parts cannot change in mid-run, with the reason.
+        InputError: this scene's parts do not allow changes of a key; the error gives the reason.
     """
 
     def __init__(
@@ -83,41 +83,41 @@ class Steering:
                 raise InputError("live", key, "a key that may change in mid-run", reason)
 
     def _obstacle(self, plain: str) -> str:
-        """Say why the parts of this scene cannot change by a key; nothing where they can."""
+        """Return the reason why this scene's parts do not allow changes of a key; empty if they do."""
         servo, coupling = self.servo, self.scene.coupling
         if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
             return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
-            return "the ledger of coupling.passivity books each sample with the numbers that it began with"
+            return "the energy ledger of coupling.passivity accounts for each sample with its initial numbers"
         if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
-            return "the tank of [safety], which pays for stiffer gains, has no account of matrices"
+            return "the energy tank of [safety], which limits increases of gains, does not support matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
-            return "other software moves an object, and has its own copy of the number"
+            return "other software moves an object and has its own copy of the number"
         if plain in DEVICE and coupling.split == "mass":
-            return "coupling.split = 'mass' counts fingers by it"
+            return "coupling.split = 'mass' weights fingers by it"
         if plain in DEVICE and not (
             servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
         ):
-            return "a device's mechanics are its own, unless it is a simulated point"
+            return "only the mechanics of a simulated point device can change"
         if is_of_a_hand(plain) and not all(_is_steerable(m.hand) for m in servo.plants):
             return "a hand or a motion of a plug-in has its own numbers"
         return ""
 
     def update(self, scene: Scene, values: Mapping[str, Any]) -> Update:
-        """Make the update to a variant of the scene.
+        """Make the update to a scene with other values.
 
         Args:
-            scene: the servo's own with these values.
-            values: by live key, with numbers for names of tables.
+            scene: scene of the servo with these values.
+            values: values by live key, with numbers for names of tables.
 
         Raises:
-            InputError: values that would change more than numbers: the form of a gain, a switch, a layout; a key that
-                reaches no number of a run.
-            SceneError, DeviceError: as of `build`.
+            InputError: values would change more than numbers (the form of a gain, a switch, a layout), or a key affects
+                    no number of a run.
+                SceneError, DeviceError: as for `build`.
         """
         for key, value in values.items():
-            if not is_live(general(key)):  # it would be recorded, and change nothing
-                raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
+            if not is_live(general(key)):  # it would be recorded but have no effect
+                raise InputError(key, value, "a key that affects a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
         with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
             entries: list[Numbers] = []
@@ -132,7 +132,7 @@ class Steering:
                     (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
                 ]
                 parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
-            if self.servo.ticks and all(key in GUIDE for key in keys):  # nothing but goals of guided hands
+            if self.servo.ticks and all(key in GUIDE for key in keys):  # only goals of guided hands
                 return Update(dict(values), [*entries, *self._goals(other)], parts)
             plants = list(self._plants(other, values))
             for _, (wiring, anew) in plants:
@@ -143,10 +143,10 @@ class Steering:
         return Update(dict(values), entries, parts, [j for j, _ in plants])
 
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
-        """List the plants whose hands take new numbers, by their number, with those of a variant.
+        """List the plants whose hands get new numbers, by index, with those of the variant.
 
-        All of them where no tick has run: a hand closes along the normals where its fingers start, and under the
-        implicit integrator these are met where mass, viscosity and gravity take the object within the first sample.
+        Before the first tick these are all plants. A hand closes along the normals at its fingers' start, and with the
+        implicit integrator the normals depend on the object's free motion by mass, viscosity and gravity.
         """
         if self._playback is not None:
             return
@@ -156,18 +156,18 @@ class Steering:
                 yield j, (wiring, anew)
             elif self.servo.ticks == 0 and not np.array_equal(_normals(self.servo), _normals(other)):
                 raise InputError(
-                    ", ".join(values), list(values.values()), "values that leave the normals where fingers start",
-                    "a hand or a motion of a plug-in has them already; begin with such values",
+                    ", ".join(values), list(values.values()), "values that keep the normals at the fingers' start",
+                    "a hand or a motion of a plug-in has received them; start the run with such values",
                 )  # fmt: skip
 
     def _goals(self, other: Servo) -> Iterator[Numbers]:
-        """Give the goals of guided hands, which no hand needs to be held anew for."""
+        """Yield the goals of guided hands, which do not require a new hold."""
         if self._playback is None:
             for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
                 yield own.memory, own.entries, new.memory[new.entries]
 
     def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
-        """Give the numbers to be written into a grasp's block; all of them where no tick has run."""
+        """Yield the numbers to write into a grasp's block; before the first tick, all of them."""
         if self.servo.ticks == 0:
             yield own.block, np.arange(own.block.size), new.block.copy()
             return
@@ -178,7 +178,7 @@ class Steering:
         yield from _caches(own, new, keys)
 
     def _of_chain(self, i: int, other: Servo) -> Iterator[Numbers]:
-        """Give the numbers for the safety chain beside the block of object i; all of them where no tick has run."""
+        """Yield the safety chain's numbers for object i; before the first tick, all of them."""
         own, new = self.servo.safety, other.safety
         if own is None or new is None:
             return
@@ -194,11 +194,11 @@ class Steering:
         """Require that a key, with numbers for names, is live.
 
         Raises:
-            InputError: it is not.
-            UnknownNameError: no scene has such a key.
+            InputError: the key is not live.
+            UnknownNameError: no scene has this key.
         """
         if not any(covers(each, key) for each in self.keys):
-            with suppress(InputError):  # a setting or a table that is left out
+            with suppress(InputError):  # an omitted setting or table
                 value_of(self.scene, key)
             live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
             raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
@@ -210,24 +210,24 @@ def _is_steerable(hand: Any) -> bool:
 
 
 def _normals(servo: Servo) -> FloatArray:
-    """List the unit normals into the objects at the fingers' contacts, object by object."""
+    """Collect the unit normals into the objects at the fingers' contacts, object by object."""
     return np.concatenate([part.grasped.inward() for part in servo.objects])
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
-    """Require a block of the same layout and the same switches, but for those that are not folded in."""
+    """Require a block of the same layout and the same switches, except switches that are not folded."""
     key, value = next(iter(values.items()))
     keys = key if len(values) == 1 else ", ".join(values)
     slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
     if not np.array_equal(slips, stays):
         raise InputError(
-            keys, value, "a coefficient of friction above zero where there was one, and none where there was none",
-            "a contact with friction has a memory that one without has not; begin with such a value",
+            keys, value, "coefficients of friction that are above zero for the same fingers as before",
+            "a contact with friction has a state that one without lacks; start the run with such a value",
         )  # fmt: skip
     if new.block.size != own.block.size:
         raise InputError(
-            keys, value, "a value of the form that it had at the start",
-            "another form is laid out in another way, which cannot change in mid-run; begin with it",
+            keys, value, "a value of the same form as at the start",
+            "another form needs another memory layout; start the run with it",
         )  # fmt: skip
     places = own.structure
     same = own.block[places].view(np.int64) == new.block[places].view(np.int64)
@@ -235,12 +235,12 @@ def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[s
         field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
         raise InputError(
             keys, value, "a value that changes numbers only",
-            f"{field} would change with it, which decides what is computed; begin with such a value",
+            f"{field} would change with it, which selects what is computed; start the run with such a value",
         )  # fmt: skip
 
 
 def _places(grasped: GraspedObject) -> Index:
-    """List the entries of a block that hold the scene's numbers."""
+    """List the entries of a block with the scene's numbers."""
     grasp = grasped.state
     places = entries_of(GraspState, *NUMBERS) + entries_of(BodyState, *OF_BODY, at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -254,7 +254,7 @@ def _places(grasped: GraspedObject) -> Index:
 def _caches(
     own: GraspedObject, new: GraspedObject, keys: Iterable[str]
 ) -> Iterator[tuple[FloatArray, Index, FloatArray]]:
-    """Let what a block has worked out from numbers that are to change be worked out anew."""
+    """Invalidate the values that a block has computed from changed numbers."""
     for name, inputs in CACHES.items():
         if any(key in inputs for key in keys):
             entry = np.array(entries_of(GraspState, name), dtype=np.intp)
@@ -262,16 +262,16 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure, with an operator where there was one: their plants are not the same."""
+    """Require a hand of the same structure, with an operator model if it had one, because plants differ."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
-            ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} before as after",
-            "the simulation of a hand that has one is another from the start; begin with one that does nothing, "
+            ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",
+            "a hand with such a part has another simulation; start the run with one without effect, "
             "such as stiffening = { stiffness = 0, lag = 0.1 }",
         )  # fmt: skip
     same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
     if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
         raise InputError(
             ", ".join(values), list(values.values()), "as many motions and turns of the same kinds",
-            "what a hand does is laid out at the start; begin with such a motion",
+            "a hand's motion has a fixed memory layout; start the run with such a motion",
         )  # fmt: skip

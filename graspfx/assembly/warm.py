@@ -1,4 +1,4 @@
-"""Machine code compiled before it is needed: the program of all scenes, and kernels of others that scenes bring."""
+"""Compilation in advance: the program of all scenes, and third-party kernels of scenes."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ COMPILED, CACHED, NOTHING, CANNOT = "compiled", "was there", "nothing", "cannot"
 
 @dataclass(frozen=True)
 class Warmed:
-    """The outcome of warming up.
+    """Result of warming up.
 
     Attributes:
-        scene: its name or path, or `KERNELS`.
-        state: "compiled" (it is in the cache now), "was there", "nothing" (to compile for it alone) or "cannot".
-        seconds: that it took.
-        size: of the machine code [bytes].
-        why: it cannot.
+        scene: name or path of the scene, or `KERNELS`.
+        state: "compiled" (now in the cache), "was there", "nothing" (no kernels of its own) or "cannot".
+        seconds: time taken [s].
+        size: size of the machine code [bytes].
+        why: reason for "cannot".
     """
 
     scene: str
@@ -42,7 +42,7 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the programs of all scenes and loops, and what `gx.Split` runs, unless they are in the cache."""
+    """Compile the programs of all scenes and loops, and the kernels of `gx.Split`, unless they are cached."""
     began = perf_counter()
     natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
     point_sets.warm()
@@ -50,7 +50,7 @@ def warm_kernels() -> Warmed:
 
 
 def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Warmed:
-    """Compile the kernels of others that a scene brings; devices that are no simulations are not opened."""
+    """Compile a scene's third-party kernels, without opening real devices."""
     began = perf_counter()
     try:
         with build(load(name, overrides, preset=preset), engine="interpreted") as servo:

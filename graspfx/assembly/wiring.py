@@ -1,4 +1,4 @@
-"""The devices of a scene connected, not opened: what they tell of themselves against what the scene asks of them."""
+"""Connected devices of a scene before they are opened: their features compared with the scene's requirements."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
 KEYS = ("frame", "deadman", "rate")
-OF_RUNS = ("jitter", "round_trip")  # measures that are no features
-MOST = 4  # ticks from one call of a device to the next: more would be felt as steps
-SLACK = 1e-6  # of a rate, relative: a period has rounding
+OF_RUNS = ("jitter", "round_trip")  # measures that are not features
+MOST = 4  # largest number of ticks between calls of a device; more would be felt as steps
+SLACK = 1e-6  # relative tolerance of a rate, for rounding of the period
 
 
 def fitting_of(table: DeviceTable, scene: SceneTable) -> Fitting:
-    """Give the fitting of a device's table without faults."""
+    """Make the fitting of a valid device table."""
     place, deadman, rate = table.frame, table.deadman, table.rate
     if place is None and deadman is None and rate is None and table.measures is None:
         return PLAIN
@@ -54,14 +54,14 @@ def fitting_of(table: DeviceTable, scene: SceneTable) -> Fitting:
 
 
 def fitting_faults(scene: SceneTable, at: Location, table: DeviceTable, device: Device) -> Iterator[Finding]:
-    """Find what is wrong with a connected device's frame, deadman and rate."""
+    """Find faults of a connected device's frame, deadman switch and rate."""
     from graspfx.scene.tables.fields import NotValid
 
     with suppress(NotValid):
         if isinstance(device, SimulatedDevice):
             for key in KEYS:
                 if getattr(table, key) is not None:
-                    yield (*at, key), "for hardware; a simulated device stands in the scene's axes, and is always there"
+                    yield (*at, key), "only for hardware; a simulated device has the scene's axes and is always held"
             return
     with suppress(NotValid):
         yield from _frame_faults(scene, at, table)
@@ -83,7 +83,7 @@ def _frame_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterat
 def _deadman_faults(at: Location, table: DeviceTable, device: Device) -> Iterator[Finding]:
     deadman, switches = table.deadman, device.features.switches
     if deadman is not None and deadman >= switches:
-        has = f"{table.name!r} tells {switches or 'no'} switch{'' if switches == 1 else 'es'}"
+        has = f"{table.name!r} has {switches or 'no'} switch{'' if switches == 1 else 'es'}"
         yield (*at, "deadman"), f"expected the number of a switch of the device, counted from 0: {has}; given {deadman}"
 
 
@@ -95,25 +95,25 @@ def _rate_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterato
 
 
 def _ticks(rate: float, period: float) -> int:
-    """Count the ticks from one call of a device to the next."""
+    """Return the number of ticks between calls of a device."""
     return max(1, math.ceil((1.0 - SLACK) / (rate * period)))
 
 
 FloatArray = NDArray[np.float64]
 Connected = Mapping[Location, Device]
-AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's own key
+AUTOMATIC = "dimensions"  # argument for drivers that accept it, from the scene's key
 
 
 @dataclass(frozen=True)
 class Wire:
-    """A connected device and what it tells of itself before it is opened.
+    """A connected device and its features before it is opened.
 
     Attributes:
-        at: where its table stands.
-        device: not opened.
-        fingers: the finger of each of its channels, -1 for none.
-        features: as the device tells them, in the axes and units of the scene.
-        fitting: to the scene.
+        at: location of its table.
+        device: device, not opened.
+        fingers: finger of each of its channels, -1 for none.
+        features: features that the device reports, in the axes and units of the scene.
+        fitting: relation of the device to the scene.
     """
 
     at: Location
@@ -124,12 +124,12 @@ class Wire:
 
     @property
     def used(self) -> NDArray[np.intp]:
-        """The fingers of its channels that have one."""
+        """Fingers of its used channels."""
         return self.fingers[self.fingers >= 0]
 
 
 def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
-    """Connect a driver with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
+    """Connect a driver with the settings of a table, and with the scene's `dimensions` if `connect` accepts them."""
     settings = table.settings
     if AUTOMATIC in signature(driver.connect).parameters:
         settings.setdefault(AUTOMATIC, dimensions)
@@ -138,7 +138,7 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
 
 
 def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
-    """Find the table of finger i's device, and where it stands."""
+    """Find the table of finger i's device, and its location."""
     device = scene.finger[i].device
     if not isinstance(device, str):
         return ("finger", i, "device"), device
@@ -149,22 +149,22 @@ def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
 def fitted(
     at: Location, device: Device, fingers: NDArray[np.intp], table: DeviceTable, scene: SceneTable
 ) -> Wire:  # fmt: skip
-    """Give a connected device with what its table says of its place in the scene."""
+    """Combine a connected device with the fitting from its table."""
     fitting = fitting_of(table, scene)
     return Wire(at, device, fingers, fitting.features(device.features), fitting)
 
 
 def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
-    """Give every device of a scene without faults, in the order of the first finger that names it.
+    """Return all devices of a valid scene, in the order of their first fingers.
 
-    Those that are not in the stock yet are connected, and stay there.
+    Devices that are not in the stock are connected and added to it.
     """
     with within(stock.memory):
         return tuple(_wires(scene, stock.folder, stock.devices))
 
 
 def wires_anew(scene: SceneTable, folder: Path | None) -> tuple[Wire, ...]:
-    """Connect every device of a scene once more: two runs share none."""
+    """Connect all devices of a scene again, because two runs share no device."""
     return tuple(_wires(scene, folder, {}))
 
 
@@ -182,17 +182,17 @@ def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Devic
 
 
 def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
-    """Find faults between the fingers and the devices that could be connected."""
+    """Find inconsistencies between fingers and connected devices."""
     from graspfx.scene.tables.fields import NotValid
 
     channels: dict[Location, list[int]] = {at: [] for at in connected}
     kinds: dict[str, type] = {}
     for i, finger in enumerate(scene.finger):
-        with suppress(NotValid, StopIteration):  # what is not valid, or names no device, has its own fault
+        with suppress(NotValid, StopIteration):  # invalid tables and missing devices have their own faults
             at, table = table_at(scene, i)
             if at in connected:
                 device, k = connected[at], connected[at].features.fingers
-                channels[at].append(k)  # until it is known, none that the device has
+                channels[at].append(k)  # no channel of the device, until the finger's is known
                 channels[at][-1] = finger.channel
                 if finger.channel >= k:
                     has = "1 finger" if k == 1 else f"{k} fingers"
@@ -208,7 +208,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
         sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
         yield from fitting_faults(scene, at, _table(scene, at), device)
         if free and sound and isinstance(device, SimulatedDevice):
-            yield at, f"no finger has its channel {free[0]}: a simulated device needs one for each of its channels"
+            yield at, f"no finger uses its channel {free[0]}: a simulated device needs a finger for each channel"
 
 
 def _table(scene: SceneTable, at: Location) -> DeviceTable:
@@ -231,9 +231,9 @@ def _hand_faults(
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
-        yield at, "a real device is held by the operator's own hand: leave it out"
+        yield at, "a real device is held by the operator's own hand: remove this table"
     elif is_operated(_hand_table(scene, finger)) and not isinstance(device, OperatedDevice):
-        yield at, f"{type(device).__name__} is moved by a spring and a damper alone; take the device 'simulated'"
+        yield at, f"{type(device).__name__} supports only a spring and a damper; use the device 'simulated'"
     elif isinstance(finger.hand, str):
         first = kinds.setdefault(finger.hand, type(device))
         if type(device) is not first:
@@ -242,13 +242,13 @@ def _hand_faults(
 
 
 def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
-    """Find the fingers of simulated devices, in a scene without other faults, that cannot be put where they start.
+    """Find the fingers of simulated devices that cannot be placed at their start, in a scene without other faults.
 
-    Not looked for when a scene is loaded: to place a plant may take the packages that move it.
+    Loading a scene does not call this, because placing a plant may import the packages that move it.
 
     Args:
-        start: of all fingers of the scene (n, d) [m].
-        wired: devices that are nobody else's: each is given a plant.
+        start: start positions of all fingers of the scene (n, d) [m].
+        wired: devices that no other run uses; each gets a plant.
     """
     faults: list[Finding] = []
     for wire in wired:

@@ -90,7 +90,7 @@ class Batch(Carded):
         return Card(title, rows, calls)
 
     def _results(self) -> str:
-        """Name the calls that lead to what was kept."""
+        """List the calls that return the kept results."""
         if self.recordings is not None:
             return ".recordings, .stacked(quantity)"
         return "[quantity][statistic], .growth(quantity)" if self.summaries is None else ".summaries"
@@ -284,7 +284,7 @@ def run_batch(
 
 
 def names_of(argument: str, names: Sequence[str]) -> Sequence[str]:
-    """List names, also where one stands alone."""
+    """Return a list of names; a single name may be given as a text."""
     if isinstance(names, str):
         return [names]
     if not isinstance(names, Iterable):

@@ -1,9 +1,9 @@
-"""Many values of a scene's keys at once, as columns of numbers for entries of blocks, without a build for each.
+"""Values of a scene's keys for many variants, as columns of numbers for block entries, without building each variant.
 
-A key is plain where its values go to entries as they stand, or by a formula of a few operations, and where what a scene
-checks of them can be said of an array. All else is built. What only some values mean, as gains that are equal or a
-coefficient of zero, makes kinds of variants; of each kind one is built. Blocks of devices and hands are made for each
-choice of values, and nothing else, by the functions that make those of one scene: they are the same, bit by bit.
+A key is plain if its values are written to entries directly or by a short formula, and if a scene's checks of them can
+be vectorised. Other keys require building. Special values, such as equal gains or a zero coefficient, define kinds of
+variants, and one variant of each kind is built. Blocks of devices and hands are made for each choice of values by the
+functions for single scenes, so that they are identical bit by bit.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ Location = tuple[str | int, ...]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Index = NDArray[np.intp]
-Column = tuple[FloatArray, int, FloatArray]  # a block, an entry of it, and its number in each variant
-SAME = ("fingers", "dimensions", "continuous_force", "stiffness", "delay")  # features that other parts go by
+Column = tuple[FloatArray, int, FloatArray]  # a block, an entry of it, and the entry's value in each variant
+SAME = ("fingers", "dimensions", "continuous_force", "stiffness", "delay")  # features on which other parts depend
 
 
 class NotAlikeError(Exception):
-    """Values choose what is computed: variants of several programs."""
+    """Values select different computations, so that variants have several programs."""
 
 
 @dataclass(frozen=True, eq=False)
 class PartColumns:
-    """Values of keys of devices and hands, one of each for every variant.
+    """Values of keys of devices and hands, for every variant.
 
     Args:
         scene: the scene; other keys of it may be replaced, too.
@@ -75,7 +75,7 @@ class PartColumns:
 
     @cached_property
     def _choices(self) -> tuple[FloatArray, Index]:
-        """Give the choices of values, to the last bit, and which of them each variant has."""
+        """Return the distinct combinations of values, and the index of each variant's combination."""
         bits = np.stack([each.view(np.int64) for each in self.values.values()], axis=1)
         rows, choice = np.unique(bits, axis=0, return_inverse=True)
         return rows.view(np.float64), choice.ravel()
@@ -85,7 +85,7 @@ class PartColumns:
         return any(map(is_of_a_hand, self.values))
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Tell of which values it is sure that the scene's checks pass them, as those of another variant pass."""
+        """Tell which variants certainly pass the scene's checks, given that another variant passes."""
         rows, choice = self._choices
         return np.array([self._is_sound(parts, row) for row in rows])[choice]
 
@@ -101,7 +101,7 @@ class PartColumns:
         return all(_fits(wire, own, parts.start) for wire, own in zip(wired, parts.wires, strict=True))
 
     def _scene(self, row: FloatArray) -> Scene:
-        """Copy the scene with a choice of values, checked by the fields of their tables."""
+        """Copy the scene with a combination of values, validated by the fields of their tables."""
         tables: dict[str, list[Any]] = {name: list(getattr(self.scene, name)) for name in ("finger", "device", "hand")}
         for key, value in zip(self.values, row.tolist(), strict=True):
             first, number, *path = key.split(".")
@@ -110,18 +110,18 @@ class PartColumns:
         return self.scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
 
     def _changed(self, parts: Parts, scene: Scene) -> list[Location]:
-        """List where the tables of devices stand that differ."""
+        """List the locations of device tables that differ."""
         return [wire.at for wire in parts.wires if _device_at(scene, wire) is not _device_at(self.scene, wire)]
 
     def blocks(self, parts: Parts, servo: Servo) -> PartBlocks:
-        """Make the blocks of all choices, of those devices, plants and hands that the keys reach.
+        """Make the blocks of all combinations, for devices, plants and hands that depend on the keys.
 
         Args:
-            parts: of the scene.
-            servo: of one of the variants, which has not run.
+            parts: parts of the scene.
+            servo: servo of one of the variants, which has not run.
 
         Raises:
-            NotAlikeError: some values choose what is computed.
+            NotAlikeError: some values select different computations.
         """
         rows, choice = self._choices
         first = self._scene(rows[0])
@@ -160,14 +160,14 @@ class PartColumns:
 
 @dataclass(frozen=True, eq=False)
 class PartBlocks:
-    """Blocks of devices, plants and hands for each choice of values.
+    """Blocks of devices, plants and hands for each combination of values.
 
     Attributes:
-        blocks: of the servo.
-        states: of each of them, its numbers for every choice, (R, size).
-        limits: largest forces of fingers for every choice [N], (n,), or None.
-        pushes: how hard each object is squeezed at most [N], (R, objects).
-        choice: which of them each variant has, (V,).
+        blocks: blocks of the servo.
+        states: values of each block for every combination, (R, size).
+        limits: largest forces of fingers for every combination [N], (n,), or None.
+        pushes: largest squeeze of each object [N], (R, objects).
+        choice: index of each variant's combination, (V,).
     """
 
     blocks: list[Any]
@@ -177,25 +177,25 @@ class PartBlocks:
     choice: Index
 
     def columns(self) -> Iterator[Column]:
-        """List the entries that are not the same for all choices or in the servo."""
+        """Yield the entries that differ between combinations or from the servo."""
         for block, rows in zip(self.blocks, self.states, strict=True):
             for entry in np.flatnonzero((rows.view(np.int64) != block.view(np.int64)).any(axis=0)).tolist():
                 yield block, entry, rows[self.choice, entry]
 
     def limit(self, finger: int) -> FloatArray | None:
-        """Give the largest force of a finger in each variant [N]; None where there is none."""
+        """Return the largest force of a finger in each variant [N]; None without a limit."""
         if any(each is None for each in self.limits):
             return None
         return np.array([each[finger] for each in self.limits if each is not None])[self.choice]
 
 
 def is_of_a_hand(own: str) -> bool:
-    """Tell whether a key, numbered, is one of a hand."""
+    """Tell whether a numbered key belongs to a hand."""
     return own.startswith("hand.") or own.split(".")[2:3] == ["hand"]
 
 
 def is_of_a_part(scene: Scene, own: str) -> bool:
-    """Tell whether a key, numbered, is a number of a device or of a hand that blocks alone are made from."""
+    """Tell whether a numbered key is a number of a device or hand that affects blocks only."""
     first, *rest = own.split(".")
     path = rest[1:]
     if scene.coupling.split == "mass" or not path:
@@ -213,7 +213,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
 
 
 def fades(scene: SceneTable) -> bool:
-    """Tell whether a fade is automatic, so that it begins where the hands' squeeze asks for it."""
+    """Tell whether the start of the fade follows automatically from the hands' squeeze."""
     rules = scene.coupling
     return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
 
@@ -225,7 +225,7 @@ def _device_at(scene: SceneTable, wire: Wire) -> Any:
 
 
 def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wire]:
-    """Connect the devices that stand at some places anew; all others are those of the parts."""
+    """Connect the devices at some locations again, and reuse the others."""
     out = []
     for wire in parts.wires:
         if wire.at not in places:
@@ -238,7 +238,7 @@ def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wir
 
 
 def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
-    """Tell whether other parts of a scene see no other device, but for what follows from its numbers."""
+    """Tell whether a device differs from another only in its numbers, for other parts of the scene."""
     if wire is own:
         return True
     same = all(getattr(wire.features, name) == getattr(own.features, name) for name in SAME)
@@ -247,14 +247,14 @@ def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
 
 
 def _parts(parts: Parts, scene: Scene, hands: Sequence[HandPart]) -> Parts:
-    """Give the parts of a scene that differs in its hands."""
+    """Return the parts of a scene with other hands."""
     anew = Parts(scene, Stock(parts.folder))
     vars(anew).update(start=parts.start, hands=tuple(hands))
     return anew
 
 
 def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray) -> Iterator[Any]:
-    """Make devices, plants and hands ready for the first tick, as `build` does, one after another."""
+    """Prepare devices, plants and hands for the first tick, as `build` does, in order."""
     plants = list(make_plants(anew, wired, inward))
     for wire in wired:
         with wire.device:
@@ -263,7 +263,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
     for each in plants:
         plant: Any = each.plant
         plant.hold(each.hand, servo.period)
-        if is_still(each.hand):  # its targets stand in the plant's block, as the tick's wires leave them there
+        if is_still(each.hand):  # its targets are written to the plant's block, as by the tick's wires
             r, v = each.hand.target(0.0)
             for port in (plant.ports.end, plant.ports.middle):
                 if port is not None:
@@ -274,7 +274,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
-    """Copy the block of a part that is laid out like one of the servo."""
+    """Copy the block of a part with the same layout as one of the servo."""
     if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
         raise NotAlikeError
     places = own.structure
@@ -284,12 +284,12 @@ def _alike(part: Any, own: Any) -> FloatArray:
 
 
 def _with(table: Any, path: list[str], value: float) -> Any:
-    """Copy a table with one number in it, or below it, replaced; its own fields check it."""
+    """Copy a table with one number replaced, at any depth; its fields validate the number."""
     name, *rest = path
     if isinstance(table, Device) and not rest and name in table.settings:
         return table.model_copy(update={name: value})
     if not isinstance(table, Table) or isinstance(table, Device):
-        raise ValidationError.from_exception_data("table", [])  # no such number, or in a form of its own
+        raise ValidationError.from_exception_data("table", [])  # the number does not exist, or has another form
     if rest:
         return table.model_copy(update={name: _with(getattr(table, name), rest, value)})
     fields = {field: getattr(table, field) for field in table.model_fields_set}
@@ -301,16 +301,14 @@ GAINS = {
     for share in ("external", "internal") for quantity in ("stiffness", "damping")
 }  # fmt: skip
 BODY = ("mass", "viscosity", "rotational_viscosity")
-BESIDE = re.compile(
-    r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b"
-)  # keys that leave the plain ones alone
-NEAR = 1e-6  # relative: gains as near as this are built one by one
-ROUGH = 1e6  # coefficients of friction above it likewise
+BESIDE = re.compile(r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b")  # keys that do not affect plain ones
+NEAR = 1e-6  # relative difference of gains below which variants are built one by one
+ROUGH = 1e6  # coefficient of friction above which variants are built one by one
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Values of the plain keys of a scene, one of each for every variant.
+    """Values of the plain keys of a scene, for every variant.
 
     Args:
         scene: the scene; other keys of it may be replaced, too.
@@ -322,13 +320,13 @@ class Columns:
 
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
-        """Values by the key in its general form, or with its number where only one of a list has it."""
+        """Values by key in its general form, or with its number if only one of a list is replaced."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
 
     @cached_property
     def of_parts(self) -> PartColumns | None:
-        """Values of devices and hands; None where there are none."""
+        """Values of devices and hands; None without any."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         own = {key: each for key, each in numbers.items() if key not in self.by_field}
         return PartColumns(self.scene, own) if own else None
@@ -338,7 +336,7 @@ class Columns:
         return len(next(iter(self.values.values())))
 
     def of(self, key: str, own: Any) -> FloatArray:
-        """Give the values of a key; the scene's own in every variant if it is none of these."""
+        """Return the values of a key, or the scene's value for every variant if the key is not replaced."""
         if key in self.by_field:
             return self.by_field[key]
         return np.full(self.count, np.nan if own is None else float(own))
@@ -348,17 +346,17 @@ class Columns:
         return self.of(key, getattr(getattr(self.scene.coupling, share), quantity))
 
     def body(self, k: int, field: str) -> FloatArray:
-        """Give a number of an object's body, NaN where it is not given."""
+        """Return a number of an object's body, NaN if not given."""
         key, table = f"object.{k}.{field}", self.scene.object[k]
         if key in self.by_field:
             return self.by_field[key]
         own = mass(table, resolve(self.scene).objects[k].solid) if field == "mass" else getattr(table, field)
         return self.of(key, own)
 
-    # What may be said of all --------------------------------------------------------------------------------------
+    # Kinds and checks ---------------------------------------------------------------------------------------------
 
     def kinds(self) -> NDArray[np.int_]:
-        """Number the kinds of variants: in those of one kind the same is computed, of what these values decide."""
+        """Number the kinds of variants; as far as these values matter, a kind has one computation."""
         tests = [self.gain(key) == 0.0 for key in GAINS] if self.has_gains else []
         if self.has_gains:
             tests += [self.gain(one) == self.gain(other) for one, other in PAIRS]
@@ -372,7 +370,7 @@ class Columns:
         return any(key in GAINS for key in self.by_field)
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Tell of choice values it is sure that the scene's checks pass them, as those of another variant pass."""
+        """Tell which variants certainly pass the scene's checks, given that another variant passes."""
         sound = np.ones(self.count, dtype=bool)
         if self.of_parts is not None:
             sound &= self.of_parts.sound(parts)
@@ -394,7 +392,7 @@ class Columns:
         return sound
 
     def _slowed(self, part: ObjectPart) -> BoolArray:
-        """Tell where the integrator stands the viscosity: the test of one scene, of all."""
+        """Tell for which variants the integrator is stable with the viscosity, by the test for one scene."""
         table, T = part.table, self.scene.period
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.body(part.index, "viscosity") * T / self.body(part.index, "mass")
@@ -411,17 +409,17 @@ class Columns:
         return sound
 
     def moments(self, part: ObjectPart) -> FloatArray:
-        """Compute the moments of an object's body, (V, 3): by the formula of one, for each mass that there is."""
+        """Compute the moments of inertia of an object's body, (V, 3), by the formula for one scene and each mass."""
         masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
         return np.asarray(_moments(self.scene, part, masses.tolist())[choice.ravel()])
 
-    # Where they go ------------------------------------------------------------------------------------------------
+    # Entries ------------------------------------------------------------------------------------------------------
 
     def fill(self, parts: Parts, servo: Servo) -> Iterator[Column]:
-        """List the entries of a servo's blocks that these values go to, with their numbers.
+        """Yield the entries of a servo's blocks that depend on these values, with their numbers.
 
         Raises:
-            NotAlikeError: values of devices and hands that choose what is computed.
+            NotAlikeError: values of devices and hands select different computations.
         """
         blocks = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
         if blocks is not None:
@@ -461,7 +459,7 @@ class Columns:
     def _fade(
         self, parts: Parts, servo: Servo, block: FloatArray, index: int, blocks: PartBlocks | None
     ) -> Iterator[Column]:
-        """Compute where an automatic fade begins and ends, as `set_fade` does."""
+        """Compute the start and end of an automatic fade, as `set_fade` does."""
         if not fades(self.scene):
             return
         inward = np.zeros_like(parts.start)
@@ -486,27 +484,27 @@ PAIRS = tuple(
 
 
 def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Choose the keys whose values columns can take, of those of a batch."""
+    """Select the keys of a batch whose values columns support."""
     if (
         scene.safety is not None
         or scene.coupling.passivity != "off"
         or any(each.integrator == "implicit" for each in scene.object)
     ):
-        return []  # a safety chain, a ledger, and a motion that is predicted, are made of these numbers too
+        return []  # safety chain, ledger and prediction also depend on these numbers
     try:
         own = {key: _own(scene, key) for key in values}
     except GraspFXError:
         return []
     if len(set(own.values())) < len(own):
-        return []  # two keys for one value: the later one wins
+        return []  # two keys for one value: the later one applies
     if any(".*." in one and one != two and general(two) == one for one in own.values() for two in own.values()):
-        return []  # a key of all tables, and of one of them
+        return []  # a key for all tables, and one for a single table
     numbers = {key for key, items in values.items() if all(type(each) in (int, float) for each in items)}
     others = [key for key in values if key not in numbers or not _is_plain(scene, parts, own[key])]
-    if fades(scene) and others:  # they may change what the hands squeeze with
+    if fades(scene) and others:  # they may change the hands' squeeze
         others += [key for key in values if own[key] in GAINS]
     if not all(BESIDE.match(key) for key in others):
-        return []  # its checks, or what it fills, may ask for the plain ones
+        return []  # its checks, or its entries, may depend on the plain keys
     return [key for key in values if key not in others]
 
 
@@ -517,7 +515,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
         for part in (coupling.external, coupling.internal)
         for name in ("stiffness", "damping")
     ]
-    meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
+    meshes = any(part.solid.mesh is not None for part in parts.objects)  # their searches depend on the fade
     steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))
     if own in GAINS:
         return steady
@@ -537,7 +535,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
 
 
 def _own(scene: Scene, key: str) -> str:
-    """Write a key with the numbers of its tables; one that stands for the only table of a list has 0."""
+    """Write a key with the numbers of its tables; a key of a single table gets 0."""
     key = numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):
@@ -546,7 +544,7 @@ def _own(scene: Scene, key: str) -> str:
 
 
 def _moments(scene: Scene, part: ObjectPart, weights: Sequence[float]) -> FloatArray:
-    """Compute the moments that a body's block has with some masses, (M, 3), as `fill_body` does."""
+    """Compute the moments of inertia in a body's block for some masses, (M, 3), as `fill_body` does."""
     rows = np.zeros((len(weights), 3))
     for k, weight in enumerate(weights):
         own = part.table.inertia

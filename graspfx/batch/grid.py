@@ -1,4 +1,4 @@
-"""The grid of a batch: the values of each key, and choice of them each variant has."""
+"""The grid of a batch: the values of each key, and the combination of each variant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IndexArray = NDArray[np.intp]
 def grid(
     values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
 ) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
-    """Give the grid's shape, the values of each key, and the number of each variant's."""
+    """Return the grid's shape, the values of each key, and the indices of each variant's values."""
     for key, items in values.items():
         if isinstance(items, str | bytes) or not isinstance(items, Iterable):
             raise InputError(f"values[{key!r}]", items, "a list of values")
@@ -39,7 +39,7 @@ def grid(
 
 
 def _first_alike(items: Sequence[Any]) -> IndexArray:
-    """Give for each value the number of the first that is written like it."""
+    """Return for each value the index of the first value with the same text."""
     if all(type(value) is float for value in items):
         _, first, choice = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
         return np.asarray(first[choice.ravel()])
@@ -48,7 +48,7 @@ def _first_alike(items: Sequence[Any]) -> IndexArray:
 
 
 def _plain(value: Any) -> Any:
-    """Write a value without arrays, of choice numpy writes out the beginning and the end."""
+    """Convert arrays in a value to lists, because numpy abbreviates the text of arrays."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -57,7 +57,7 @@ def _plain(value: Any) -> Any:
 
 
 def as_array(values: Sequence[Any]) -> NDArray[Any]:
-    """Convert values to an array: of floats where all are numbers, else of objects."""
+    """Convert values to an array, of floats if all are numbers, else of objects."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=float)
     objects = np.empty(len(values), dtype=object)

@@ -1,4 +1,4 @@
-"""The runs of all groups of variants, and what is measured or recorded of them."""
+"""Runs of all groups of variants, with their measures or recordings."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Measures = dict[str, dict[str, FloatArray]]  # by quantity and statistic, (V, *quantity)
 
-MOST_TICKS = 2**53  # the numbers of more of them are not all floats
+MOST_TICKS = 2**53  # larger numbers are not all floats
 
 
 class Runs:
     """The runs of all groups of variants.
 
     Args:
-        scene: the scene.
-        variants: of it.
-        count: how many.
-        duration: instead of the scene's own [s].
-        threads: on which they run.
+        scene: scene of the variants.
+        variants: variants of the scene.
+        count: number of variants.
+        duration: duration that replaces the scene's [s].
+        threads: number of threads.
     """
 
     def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
@@ -121,15 +121,15 @@ class Runs:
 
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
-    """Tell how a run went, by what its buffers hold at the end."""
+    """Return the outcome of a run from its buffers at the end."""
     program, servo = group.program, group.program.servo
     for part in servo.objects:
         block, first = part.grasped.block, program.arena.place(part.grasped.block)
-        block[: at.ROW] = ended.arena[first : first + at.ROW]  # of a mesh the rest of it is long
+        block[: at.ROW] = ended.arena[first : first + at.ROW]  # the rest of a mesh is long
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)
-    program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
+    program.fill(ended.arena_copy)  # the values in a fault's message come from its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(program.arena.own)),), engine="compiled", **coupling)
 
 
@@ -146,16 +146,16 @@ def measured_variants(
     """Measure some variants of a scene.
 
     Args:
-        scene: native throughout.
-        lists: by key, its values.
-        numbers: of the value that each key has in each variant, (V, keys).
-        duration: instead of the scene's own [s].
+        scene: scene that consists of kernels only.
+        lists: values by key.
+        numbers: index of each key's value in each variant, (V, keys).
+        duration: duration that replaces the scene's [s].
         measure, statistics: as for `run_batch`.
-        threads: on which they run; the result is the same.
-        memory: of other variants of the scene, which this thread has run.
+        threads: number of threads, which does not affect results.
+        memory: memory of other variants of the scene that this thread has run.
 
     Returns:
-        Measures, the tick of each variant's first fault or -1, and notes on what took long.
+        Measures, the tick of each variant's first fault or -1, and notes on long computing times.
     """
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers, memory=memory)

@@ -1,4 +1,4 @@
-"""Groups of variants that share a program: what their buffers hold, as what is the same in all and what is not."""
+"""Groups of variants that share a program: common and varying contents of their buffers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Program:
-    """The program of variants that share it: a servo that was built for one of them, and its arena."""
+    """The shared program of variants: a servo that was built for one of them, and its arena."""
 
     servo: Servo
     arena: Arena
@@ -34,15 +34,15 @@ class Program:
 
     @cached_property
     def structure(self) -> frozenset[int]:
-        """Entries of the arena that the program has folded in."""
+        """Entries of the arena that the program has folded as constants."""
         return frozenset(self.arena.structure())
 
     def fill(self, arena: FloatArray) -> None:
-        """Fill a variant's arena into that of the servo."""
+        """Copy a variant's arena into that of the servo."""
         self.arena.memory.floats[: self.size] = arena
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warn like `gx.run` where matrices for gains, as a variant's arena holds them, can create energy."""
+        """Warn like `gx.run` if matrix gains in a variant's arena can generate energy."""
         self.fill(arena)
         for part in self.servo.objects:
             part.grasped.check_activity()
@@ -50,11 +50,11 @@ class Program:
 
 @dataclass(frozen=True)
 class Built:
-    """A variant that was built.
+    """A built variant.
 
     Attributes:
-        arena: its memory at the beginning.
-        structure: a digest of what programs are made from; of two variants in which it is the same the program is.
+        arena: initial memory of the variant.
+        structure: digest of the entries that determine the program; equal digests mean equal programs.
     """
 
     arena: FloatArray
@@ -66,10 +66,10 @@ class Group:
     """Variants with the same programs.
 
     Attributes:
-        program: that they share.
-        base: what the buffers of one of them hold, (arena,).
-        members: their numbers, (V,).
-        factors: what differs: entries of the arena with a row of values for each choice, and the choice of each member.
+        program: shared program.
+        base: buffer contents of one of them, (arena,).
+        members: indices of the variants, (V,).
+        factors: differences: entries of the arena, a row of values for each choice, and the choice of each member.
     """
 
     program: Program
@@ -79,11 +79,11 @@ class Group:
 
     @cached_property
     def varying(self) -> Index:
-        """Entries of the arena that are not the same in all members."""
+        """Entries of the arena that differ between members."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
     def arenas(self, members: Any) -> FloatArray:
-        """Give the buffers of some members, (v, arena)."""
+        """Return the buffers of some members, (v, arena)."""
         count = len(self.members[members])
         copies = np.repeat(self.base[None], count, axis=0)
         for entries, rows, choice in self.factors:
@@ -91,7 +91,7 @@ class Group:
         return copies
 
     def add(self, columns: Iterable[Column]) -> None:
-        """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
+        """Add the members' values of entries of the program's buffers, as far as they differ."""
         numbers: dict[int, FloatArray] = {}
         for block, entry, values in columns:
             place = self.program.arena.place(block) + entry
@@ -102,5 +102,5 @@ class Group:
         self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
 
     def folds(self) -> bool:
-        """Tell whether the program holds a number of an entry that is not the same in all members."""
+        """Tell whether the program has folded an entry that differs between members."""
         return not self.program.structure.isdisjoint(self.varying.tolist())

@@ -1,4 +1,4 @@
-"""Columns of the quantities that a batch measures: those of a row, and behind it what follows from a row."""
+"""Columns of a batch's measured quantities: columns of a row, followed by variables computed from a row."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from graspfx.recording.split import RowSplit
 
 FloatArray = NDArray[np.float64]
 
-OF_OBJECT = {  # of the first object, named as a `Recording` does
+OF_OBJECT = {  # quantities of the first object, as named by `Recording`
     "object_position": "position",
     "object_velocity": "velocity",
     "object_orientation": "orientation",
@@ -28,7 +28,7 @@ OF_OBJECT = {  # of the first object, named as a `Recording` does
 
 
 def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Find the columns of quantities; those that follow from a row stand behind it, and are listed too."""
+    """Find the columns of quantities; computed variables follow the row and are also listed."""
     derived = {column.name: column for column in layout.derived}
     columns: dict[str, Column] = {}
     behind: list[str] = []
@@ -56,7 +56,7 @@ def is_quantity(layout: Layout, name: str) -> bool:
 
 
 def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
-    """Read from a variant's buffers how the forces of each object divide."""
+    """Read the split rule of each object from a variant's buffers."""
     program = group.program
     return {
         part.name: SplitRule.of(GraspState(arena, program.arena.place(part.grasped.block))).table()
@@ -76,13 +76,13 @@ def _friction(group: Group, arena: FloatArray) -> list[float]:
 
 
 def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make what computes variables that follow from rows of variants which begin with these buffers, (v, arena).
+    """Make the function that computes variables from rows of variants with these initial buffers, (v, arena).
 
     Returns:
-        A function of their rows (r, width, v), which gives the variables' numbers, (r, numbers, v).
+        Function of their rows (r, width, v) that returns the variables, (r, numbers, v).
     """
     layout = group.program.servo.layout
-    alike: list[tuple[dict[str, dict[str, Any]], list[float], list[int]]] = []  # variants alike in both, together
+    alike: list[tuple[dict[str, dict[str, Any]], list[float], list[int]]] = []  # variants that agree in both, together
     for k, arena in enumerate(arenas):
         split, friction = split_of(group, arena), _friction(group, arena)
         members = next((members for *other, members in alike if other == [split, friction]), None)

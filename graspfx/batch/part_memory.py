@@ -1,4 +1,4 @@
-"""Memory of programs, which some variants of a scene leave to the next ones in the same thread."""
+"""Memory of programs, which later variants of a scene in the same thread reuse."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from graspfx.batch.groups import Built, Program
 
 @dataclass
 class PartMemory:
-    """A memory for variants that come in parts.
+    """A memory for variants that are run in parts.
 
     Attributes:
-        programs: by structure.
-        bases: a variant that was built for each kind of values of some keys, whose columns were checked.
+        programs: programs by structure.
+        bases: built and verified variant for each kind of values of some keys.
     """
 
     programs: dict[str, Program] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Measures of a recording's rows, by the code that measures runs as they go."""
+"""Measures of a recording's rows, by the same code as for running variants."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def measures_of_recording(recording: Recording, measure: Sequence[str], statisti
 
 
 def row_measures(rows: FloatArray) -> FloatArray:
-    """Take rows (N, width) into measures, (width, MEASURES)."""
+    """Compute measures (width, MEASURES) of rows (N, width)."""
     width, half = rows.shape[1], len(rows) // 2
     sums, columns = empty(width), np.arange(width, dtype=float)
     for part, low in ((rows[:half], LOW), (rows[half:], LATE_LOW)):

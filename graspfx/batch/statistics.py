@@ -1,4 +1,4 @@
-"""Statistics instead of rows: first, last, least, largest, sums and squares of each number asked for."""
+"""Statistics instead of rows: first, last, smallest, largest, sum and sum of squares of each selected number."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from graspfx.errors import UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
-FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # of a column; LATE_: of the second half
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a column; LATE_: of the second half
 MEASURES = 8
 STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 
 
 class Statistics(dict[str, FloatArray]):
-    """Statistics of a quantity by name; one that there is not is answered with the nearest."""
+    """Statistics of a quantity by name; errors for unknown names suggest the closest one."""
 
     def __missing__(self, name: str) -> FloatArray:
         raise UnknownNameError("statistic", str(name), self)
 
 
 def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers: int, low: int) -> None:
-    """Take rows into measures.
+    """Update measures with rows.
 
     Args:
-        rows: a buffer of rows.
-        columns: the numbers of a row that are asked for.
-        found: the measures, MEASURES of each.
-        count: rows.
-        width: numbers in a row.
-        numbers: how many are asked for.
+        rows: buffer of rows.
+        columns: indices of the selected numbers of a row.
+        found: measures, MEASURES of each number.
+        count: number of rows.
+        width: number of entries of a row.
+        numbers: number of selected numbers.
         low: LOW in the first half of a run, LATE_LOW in the second.
     """
     for r in range(count):
@@ -49,7 +49,7 @@ def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers
 
 
 def empty(numbers: int) -> FloatArray:
-    """Make measures of no row, (numbers, MEASURES)."""
+    """Make empty measures, (numbers, MEASURES)."""
     measures = np.zeros((numbers, MEASURES))
     measures[:, [LOW, LATE_LOW]] = np.inf
     measures[:, [HIGH, LATE_HIGH]] = -np.inf
@@ -57,9 +57,9 @@ def empty(numbers: int) -> FloatArray:
 
 
 def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
-    """Compute a statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
+    """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
 
-    growth is the peak magnitude of the second half of the ticks over that of the first (half of them, rounded down).
+    The growth is the peak magnitude of the second half of the ticks over that of the first half (rounded down).
     """
     if name in ("first", "last"):
         return measures[..., FIRST if name == "first" else LAST]

@@ -1,4 +1,4 @@
-"""Runs of the variants of one group, each by the program of all scenes, as `gx.run` runs them."""
+"""Runs of the variants of one group by the program of all scenes, as in `gx.run`."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 More = Callable[[FloatArray], FloatArray]
 
-APIECE = 8  # variants that a thread takes at a time
-BLOCK = 1024  # rows that are written at a time
+APIECE = 8  # number of variants that a thread takes at a time
+BLOCK = 1024  # number of rows that are written at a time
 
 
 @dataclass
 class Job:
-    """Variants of one group that are to be run.
+    """Variants of one group to run.
 
     Args:
         arena: Arena of one of them.
         size: Entries of an arena.
-        begin: What the arenas hold at the beginning.
+        begin: Initial contents of the arenas.
         variants: Number of variants.
         width: Numbers of a row.
-        columns: Numbers of a row of which measures are kept.
+        columns: Indices of the measured numbers of a row.
         ticks: Ticks of a run.
-        look: Called with the arena of every variant when its run is over.
-        more: Makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
-            places are behind those of a row.
+        look: Function that is called with the arena of every variant after its run.
+        more: Function of variants' arenas (v, arena) that returns a function of their rows (r, width, v). The latter
+            computes further numbers, which follow those of a row.
     """
 
     arena: Arena
@@ -59,7 +59,7 @@ class Job:
     done: int = 0  # variants that have run
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
-        """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
+        """Return measures (V, columns, MEASURES), and the tick of each variant's fault, -1 for none."""
         measures = np.empty((self.variants, len(self.columns), MEASURES))
         faults = np.full(self.variants, -1)
         members, single = np.arange(self.variants), self._single
@@ -75,11 +75,11 @@ class Job:
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Run every variant in turn, with its rows."""
+        """Run every variant in turn and yield its rows."""
         single = self._single
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
-            for k in range(0, self.variants, threads):  # not more rows at a time than are taken away
+            for k in range(0, self.variants, threads):  # no more rows at a time than are consumed
                 yield from pool.map(single.record, range(k, min(k + threads, self.variants)))
         self.spent += perf_counter() - began
 
@@ -90,9 +90,9 @@ class Job:
 
 @dataclass(frozen=True)
 class Ended:
-    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
+    """End of one recorded variant: rows, the tick of its fault or -1, and its buffers, (arena,).
 
-    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
+    `told` holds the buffers after the tick of its fault, whose values the fault's message quotes.
     """
 
     rows: FloatArray
@@ -102,7 +102,7 @@ class Ended:
 
 
 class SingleRuns:
-    """Runs of one variant at a time; each thread has buffers of its own."""
+    """Runs of one variant at a time; each thread has its own buffers."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -111,7 +111,7 @@ class SingleRuns:
         self._kernels = machine_codes(job.arena)
 
     def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
-        """Run variants and note their measures and faults."""
+        """Run variants and store their measures and faults."""
         job = self.job
         arena, run, rows = self._bound(min(BLOCK, job.ticks))
         begin = job.begin.arenas(members)
@@ -155,7 +155,7 @@ class SingleRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _fill(self, arena: FloatArray, start: FloatArray) -> None:
-        """Fill in a variant, and the addresses of kernels that the program has not."""
+        """Fill in a variant, and the addresses of third-party kernels."""
         arena[:] = start
         for each, native in self._kernels:
             arena[list(each.entries)] = float(native.entry)
@@ -165,7 +165,7 @@ class SingleRuns:
         return servo.tick if servo.faulted else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """Bind the program to an arena, and give the rows that it writes."""
+        """Bind the program to an arena, and return the rows that it writes."""
         job = self.job
         arena, rows = np.zeros(job.size), np.zeros((count, job.width))
         arrays = {"arena": arena, "rows": rows.reshape(-1)}
@@ -174,7 +174,7 @@ class SingleRuns:
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
-    """Share jobs among some threads, each taking the next one."""
+    """Distribute jobs over threads, each of which takes the next one."""
     left = iter(jobs)
     lock = Lock()
 
@@ -193,13 +193,13 @@ def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -
         try:
             for future in as_completed([pool.submit(work) for _ in range(threads)]):
                 future.result()
-        finally:  # after an error, or if the user breaks off, no thread begins another
+        finally:  # after an error or an interruption, no thread starts another job
             with lock:
                 left = iter(())
 
 
 @cache
 def taking() -> Native:
-    """Compile what takes rows into measures, once in a process."""
+    """Compile the update of measures, once per process."""
     text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
     return compiled(program_source(text, {"take": take}, ["rows", "columns", "found"]))

@@ -1,4 +1,4 @@
-"""Variants of a scene as entries of its buffers: few are built, all others put together from what each key changes."""
+"""Variants of a scene as entries of its buffers: few are built, the others are assembled from each key's changes."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-Numbers = tuple[int, ...]  # of the value that each key has
+Numbers = tuple[int, ...]  # index of each key's value
 
-CHECKED = 8  # combinations that are built besides those of the extremes
-FULL = 16  # variants that are all built: fewer are not worth a thought
+CHECKED = 8  # number of combinations to build in addition to the extremes
+FULL = 16  # number of variants up to which all are built
 
 
 class ForeignPartsError(InputError):
-    """A scene with parts that are no kernels: its variants run one by one."""
+    """A scene has parts that are not kernels, so its variants run one by one."""
 
 
 class Variants:
     """All variants of a scene.
 
     Args:
-        scene: the scene.
-        values: by dotted key.
-        numbers: of the value that each key has in each variant, (V, keys).
-        beside: values of other keys, the same in all variants.
-        memory: of other variants of the scene.
+        scene: scene of the variants.
+        values: values by dotted key.
+        numbers: index of each key's value in each variant, (V, keys).
+        beside: values of other keys, common to all variants.
+        memory: memory of other variants of the scene.
     """
 
     def __init__(
@@ -71,8 +71,8 @@ class Variants:
         """Build the variant with these values.
 
         Raises:
-            SceneError: of the scene, with the values.
-            InputError: a part of it is no kernel.
+            SceneError: the scene is invalid; the error has the values.
+            InputError: a part of the scene is not a kernel.
         """
         key = tuple(numbers.tolist())
         if key not in self._built:
@@ -99,15 +99,15 @@ class Variants:
             others = [*foreign(servo), *guests(servo), *looked_ahead(servo), *_apart(arena)]
             if others:
                 raise ForeignPartsError(
-                    "scene", self.scene.source.name, "parts that are kernels, all of them",
-                    f"not so: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
+                    "scene", self.scene.source.name, "kernels for all parts",
+                    f"not kernels: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
                 )  # fmt: skip
             self._programs[built.structure] = Program(servo, arena)
         return built
 
     @property
     def builds(self) -> int:
-        """How many have been built."""
+        """Number of built variants."""
         return len(self._built)
 
     def groups(self) -> list[Group]:
@@ -121,7 +121,7 @@ class Variants:
         return self._of_values(np.arange(len(self.numbers)))
 
     def _of_values(self, members: Index) -> list[Group]:
-        """Group some variants by building one for each value of a key."""
+        """Group some variants by building one variant for each value of a key."""
         groups_: list[Group] = []
         for part in self._patterns(members):
             groups_ += self._split(part)
@@ -130,7 +130,7 @@ class Variants:
     # Columns ------------------------------------------------------------------------------------------------------
 
     def _in_columns(self, plain: Sequence[str]) -> list[Group]:
-        """Group variants of which some keys are plain: their values are computed for all at once."""
+        """Group variants with some plain keys, whose values are computed for all variants at once."""
         own = [self.keys.index(key) for key in plain]
         values = {
             key: np.array(self.values[key], dtype=float)[self.numbers[:, i]] for key, i in zip(plain, own, strict=True)
@@ -146,7 +146,7 @@ class Variants:
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:
-        """Build one variant for each choice of the other keys; None if others are not what their columns say."""
+        """Build one variant for each combination of the other keys; None if built variants contradict the columns."""
         middle = self.numbers[members[len(members) // 2]]
         others = [i for i in range(len(self.keys)) if i not in own]
         kind = None if others else (tuple(self.keys), int(Columns(self.scene, values).kinds()[0]))
@@ -170,14 +170,14 @@ class Variants:
             except NotAlikeError:
                 same = False
             if not same:
-                self.notes.append(f"{len(group.members)} variants: columns of values are not what is built")
+                self.notes.append(f"{len(group.members)} variants: columns of values contradict built variants")
                 return None
         if kind is not None:
             self.memory.bases[kind] = base
         return groups_
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
-        """Check that built variants are what was put together: that which is farthest out in each key, and another."""
+        """Check assembled variants against built ones: the most extreme one in all keys, and another."""
         if group.folds():
             return False
         random = np.random.default_rng(len(group.members))
@@ -191,10 +191,10 @@ class Variants:
                 return False
         return True
 
-    # Values that meet ---------------------------------------------------------------------------------------------
+    # Equal values -------------------------------------------------------------------------------------------------
 
     def _patterns(self, members: Index) -> Iterator[Index]:
-        """Group variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
+        """Group variants by equality of their values, because kep = kip selects another computation."""
         numbers = self.numbers[members]
         same = [
             self._same(key, other, numbers[:, i], numbers[:, j])
@@ -214,7 +214,7 @@ class Variants:
         return np.array([[_equal(a, b) for b in lists[1]] for a in lists[0]])[one, two]
 
     def _tied(self, members: Index) -> list[list[int]]:
-        """Tie keys that have equal values in all of these variants; each other key stands by itself."""
+        """Group keys that have equal values in all of these variants; every other key is its own group."""
         together: list[list[int]] = []
         for i, key in enumerate(self.keys):
             for group in together:
@@ -227,10 +227,10 @@ class Variants:
                 together.append([i])
         return together
 
-    # Putting together ---------------------------------------------------------------------------------------------
+    # Assembly -----------------------------------------------------------------------------------------------------
 
     def _split(self, members: Index) -> list[Group]:
-        """Split variants of which some may have other programs."""
+        """Split variants that may have different programs."""
         if len(members) <= FULL:
             return self._each(members)
         middle = self.numbers[members[len(members) // 2]]
@@ -246,7 +246,7 @@ class Variants:
             except SceneError:
                 if self._is_grid(members):
                     raise
-                return self._all(members, "a value of one of them is none of the scene without those of the others")
+                return self._all(members, "a value of one key is invalid without the values of the others")
             for (_, choice), built in zip(choices, alone, strict=True):
                 structures = [each.structure for each in built]
                 kinds = [structures.index(each) for each in structures]
@@ -268,15 +268,15 @@ class Variants:
                 group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
         if len(factors) < 2 or self._holds(group, base.structure):
             return [group]
-        return self._all(members, "their keys do not act by themselves")
+        return self._all(members, "their keys interact")
 
     def _choices(self, members: Index, keys: Sequence[int]) -> tuple[Index, Index]:
-        """List the values that some keys have together, and which of them each variant has."""
+        """List the combinations of values of some keys, and the index of each variant's combination."""
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
     def _is_grid(self, members: Index) -> bool:
-        """Tell whether every value is there with those of the variant in the middle."""
+        """Tell whether every value occurs together with the middle variant's other values."""
         have = {tuple(row) for row in self.numbers.tolist()}
         middle = self.numbers[members[len(members) // 2]]
         return all(
@@ -286,7 +286,7 @@ class Variants:
         )
 
     def _holds(self, group: Group, structure: str) -> bool:
-        """Check that built variants are what was put together: those of all extremes, and some others."""
+        """Check assembled variants against built ones: all combinations of extremes, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
@@ -331,9 +331,9 @@ def _structure(arena: Arena) -> str:
 
 
 def _apart(arena: Arena) -> Iterator[str]:
-    """Say what keeps a copy of an arena's memory from being a copy of the scene."""
+    """Yield reasons why a copy of an arena's memory is not a copy of the scene."""
     if not arena.is_whole:
-        yield "a part's block stands apart"
+        yield "a part's block is separate"
     for each in arena.foreign:
         yield f"the kernel {each.kernel.__module__}.{each.kernel.__qualname__}"
 
@@ -345,13 +345,13 @@ def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
 
 
 def _changed(base: Built, built: Sequence[Built]) -> set[int]:
-    """List entries of the arena that are another number, to the last bit, in some of these."""
+    """List entries of the arena that differ in some of these variants, bit by bit."""
     first = base.arena.view(np.int64)
     return {int(k) for each in built for k in np.flatnonzero(each.arena.view(np.int64) != first)}
 
 
 def _extremes(values: Sequence[Any], used: Index) -> list[int]:
-    """List the first and the last of some values, and the least and the largest."""
+    """List the indices of the first, last, smallest and largest of some values."""
     numbers = np.unique(used).tolist()
     extremes = [numbers[0], numbers[-1]]
     if all(isinstance(values[n], int | float) for n in numbers):
@@ -360,7 +360,7 @@ def _extremes(values: Sequence[Any], used: Index) -> list[int]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    """Tell whether two values are the same numbers, one for all or many."""
+    """Tell whether two values are equal, as scalars or arrays."""
     if type(a) in (int, float) and type(b) in (int, float):
         return bool(a == b)
     if not isinstance(a, list) and not isinstance(b, list):

@@ -91,9 +91,10 @@ class Certificate(Carded):
         assumed: Assumptions, as sentences.
         passive: Largest gains that are passive for every operator, or None.
         why_not_passive: Short reason if `passive` is None.
-        grip: Friction in use f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient.
+        grip: Ratio f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient of
+            friction.
         edge: Names of the fingers on their cones' edges, which count as sticking.
-        notes: Possible consequences if those fingers slide; what the squeeze adds to a stiffness of the object.
+        notes: Possible consequences if those fingers slide, and the geometric stiffness of the squeeze.
         fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
             None.
         gap: Distance from the object to the nearest finger if no finger touches it [m]; else nan.
@@ -116,7 +117,7 @@ class Certificate(Carded):
         limits = [f"{row.mode} {row.text}" for row in self.limits]
         more = [f"and {len(limits) - MOST} more in .limits"] if len(limits) > MOST else []
         rows = [
-            ("at", self.at if self.at != "provisional" else "provisional: one step from the start; no rest was sought"),
+            ("at", self.at if self.at != "provisional" else "provisional: one step from the start, not at rest"),
             ("limits", "\n".join([*limits[:MOST], *more])),
             ("assumed", "; ".join(self.assumed)),
             ("notes", "\n".join(self.notes)),
@@ -180,15 +181,15 @@ def lines(certificate: Certificate) -> Iterator[str]:
     place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
     yield f"stability of {certificate.object}{place}: {certificate.verdict}"
     if not certificate.grasps:
-        yield "  where motions bring the fingers to it, certify a recording that ends in the grasp"
+        yield "  if motions bring the fingers to the object, certify a recording that ends in the grasp"
         return
     yield from (f"  {row}" for row in limit_lines(certificate.limits))
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
-        yield f"  internal and external modes by themselves{checked}; pushing by the whole loop"
+        yield f"  internal and external modes separately{checked}; pushing by the whole loop"
     elif certificate.limits:
-        yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
+        yield "  by the whole loop, each gain at the others' present values; pushing: the remaining stiffness"
     if any(row.limit == 0.0 for row in certificate.limits):
         yield (
             "  limit 0: no value of that gain alone is stable; change several gains and dampings together, the period, "
@@ -200,7 +201,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
     if certificate.fade is not None:
         begins, required = (1e3 * gap for gap in certificate.fade)
         short = f": too short by {required - begins:.3g} mm" if required > begins else ""
-        yield f"  the fade begins at {begins:.3g} mm; the forces at rest ask for {required:.3g} mm{short}"
+        yield f"  the fade begins at {begins:.3g} mm; the forces at rest require {required:.3g} mm{short}"
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  assumptions: {'; '.join(certificate.assumed)}"

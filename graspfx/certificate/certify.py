@@ -165,7 +165,7 @@ def _certificate(scene: Scene, loop: Linearised) -> Certificate:
 
 
 def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
-    """Report the geometric stiffness of the squeeze beside a stiffness of the object, which is meant without one."""
+    """Report the geometric stiffness of the squeeze, which adds to a specified stiffness of the object."""
     geometric = loop.geometric[0]
     if geometric is None:
         return
@@ -175,7 +175,7 @@ def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
         part = geometric[-turns:, -turns:]
         low, high = np.linalg.eigvalsh(0.5 * (part + part.T))[[0, -1]]
         change = f"{low:+.3g}" if turns == 1 else f"{low:+.3g} to {high:+.3g}"
-        yield f"object_stiffness is that without a squeeze: contact forces at rest add {change} N m/rad to rotations"
+        yield f"object_stiffness holds without a squeeze: contact forces at rest add {change} N m/rad to rotations"
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
@@ -185,7 +185,7 @@ def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
     T, V = loop.slip
     yield from sliding_notes(loop.linear, T[:, hard], V[:, hard], [scene.finger_names[loop.edge[k]] for k in hard])
     if soft:
-        yield f"what sliding of {', '.join(scene.finger_names[loop.edge[k]] for k in soft)} does is not looked at"
+        yield f"sliding of {', '.join(scene.finger_names[loop.edge[k]] for k in soft)} is not examined"
 
 
 def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str]:
@@ -198,11 +198,11 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
     if loop.pads is not None:
         return None, "its fingertips are compliant"
     if loop.compliance.any():
-        return None, "its damping grows with depth, and is not whole here"
+        return None, "its damping grows with depth and is not at its full value here"
     if linear.delay.any() or linear.latency.any():
-        return None, "its devices display forces late"
+        return None, "its devices display forces with a delay"
     if linear.integrator != "exact":
-        return None, f"it takes an object with the integrator exact, not {linear.integrator}"
+        return None, f"it requires an object with the integrator exact, not {linear.integrator}"
     from graspfx.analysis.passivity.grasp_leak import coupling_limits
 
     limits = coupling_limits(

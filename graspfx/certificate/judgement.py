@@ -64,7 +64,7 @@ class Judgement:
         grip: Squeeze over the smallest squeeze that holds the load (`grip_of`), the smallest of all objects.
         depth: Penetration depth of the deepest fingertip at rest [m]; nan without a rest.
         squeeze: Largest internal force of a finger at rest [N]; nan without a rest.
-        force: Largest force of a finger at rest [N]; nan without a rest.
+        force: Largest total force of a finger at rest [N]; nan without a rest.
         displayed: Stiffness of the squeeze at rest, with pads in series: |f_i|^2/(f_i.e), e from contact to fingertip
             [N/m]; nan without a rest.
         at: "squeezed"; "start" if a finger on hardware does not touch at rest, "" if no rest was found, "apart" if no

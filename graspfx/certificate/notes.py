@@ -62,9 +62,9 @@ def why_not_gradual(scene: Scene) -> str:
     if not is_damped(scene):
         return "there is no damping"
     if scene.coupling.contact == "attached":
-        return "attached contacts have all their damping always"
+        return "attached contacts always have full damping"
     if scene.coupling.damping_depth == 0.0:
-        return "coupling.damping_depth = 0: a finger that touches has all its damping at once"
+        return "coupling.damping_depth = 0: a touching finger has full damping at once"
     return ""
 
 
@@ -82,7 +82,7 @@ def unsettled(parts: Parts) -> list[str]:
 
     Each finger is treated as one of n equal fingers. For squeezing, it oscillates against a fixed object: kip and the
     grip. For moving, all n oscillate together with the object: kep and the arm. Velocities are assumed known, forces
-    without delay, and rotations are left out, so that the absence of a note proves nothing. No note is given if a
+    without delay, and rotations are ignored, so that the absence of a note proves nothing. No note is given if a
     device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not single numbers.
     """
     scene = parts.scene
@@ -119,7 +119,7 @@ def _sentences(scene: Scene, growth: dict[int, float], gain: str) -> Iterator[st
     if growth[finger] > SLOWEST:
         name = scene.finger_names[finger]
         yield (
-            f"at a period of {1e3 * scene.period:g} ms {name} does not settle under {gain}: its swing grows "
+            f"at a period of {1e3 * scene.period:g} ms {name} is unstable under {gain}: its oscillation grows "
             f"{np.exp(min(growth[finger] * scene.period, 99.0)):.3g}-fold each sample; lower the period or the gains, "
             "or raise the damping of device or hand"
         )
@@ -205,11 +205,11 @@ def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
         turning = float(np.linalg.eigvalsh(outer.stiffness[grasped.dimensions :, grasped.dimensions :]).max())
         own, most = (turning / (float(grasped.rows[:, at.SHARE].sum()) * arm**2) for arm in (small[0], high))
         figure = (
-            f"there the object is softer than object_stiffness has it, which a fingertip feels as {most:.3g} N/m at "
-            f"most, where it would be up to {own:.3g} N/m"
+            f"there the object is softer than object_stiffness: a fingertip feels at most {most:.3g} N/m "
+            f"instead of up to {own:.3g} N/m"
         )
     elif grasped.matrices:
-        figure = f"{100.0 * (1.0 - blend):.2g} % of its stiffness is the internal one"
+        figure = f"{100.0 * (1.0 - blend):.2g} % of its stiffness is internal"
     else:
         blended = kip + (kep - kip) * blend
         figure = (

@@ -72,7 +72,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from _host_rows(scene) if scene.host is not None else _law_rows(parts)
     yield from safety_rows(parts)
     yield from loop_rows(parts)
-    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
+    yield "write", True, "the negative of each finger's force, recorded as displayed_force"
     yield from moment_rows(scene)
     yield from lateness_rows(parts)
     for thing in scene.object if scene.host is None else ():
@@ -81,10 +81,10 @@ def _rows(parts: Parts) -> Iterator[Row]:
         if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
             yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
     if scene.obstacle:
-        yield "fingers on obstacles", False, "fingers pass through obstacles, which only objects meet"
+        yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch them"
     yield _hand(scene)
-    yield "record", True, "a row per tick, to disk in blocks outside it"
-    yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
+    yield "record", True, "one row per tick, written to disk in blocks outside the tick"
+    yield "packages", True, f"{', '.join(packages(scene))}, and imports of the drivers"
 
 
 def _host_rows(scene: Scene) -> Iterator[Row]:
@@ -155,7 +155,7 @@ def _velocity(scene: Scene) -> Row:
     return (
         "rate of displacement",
         damped,
-        "for the damping of eq. (4)" if damped else "no damping: only positions make forces",
+        "for the damping of eq. (4)" if damped else "no damping: forces depend on positions only",
     )
 
 
@@ -168,7 +168,7 @@ def _prediction(thing: Object) -> tuple[bool, str]:
 def _contact_points(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     if scene.coupling.contact == "attached":
-        yield "contact points", False, "attached: contact points are fixed in the object, and nothing lets go"
+        yield "contact points", False, "attached: contact points are fixed in the object and never release"
     else:
         shapes = [thing.shape for thing in scene.object if thing.shape is not None]
         kinds = sorted({shape.kind for shape in shapes if not isinstance(shape, MeshShape)})
@@ -244,7 +244,7 @@ def _split(scene: Scene) -> Iterator[Row]:
     if equal_gains(scene):
         why = "equal external and internal gains: the conventional method, eqs. (20)-(23)"
         if _is_implicit(scene) and _scalar(scene):
-            basis = "whose rigid modes the implicit integrator finds forces in"
+            basis = "whose rigid modes are the implicit integrator's unknowns"
             yield "split", True, f"{why}; but the modes of eq. (3), {basis}, {_resplit(scene)}"
         else:
             yield "split", False, why
@@ -253,12 +253,12 @@ def _split(scene: Scene) -> Iterator[Row]:
     turning = [thing for thing in scene.object if scene.turns(thing)]
     if turning:
         if scene.coupling.blend == "off":
-            yield "split: rotation", True, "joins the external space as soon as contacts have an arm: blend = 'off'"
+            yield "split: rotation", True, "joins the external space at any arm of the contacts: blend = 'off'"
             return
         low, high = (1e3 * arm for arm in scene.coupling.blend)
         yield "split: rotation", True, f"joins the external space between {low:g} and {high:g} mm of arm"
     else:
-        why = "a line has none" if scene.dimensions == 1 else "locked: what would turn the object is internal"
+        why = "a line has none" if scene.dimensions == 1 else "locked: forces that would rotate the object are internal"
         yield "split: rotation", False, why
 
 
@@ -267,7 +267,7 @@ def _impedance(scene: Scene) -> Row:
     if _scalar(scene):
         return "impedance", True, "eq. (4) with scalar gains: one projection of one vector"
     if isinstance(coupling.external, ObjectImpedance):
-        return "impedance", True, "eq. (4) with the stiffness of the object, divided among its fingers"
+        return "impedance", True, "eq. (4) with the stiffness of the object, distributed over its fingers"
     return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
 
 
@@ -342,7 +342,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
     if silent := forceless_text(scene, wired):
         yield "display", False, f"no force is displayed by {silent}: the object receives it, and nobody feels it"
     if hidden:
-        why = "the part that its `write` cuts off is neither recorded nor withheld from the object"
+        why = "a reduction by its `write` is neither recorded nor applied to the object"
         yield "private limit", False, f"not visible: {hidden} states no largest force (features.peak_force); {why}"
 
 
@@ -369,7 +369,7 @@ def _energy(scene: Scene) -> Row:
     return (
         "energy",
         True,
-        f"{why}; a mode that generates energy is damped by the smallest sufficient force; fingers still only push",
+        f"{why}; a mode that generates energy is damped by the smallest sufficient force, and fingers still only push",
     )
 
 

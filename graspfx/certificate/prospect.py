@@ -38,14 +38,14 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
 
 def _calls(servo: Servo) -> str:
     world, ahead = servo.arena.world, looked_ahead(servo)
-    beforehand = f"; {_listed(ahead)} no kernel: evaluated in advance for many ticks" if ahead else ""
+    beforehand = f"; {_listed(ahead)} not a kernel: evaluated in advance for many ticks" if ahead else ""
     if not world.pauses:
         return f"all parts are kernels: one call for many ticks{beforehand}"
     called, moved = foreign(servo), guests(servo)
     calls = "two calls for each tick" if world.ports else "one call for each tick"
     why = [f"{_listed(called)} no kernel{'' if len(called) == 1 else 's'}"] if called else []
     why += [f"{_listed(moved)} moved by other software between ticks"] if moved else []
-    return f"{calls}, as {' and '.join(why)}{beforehand}"
+    return f"{calls}, because {' and '.join(why)}{beforehand}"
 
 
 def _listed(parts: Collection[str]) -> str:

@@ -82,7 +82,7 @@ def recorded(
     with grip.frozen():
         now = grip.forces()
     if now is None:
-        raise no_rest_error(name, "at the end of the recording the forces of a sample do not settle")
+        raise no_rest_error(name, "at the end of the recording the forces of a sample do not converge")
     place.assumed += differences(scene, index, grip, fingers, recording, ground)
     if not g.touching.all():
         raise no_rest_error(name, "at the end of the recording a finger pulls")
@@ -161,7 +161,7 @@ def differences(
     if ground is None and change <= CALM and np.abs(missing).max(initial=0.0) > BORNE * scale:
         who = ", ".join(bearers(scene, index)) or "nothing of the scene"
         texts.append(
-            f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is left out"
+            f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is ignored"
         )
     return texts
 
@@ -206,5 +206,5 @@ def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation,
         return loops[1], []
     worse = int(radius_of(loops[1]) >= radius_of(loops[0]))
     low, high = (1e3 * float(each.max()) for each in ends)
-    text = f"forces {low:.3g} to {high:.3g} ms late in 98 % of the samples: the worse end, {(low, high)[worse]:.3g} ms"
+    text = f"forces are {low:.3g} to {high:.3g} ms late in 98 % of the samples; judged at {(low, high)[worse]:.3g} ms"
     return loops[worse], [text]

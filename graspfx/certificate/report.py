@@ -68,7 +68,7 @@ class Report(Carded):
             apart = [each.object for each in others if not each.grasps]
             rest = [f"not stable either: {', '.join(unstable)}"] if unstable else []
             rest += [f"{NOT_GRASPING}: {', '.join(apart)}"] if apart else []
-            text += f"; {'; '.join(rest) or 'the other objects have more room'}"
+            text += f"; {'; '.join(rest) or 'the other objects have larger margins'}"
         return text
 
     def to_dict(self) -> dict[str, Any]:
@@ -190,7 +190,7 @@ def _lead(stable: bool, least: Limit) -> str:
     """Introduce the smallest margin; report a loop that is unstable although no gain exceeds its limit."""
     if stable:
         return "the least margin: "
-    return "no gain is beyond its limit, the least margin: " if least.margin > 1.0 else ""
+    return "no gain exceeds its limit; smallest margin: " if least.margin > 1.0 else ""
 
 
 def _sentence(certificate: Certificate) -> str:
@@ -205,9 +205,9 @@ def _sentence(certificate: Certificate) -> str:
         pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
         if pushing:
             weakest = min(pushing, key=lambda row: row.margin)
-            text += f"; while all fingers hold: {weakest.mode} is not stable, {weakest.text}"
+            text += f"; as long as all fingers hold: {weakest.mode} is not stable, {weakest.text}"
     if certificate.at == "start":
-        text += "; judged at the start, without a squeeze"
+        text += "; judged at the start without a squeeze"
     return text
 
 

@@ -41,8 +41,7 @@ MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiff
 SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
 UNFORCED = "contacts as at the start and no force on them: "
 SLID = (
-    "contacts slid while the hands closed, slowly and one after another; a run rests a few per cent elsewhere: "
-    "certify its recording"
+    "contacts slid while the hands closed slowly; a run comes to rest a few per cent elsewhere: certify its recording"
 )
 
 
@@ -58,7 +57,7 @@ class NotGraspingError(InputError):
     def __init__(self, object: str, gap: float, where: str) -> None:
         self.object, self.gap, self.where = object, gap, where
         given = f"nearest finger {1e3 * gap:.3g} mm away, {where}"
-        remedy = "bring them nearer or squeeze more; where motions bring them, certify a recording that ends in a grasp"
+        remedy = "bring them nearer or squeeze more; if motions bring them, certify a recording that ends in a grasp"
         super().__init__(f"fingers of {object}", given, "at least one that touches the object", remedy)
 
 
@@ -107,7 +106,7 @@ def load_of(
     point: OperatingPoint,
     force: FloatArray | None = None,
 ) -> Load:
-    """Return hands without their motions, closed to their largest squeeze, and the weight if fingers carry it.
+    """Return the hands without motions, closed to their largest squeeze, and the weight if fingers carry it.
 
     Args:
         parts, index, grip, fingers: Parts of the scene, and the object with its fingers.
@@ -134,9 +133,9 @@ def load_of(
     elif scene.gravity is not None:
         others = ", ".join(bearers(scene, index))
         point.assumed.append(
-            f"the weight is carried by something else, which is left out ({others})"
+            f"the weight is carried by other supports, which are ignored ({others})"
             if others
-            else "the weight is left out: without friction the fingers do not carry it"
+            else "the weight is ignored: without friction the fingers do not carry it"
         )
 
     def closing(shares: FloatArray) -> FloatArray:
@@ -168,7 +167,7 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
         grip.changing[:] = first
         point = _squeezed(parts, index, grip, fingers, force)
     raise no_rest_error(
-        parts.objects[index].table.name, "the grip and the stiffness that it gives the hands do not settle"
+        parts.objects[index].table.name, "the iteration of the grip force and the hands' stiffness does not converge"
     )
 
 
@@ -206,14 +205,14 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        raise no_rest_error(name, "on the way to rest the forces of a sample do not settle")
+        raise no_rest_error(name, "on the way to rest the forces of a sample do not converge")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         raise no_rest_error(
             name,
             f"with still hands {', '.join(slipping)} still slide after {result.steps} steps"
             if slipping
-            else f"with still hands forces do not balance after {result.steps} steps",
+            else f"with hands at rest the forces do not balance after {result.steps} steps",
         )
     if result.slid.any():
         point.assumed.append(SLID)
@@ -249,7 +248,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         if grip.forces() is None:
             raise no_rest_error(name, "the forces of a sample do not settle")
     point.assumed.append(
-        "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
+        "provisional: the squeeze of one step from the start with sticking contacts, without a search for the rest"
     )
     if not grip.grasped.touching.all():
         return at_start(parts, index, grip, fingers, point)
@@ -303,9 +302,7 @@ def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> 
     names = ", ".join(scene.finger_names[i] for i in apart)
     does = "does" if len(apart) == 1 else "do"
     why = f"{when} {names} {does} not touch the object"
-    return no_rest_error(
-        scene.object[index].name, why, "bring such fingers nearer, or leave them out to judge the others"
-    )
+    return no_rest_error(scene.object[index].name, why, "bring such fingers nearer, or omit them to judge the others")
 
 
 def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], point: OperatingPoint) -> OperatingPoint:

@@ -1,4 +1,4 @@
-"""Disk cache of arrays that take longer to compute than to read, by all that they follow from."""
+"""Disk cache of arrays that take longer to compute than to read, by all of their inputs."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from graspfx.compile import cache
 from graspfx.compile.own_sources import source_stamps
 
 FORMAT = 1
-LARGEST = 50_000_000  # [bytes] of an entry: a quarter of the cache
-SEPARATOR = b"\n"  # after the entry's table, before its arrays
+LARGEST = 50_000_000  # largest size of an entry, a quarter of the cache [bytes]
+SEPARATOR = b"\n"  # separates the entry's table from its arrays
 
 
 def content_key(settings: object, content: bytes) -> str:
-    """Digest what arrays follow from: Python, this version of GraspFX, settings by their `repr`, and a content."""
+    """Compute the digest of the inputs: Python, this version of GraspFX, settings by their `repr`, and a content."""
     parts = FORMAT, sys.version, sys.byteorder, source_stamps(), settings
     return sha256(repr(parts).encode() + b"\0" + sha256(content).digest()).hexdigest()
 
 
 def store_arrays(key: str, table: dict[str, Any], arrays: Sequence[NDArray[Any]]) -> None:
-    """Store arrays, and a table that JSON can write, unless they are too large for the cache."""
+    """Store arrays, and a table for JSON, unless they are too large for the cache."""
     plain = [np.ascontiguousarray(each) for each in arrays]
     head = {"table": table, "arrays": [[each.dtype.str, each.shape] for each in plain]}
     entry = b"".join([json.dumps(head).encode(), SEPARATOR, *(each.tobytes() for each in plain)])
@@ -35,7 +35,7 @@ def store_arrays(key: str, table: dict[str, Any], arrays: Sequence[NDArray[Any]]
 
 
 def load_arrays(key: str) -> tuple[dict[str, Any], list[NDArray[Any]]] | None:
-    """Load a table and its arrays, which are the caller's own to write to; None if there are none."""
+    """Load a table and its arrays as writable copies; None if they are not cached."""
     entry = cache.load(key)
     if entry is None:
         return None

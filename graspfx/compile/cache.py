@@ -1,4 +1,4 @@
-"""Disk cache: a folder of bounded size that no fault of the disk can spoil."""
+"""Disk cache: a folder of bounded size whose entries are verified on reading."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from graspfx import log
 from graspfx.compile.ownership import intrusion, make_own, read_own
 from graspfx.errors import InputError
 
-LIMIT = 200_000_000  # [bytes]; what was used longest ago goes first
+LIMIT = 200_000_000  # largest size [bytes]; the least recently used entries are removed first
 SUFFIX = ".machine"
 
 
 class CacheWarning(UserWarning):
-    """A cache that is left alone, since others could have put a forged program or scene there."""
+    """Warning of an unused cache, to which other users could write forged programs or scenes."""
 
 
 def folder() -> Path:
-    """Name the cache's folder: `$GRASPFX_CACHE`, or `graspfx` in the platform's folder for caches.
+    """Return the cache's folder: `$GRASPFX_CACHE`, or `graspfx` in the platform's cache folder.
 
     Raises:
-        OSError: the user has no folder, and the environment names none.
+        OSError: the user has no home folder, and the environment names no folder.
     """
     if override := os.environ.get("GRASPFX_CACHE"):
         return Path(override)
     try:
         return _own()
-    except RuntimeError as error:  # as of a container's user that no table knows
+    except RuntimeError as error:  # for example a container's user without an entry in the user table
         raise OSError(f"{error} Name a folder with GRASPFX_CACHE") from error
 
 
@@ -44,7 +44,7 @@ def _own() -> Path:
 
 
 def lock_folder() -> Path | None:
-    """Make the cache's folder, where locks stand too; None where nothing can be kept."""
+    """Create the cache's folder, which also holds locks; None if it is not writable."""
     try:
         make_own(here := folder())
         return None if intrusion(here) else here
@@ -53,7 +53,7 @@ def lock_folder() -> Path | None:
 
 
 def folder_text() -> str:
-    """Say in words where the cache is."""
+    """Describe the location of the cache."""
     try:
         return str(folder())
     except OSError:
@@ -61,9 +61,9 @@ def folder_text() -> str:
 
 
 def load(key: str) -> bytes | None:
-    """Read an entry of the cache; None if there is none, or if it is not what was written.
+    """Read an entry of the cache; None if it is missing or damaged.
 
-    Warns where the folder or the file is not the user's alone: then it is not used.
+    Warns if other users can write to the folder or the file, which is then not used.
     """
     try:
         path = folder() / f"{key}{SUFFIX}"
@@ -75,7 +75,7 @@ def load(key: str) -> bytes | None:
         log.info("the cache cannot be read: %s", error.strerror or error)
         return None
     if entry is None:
-        _warn(path.parent, stranger or f"{path.name} is no file of its user alone")
+        _warn(path.parent, stranger or f"{path.name} is not a file of its user alone")
         return None
     digest, content = entry[:32], entry[32:]
     if hashlib.sha256(key.encode() + content).digest() != digest:
@@ -86,8 +86,8 @@ def load(key: str) -> bytes | None:
 
 
 def store(key: str, content: bytes) -> str:
-    """Write an entry to the cache; return what stood in the way, or an empty text."""
-    import tempfile  # takes longer to load than most of what is kept
+    """Write an entry to the cache; return the reason for a failure, or an empty text."""
+    import tempfile  # importing it takes longer than storing most entries
 
     here: Path | str = "the user's folder"
     try:
@@ -100,7 +100,7 @@ def store(key: str, content: bytes) -> str:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(key.encode() + content).digest() + content)
-            Path(name).replace(here / f"{key}{SUFFIX}")  # at once: another process sees all of it or none
+            Path(name).replace(here / f"{key}{SUFFIX}")  # atomic: another process sees the complete file or none
         except OSError:
             with contextlib.suppress(OSError):
                 Path(name).unlink()
@@ -114,10 +114,10 @@ def store(key: str, content: bytes) -> str:
 
 
 def require_room() -> None:
-    """Check that the cache can be written; where it cannot, a run only compiles again.
+    """Check that the cache is writable; if it is not, each run compiles again.
 
     Raises:
-        InputError: it cannot be written, or others could write to it too.
+        InputError: the cache is not writable, or other users can write to it.
     """
     import tempfile
 
@@ -138,7 +138,7 @@ def require_room() -> None:
 
 def _warn(here: Path, why: str) -> None:
     text = f"the cache {here} is not used: {why}; or name another folder with GRASPFX_CACHE"
-    warnings.warn(text, CacheWarning, stacklevel=2)  # always from here: Python says the same line once
+    warnings.warn(text, CacheWarning, stacklevel=2)  # always from this line: Python warns once per line
 
 
 def _trim(here: Path) -> None:

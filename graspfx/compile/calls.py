@@ -1,4 +1,4 @@
-"""Calls of another package's functions between two turns of a program: numbers go in and come back by buffers."""
+"""Calls of another package's functions between two steps of a program, with numbers in buffers."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Call:
-    """A call that is made many times, with arguments that are made once; only the numbers in them change.
+    """A repeated call with fixed argument objects, in which only the numbers change.
 
     Attributes:
-        function: any callable.
-        arguments: by position.
-        keywords: by name.
-        sends: lists of floats within the arguments, each with the memory, a view of as many floats, from which it is
-            filled before the call. A list may be longer or shorter lived than the call; the function keeps none.
-        receipts: places in the tuple that the function returns; at each a tuple of floats, written to the memory.
-        nonzero: memory of floats; while all are zero nothing is called.
-        changed: two memories of equal size; while they are the same to the bit nothing is called.
+        function: callable.
+        arguments: positional arguments.
+        keywords: keyword arguments.
+        sends: lists of floats within the arguments, each with a memory of equal size from which it is filled before the
+            call. The function must not keep the lists.
+        receipts: indices in the returned tuple, each of a tuple of floats that is written to a memory.
+        nonzero: memory of floats; the call is skipped while all are zero.
+        changed: two memories of equal size; the call is skipped while they are equal bit by bit.
     """
 
     function: Callable[..., Any]
@@ -33,7 +33,7 @@ class Call:
 
 
 def in_turn(calls: Sequence[Call]) -> Callable[[], None]:
-    """Make the function that makes these calls one after the other, in Python."""
+    """Return a Python function that makes these calls in order."""
     each = [_bound(call) for call in calls]
 
     def run() -> None:

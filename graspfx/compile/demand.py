@@ -1,6 +1,7 @@
-"""A kernel that is interpreted until its machine code is worth loading, and until it is worth compiling.
+"""Kernels that are interpreted until loading or compiling their machine code pays off.
 
-That is decided by how much was computed and by what the cache holds, never by a clock, and both give the same bits.
+The decision depends on the amount of work and the contents of the cache, never on a clock. Both ways give the same
+bits.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
 class KernelOnDemand:
     """A kernel, interpreted or as machine code.
 
-    Work is counted in what the caller likes, over all calls.
+    Work is counted over all calls in units of the caller's choice.
 
     Args:
-        kernel: the function.
-        few: work from which machine code in the cache is taken where LLVM is there already.
-        load: the same where LLVM would have to be loaded first.
+        kernel: kernel function.
+        few: work above which cached machine code is used if LLVM is loaded.
+        load: work above which cached machine code is used if LLVM must be loaded.
         make: work that takes as long as compiling.
     """
 
@@ -44,7 +45,7 @@ class KernelOnDemand:
         return self._machine is not None
 
     def machine(self, work: float) -> Machine | None:
-        """Give the machine code for so much more work, or None where it is to be interpreted."""
+        """Return the machine code for further `work`, or None if it is to be interpreted."""
         if self._machine is None:
             self._work += work
             least = self._make if self._tried else self._few if "llvmlite" in sys.modules else self._load
@@ -53,7 +54,7 @@ class KernelOnDemand:
         return self._machine
 
     def runner(self, work: float) -> Callable[..., object]:
-        """Choose who runs the kernel for so much more work, in any number of calls.
+        """Return the function that runs the kernel for further `work`, in any number of calls.
 
         Its arguments are arrays and numbers; each record and group of numbers is an array and an offset.
         """
@@ -61,7 +62,7 @@ class KernelOnDemand:
         return self.interpret if machine is None else machine.once
 
     def interpret(self, *arguments: Any) -> None:
-        """Run the kernel as it stands."""
+        """Run the kernel interpreted."""
         views = (memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments)  # quicker to read than arrays
         source_function(self.kernel)(*views)
         keep_lowerings()
@@ -70,22 +71,22 @@ class KernelOnDemand:
         """Compile the kernel, unless it is in the cache.
 
         Raises:
-            MissingPackageError: no LLVM.
+            MissingPackageError: LLVM is not installed.
         """
         from graspfx.compile.machine import compiled
 
         compiled(self.kernel)
 
     def _take(self) -> None:
-        """Load the machine code, or compile it; leave the kernel to Python where that is not worth it yet."""
+        """Load the machine code, or compile it, if this pays off already."""
         self._tried = True
         make = self._work >= self._make
         if make or was_compiled(self.kernel):
-            from graspfx.compile.machine import compiled  # takes as long to import as thousands of interpreted calls
+            from graspfx.compile.machine import compiled  # its import takes as long as thousands of interpreted calls
 
             try:
                 self._machine = compiled(self.kernel, make=make)
             except LookupError:
                 pass
-            except GraspFXError:  # no LLVM, or one that does not load
+            except GraspFXError:  # LLVM is missing or does not load
                 self._make = math.inf

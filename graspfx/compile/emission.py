@@ -1,4 +1,4 @@
-"""LLVM's text to machine code for this processor, and the loading of it."""
+"""Emission of machine code from LLVM's text, and its loading."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from typing import Any
 from graspfx.compile.llvm.method import DECLARED, python_function
 from graspfx.errors import MissingPackageError
 
-NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
+NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # functions that LLVM may call by itself
 FULL, QUICK = 1, 0  # LLVM's levels of optimisation
-SMALL = 2  # which has more of what makes code short
-_ENGINES: list[Any] = []  # engines whose functions LLVM finds by name, and may bind to at any time
+SMALL = 2  # with more passes that reduce code size
+_ENGINES: list[Any] = []  # engines whose functions LLVM finds by name at any time
 
 
 def require_llvm() -> None:
     """Require LLVM.
 
     Raises:
-        MissingPackageError: it is not installed.
+        MissingPackageError: LLVM is not installed.
     """
     try:
         import_module("llvmlite")
@@ -44,19 +44,19 @@ def emitted(text: str, level: int = FULL) -> bytes:
 
 
 def portable(text: str, triple: str, processor: str) -> bytes:
-    """Emit machine code of FULL level for another processor than this, to be linked as a shared library."""
+    """Emit machine code of level FULL for another processor, to be linked as a shared library."""
     return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL)
 
 
 def small(text: str, triple: str, features: str) -> bytes:
-    """Emit code that is small for another target than this, to be linked as a whole program."""
+    """Emit small code for another target, to be linked as a whole program."""
     machine = _target(triple, features=features, opt=SMALL, reloc="static", codemodel="default")
     head = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n'
     return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL)
 
 
 def _target(triple: str, **options: Any) -> Any:
-    """Make the machine of another target than this."""
+    """Make the target machine of another target."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -79,10 +79,10 @@ def _emitted(text: str, machine: Any, level: int) -> bytes:
 
 
 def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
-    """Load machine code; the engine that holds it lives as long as anybody may call it.
+    """Load machine code; the returned engine must stay alive as long as the code may be called.
 
     Args:
-        objects: that may call one another, and what `show` has shown.
+        objects: object files that may call one another, and functions registered by `show`.
         libm: functions of the platform's library that they call.
     """
     import llvmlite.binding as llvm
@@ -99,7 +99,7 @@ def address(engine: Any, name: str) -> int:
     """Find a function of loaded machine code.
 
     Raises:
-        OSError: it has no such function.
+        OSError: the function does not exist.
     """
     place = int(engine.get_function_address(name))
     if not place:
@@ -108,7 +108,7 @@ def address(engine: Any, name: str) -> int:
 
 
 def show(engine: Any, names: Iterable[str]) -> None:
-    """Let machine code that is loaded from now on call these functions by their names; the engine stays for good."""
+    """Register functions by name for machine code that is loaded later; the engine stays alive permanently."""
     import llvmlite.binding as llvm
 
     _ENGINES.append(engine)
@@ -118,7 +118,7 @@ def show(engine: Any, names: Iterable[str]) -> None:
 
 @cache
 def platform() -> tuple[str, ...]:
-    """Name all that machine code depends on besides its source: the back end, LLVM and the processor."""
+    """Return everything on which machine code depends except its source: back end, LLVM and processor."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -127,7 +127,7 @@ def platform() -> tuple[str, ...]:
 
 @cache
 def _back_end() -> str:
-    """Digest the sources of the back end: code that another version of it made is not used."""
+    """Compute the digest of the back end's sources, so that code of another version is not used."""
     here = Path(__file__)
     sources = sorted([*here.with_name("llvm").glob("*.py"), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
@@ -135,14 +135,14 @@ def _back_end() -> str:
 
 @cache
 def _processor() -> tuple[str, str, str]:
-    """Identify the processor: triple, name and features."""
+    """Return the processor's triple, name and features."""
     import llvmlite.binding as llvm
 
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def _machine(level: int = FULL) -> Any:
-    """Make the machine that code is emitted for; an engine owns it, so that each needs one."""
+    """Make the target machine; each engine owns one."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -154,14 +154,14 @@ def _machine(level: int = FULL) -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Tell the loader where functions are; if it misses one, it silently leaves all calls undone."""
+    """Register function addresses with the loader, which silently skips all calls if one is missing."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:
         if llvm.address_of_symbol(name) is None:
             function = _function(library)
             if function is None:
-                raise MissingPackageError(library, "a compiled loop", "the platform's C library has no such function")
+                raise MissingPackageError(library, "a compiled loop", "the platform's C library lacks this function")
             llvm.add_symbol(name, function)
     for name in DECLARED:
         if llvm.address_of_symbol(name) is None:
@@ -178,7 +178,7 @@ def _function(name: str) -> int | None:
 
 @cache
 def _libraries() -> Sequence[ctypes.CDLL]:
-    """Load the C libraries that Python itself computes with."""
+    """Load the C libraries that Python uses."""
     if sys.platform == "win32":
         return ctypes.CDLL("ucrtbase"), ctypes.CDLL("vcruntime140")
     names = [ctypes.util.find_library("m"), None]

@@ -1,4 +1,4 @@
-"""Names of the entries of a block, by the record that is declared to stand there."""
+"""Names of a block's entries, by its declared record."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset
     """Name an entry of a block by its fields, such as `fingers[0].force.x`.
 
     Args:
-        cls: of the record at `offset`.
-        entry: of the buffer.
-        buffer: whose whole numbers say how long groups and arrays are.
-        prefix: what stands before the name.
+        cls: class of the record at `offset`.
+        entry: entry of the buffer.
+        buffer: buffer whose whole numbers give the sizes of groups and arrays.
+        prefix: prefix of the name.
     """
     record = cls(buffer, offset)
     for name, field in layout(cls).items():

@@ -1,4 +1,4 @@
-"""Exchanges with other software by machine code: calls of its functions, without Python's interpreter between them."""
+"""Exchanges with other software by machine code that calls its functions without the interpreter in between."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ ALL_BITS, WITHOUT_SIGN = -1, 2**63 - 1
 class MachineExchange:
     """Calls of other software's functions as machine code, exchange(buffer, place): 0, or 1 where a call has raised.
 
-    The calls are made in their order, as `calls.in_turn` makes them, with the same bits. Whoever calls it holds the
-    interpreter's lock.
+    The calls are made in order, with the same bits as by `calls.in_turn`. The caller must hold the interpreter's lock.
 
     Args:
-        calls: whose memories stay where they are.
+        calls: calls whose memories have fixed addresses.
 
     Attributes:
-        address: of the function.
-        plan: words that its buffer has at the place.
+        address: address of the function.
+        plan: words that its buffer must have at `place`.
 
     Raises:
-        ImportError: no LLVM.
-        LookupError: this Python lacks what the calls take.
+        ImportError: LLVM is not installed.
+        LookupError: this Python lacks a required C function.
     """
 
     def __init__(self, calls: Sequence[Call]) -> None:
@@ -48,12 +47,12 @@ class MachineExchange:
         self._function = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(self.address)
 
     def __call__(self) -> None:
-        """Make the calls, as machine code does."""
+        """Make the calls by machine code."""
         self._function(self.plan.ctypes.data, 0)
 
 
 def _table(calls: Sequence[Call], memory: list[Any]) -> Any:
-    """Write calls as words; what they point to is added to the memory, which has to live as long."""
+    """Encode calls as words; referenced objects are added to `memory`, which must stay alive."""
     words: list[int] = []
     for call in calls:
         tested, first, second, mask = _test(call, memory)
@@ -69,7 +68,7 @@ def _table(calls: Sequence[Call], memory: list[Any]) -> Any:
 
 
 def _test(call: Call, memory: list[Any]) -> tuple[int, int, int, int]:
-    """Write when a call is made: how many floats are compared, where they are, and in which bits."""
+    """Encode the condition of a call: number of compared floats, their addresses, and compared bits."""
     if call.nonzero is not None:
         zeros = (ctypes.c_double * len(call.nonzero))()
         memory.append(zeros)
@@ -82,7 +81,7 @@ def _test(call: Call, memory: list[Any]) -> tuple[int, int, int, int]:
 
 
 def _words(rows: Sequence[Sequence[int]], names: tuple[str, ...], memory: list[Any]) -> int:
-    """Write rows of words and give their address."""
+    """Write rows of words and return their address."""
     flat = [word for row in rows for word in row]
     assert len(flat) == len(rows) * len(names)
     table = (Word * max(len(flat), 1))(*flat)
@@ -91,7 +90,7 @@ def _words(rows: Sequence[Sequence[int]], names: tuple[str, ...], memory: list[A
 
 
 def _address(view: memoryview, memory: list[Any]) -> int:
-    """Give the address of floats, which stay where they are as long as the memory has them."""
+    """Return the address of floats, which is fixed as long as `memory` holds them."""
     shared = (ctypes.c_double * len(view)).from_buffer(view)
     memory.append(shared)
     return ctypes.addressof(shared)
@@ -99,7 +98,7 @@ def _address(view: memoryview, memory: list[Any]) -> int:
 
 @cache
 def _code() -> tuple[int, Any]:
-    """Load the machine code of exchanges: its address, and the engine that holds it."""
+    """Load the machine code of exchanges; return its address and the engine that holds it."""
     import llvmlite.binding as llvm
 
     for name in CALLED:

@@ -1,4 +1,4 @@
-"""Footprints in the cache of kernels that were compiled by themselves: seen without loading LLVM."""
+"""Marks in the cache for separately compiled kernels, which can be read without loading LLVM."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 
 def was_compiled(kernel: Callable[..., Any]) -> bool:
-    """Tell whether a kernel of ours was compiled from the sources as they are."""
+    """Tell whether a kernel of this package was compiled from its present sources."""
     if not is_ours(kernel):
         return False
     key = footprint(kernel)
@@ -21,17 +21,17 @@ def was_compiled(kernel: Callable[..., Any]) -> bool:
 
 
 def note_compiled(kernel: Callable[..., Any]) -> None:
-    """Note that a kernel was compiled, if it is ours: the key says nothing of others' sources."""
+    """Record that a kernel of this package was compiled; the key does not include third-party sources."""
     if is_ours(kernel):
         disk.store(footprint(kernel), b"")
 
 
 def is_ours(kernel: Callable[..., Any]) -> bool:
-    """Tell whether a kernel's source is the package's."""
+    """Tell whether a kernel's source belongs to this package."""
     return is_own(written(kernel).__code__.co_filename)
 
 
 def footprint(kernel: Callable[..., Any]) -> str:
-    """Name a kernel of ours with the sources that it is made from."""
+    """Return the key of a kernel of this package with its sources."""
     sources = closure_digest(kernel.__module__, *compiler_modules())
     return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"

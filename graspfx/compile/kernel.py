@@ -1,4 +1,4 @@
-"""Kernels: functions on records and values, which run as they are written, or lowered to numbers and entries."""
+"""Kernels: functions of records and values, which run as written or lowered to numbers and entries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "wri
 def kernel(function: F) -> F:
     """Mark a function on records and values as a kernel.
 
-    Called from Python it runs lowered; `written(kernel)` is the function as it stands.
+    A call from Python runs the lowered function; `written(kernel)` is the original function.
     """
     assert isinstance(function, FunctionType)
     original = function
@@ -30,20 +30,20 @@ def kernel(function: F) -> F:
 
 
 def source_function(function: Callable[..., Any]) -> FunctionType:
-    """Give the function on numbers and entries that is specialised, and that interpreted runs execute."""
+    """Return the function of numbers and entries that is specialised and that interpreted runs execute."""
     original = getattr(function, LOWERED, None)
     return cast("FunctionType", function) if original is None else _lowered(original)
 
 
 @cache
 def _lowered(function: FunctionType) -> FunctionType:
-    from graspfx.compile.lower.lowering import lowered  # only where a kernel is asked for
+    from graspfx.compile.lower.lowering import lowered  # imported on demand
 
     return lowered(function)
 
 
 def keep_lowerings() -> None:
-    """Write lowered kernels to the disk cache, so that the next process need not lower them."""
+    """Write lowered kernels to the disk cache for the next process."""
     if _lowered.cache_info().currsize:
         from graspfx.compile.lower.store import store
 

@@ -42,8 +42,8 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
         tree, file = definition(function), function.__code__.co_filename
         for name in unbound_names(tree):
             raise KernelError(
-                f"{file}:{name.lineno}", name.id, "a name that has a value on every way to here",
-                f"assign to {name.id!r} before the branch or the loop, which may be passed by; {PAGE}",
+                f"{file}:{name.lineno}", name.id, "a name that has a value on every path to this line",
+                f"assign to {name.id!r} before the branch or the loop, which may be skipped; {PAGE}",
             )  # fmt: skip
         functions[f"<{function.__module__}.{function.__qualname__}, lowered>"] = function
         functions[file] = function
@@ -52,7 +52,7 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
 
 
 def _called(tree: ast.FunctionDef, function: Any) -> Iterator[Any]:
-    """List the functions that a kernel's names stand for."""
+    """Yield the functions to which a kernel's names refer."""
     for node in ast.walk(tree):
         item: Any = None
         if isinstance(node, ast.Name):
@@ -70,17 +70,17 @@ def _is_foreign(kernel: Any) -> bool:
 
 
 class OutsideError(Exception):
-    """An index outside of a buffer."""
+    """An index is outside its buffer."""
 
     def __init__(self, index: int, length: int) -> None:
         super().__init__(f"entry {index} of a buffer of {length}")
 
 
 class CheckedBuffer:
-    """A buffer of floats of which each index is checked: neither beyond its end nor before its beginning.
+    """A buffer of floats with bounds checking of each index.
 
     Args:
-        view: the buffer.
+        view: buffer to check.
     """
 
     __slots__ = ("_view",)
@@ -103,14 +103,14 @@ class CheckedBuffer:
 
 
 def checked_function(kernel: Callable[..., Any], functions: Mapping[str, FunctionType]) -> Callable[..., Any]:
-    """Make a function that runs a kernel interpreted, each index of its buffers checked.
+    """Return a function that runs a kernel interpreted with bounds checking of its buffers.
 
     Args:
-        kernel: of others.
-        functions: of `check`.
+        kernel: third-party kernel.
+        functions: result of `check`.
 
     Raises:
-        KernelError: by the function: an index outside of a buffer, with the file and line of the kernel.
+        KernelError: raised by the function if an index is outside its buffer, with file and line of the kernel.
     """
     run = source_function(kernel)
 
@@ -129,7 +129,7 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
 
 
 def _place_of(error: OutsideError, functions: Mapping[str, FunctionType]) -> tuple[str, str]:
-    """Find the innermost line of a kernel of others that led to an error: its place and its text."""
+    """Find the innermost line of a third-party kernel that caused an error; return its place and its text."""
     import linecache
 
     from graspfx.compile.lower.lowering import written_lines

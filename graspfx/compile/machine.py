@@ -1,4 +1,4 @@
-"""A kernel by itself as machine code, called as the function that it is made from."""
+"""A single kernel as machine code, with the calling convention of the original function."""
 
 from __future__ import annotations
 
@@ -23,14 +23,18 @@ from graspfx.compile.program import program_source
 from graspfx.compile.specialise.definitions import definition
 
 _MACHINES: dict[Any, Machine] = {}
-NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
+NUMBERS = {
+    "int": "i64",
+    "float": "double",
+    "bool": "i64",
+}  # annotations of numbers; others are buffers
 
 
 class Machine:
-    """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
+    """A compiled `kernel(...)` with the same arguments; buffers are arrays or memoryviews of floats.
 
-    A kernel on records takes a buffer and an offset for each; two buffers may be the same memory. It gives what the
-    kernel gives, numbers as floats.
+    A kernel of records takes a buffer and an offset for each record; two buffers may be the same memory. It returns the
+    kernel's result, with numbers as floats.
 
     Args:
         make: whether to compile what is not in the cache; else a LookupError.
@@ -45,17 +49,17 @@ class Machine:
         self._results = results_of(kernel)
         shipped = library.find(footprint(kernel)) if is_ours(kernel) else None
         self._native: Native = shipped or native(*request_of(kernel, make=make), apart=False, make=make)
-        if not was_compiled(kernel):  # sources may have changed where the machine code did not
+        if not was_compiled(kernel):  # sources may have changed without a change of the machine code
             note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
-        """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
+        """Bind the kernel to arguments for any number of calls, which return no result."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def on(self, *buffers: Any) -> Callable[..., float]:
-        """Bind the kernel to buffers; the function takes its numbers, offsets too, and gives its result."""
+        """Bind the kernel to buffers; the function takes its numbers, including offsets, and returns its result."""
         bound, results = self._on(buffers)
         run, result = bound.brief, results.data
 
@@ -73,12 +77,12 @@ class Machine:
         return float(results[0]) if self._results else None
 
     def once(self, *arguments: Any) -> None:
-        """Run on buffers that are not kept for another call, with the interpreter's lock released."""
+        """Run once on buffers, with the interpreter's lock released."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         bound.long(*[arguments[k] for k in self._number_places])
 
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
-        """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
+        """Bind the program to the buffers of these arguments; reuse this thread's last binding if possible."""
         buffers = [arguments[k] for k in self._buffer_places]
         last = getattr(self._last, "binding", None)
         if last is None or any(map(is_not, buffers, last[0])):
@@ -86,14 +90,14 @@ class Machine:
         return last[1], last[2]
 
     def _on(self, buffers: Sequence[Any]) -> tuple[Bound, Any]:
-        """Bind the program to these buffers; return where it leaves its results, too."""
+        """Bind the program to buffers; also return the buffer of its results."""
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
 def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
-    """Write the program of a kernel by itself, and name those of its numbers that are floats.
+    """Write the program of a single kernel, and return the names of its float parameters.
 
     Args:
         kernel: the function.
@@ -114,7 +118,7 @@ def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
 
 
 def results_of(kernel: FunctionType) -> int:
-    """Count the numbers that a kernel gives: none of one that returns nothing."""
+    """Count the numbers that a kernel returns; zero if it returns nothing."""
     counts = {
         len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1
         for node in ast.walk(ast.parse(ast.unparse(definition(source_function(kernel)))))
@@ -124,15 +128,15 @@ def results_of(kernel: FunctionType) -> int:
 
 
 def compiled(kernel: Any, *, make: bool = True) -> Machine:
-    """Compile a kernel and all that it calls to machine code, or take it from the cache.
+    """Compile a kernel and all functions that it calls to machine code, or load it from the cache.
 
     Args:
         kernel: the function.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
-        MissingPackageError: no LLVM.
-        InputError: it holds what a kernel may not hold.
+        MissingPackageError: LLVM is not installed.
+        InputError: the kernel has unsupported statements.
     """
     machine = _MACHINES.get(kernel)
     if machine is None:

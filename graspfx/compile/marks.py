@@ -1,4 +1,4 @@
-"""Marks of kernels and of functions that are written out in them, and the kinds of their parameters."""
+"""Marks of kernels and of inlined functions, and the kinds of their parameters."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from functools import cache
 from types import FunctionType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-INLINE = "__inline__"  # mark of a function that is written out where it is called
-LOWERED = "__kernel__"  # attribute of a kernel: the function as it is written
-BOUND_LATE = "__bound_late__"  # mark of a function that a program defines in its own way
+INLINE = "__inline__"  # mark of an inlined function
+LOWERED = "__kernel__"  # attribute of a kernel: the original function
+BOUND_LATE = "__bound_late__"  # mark of a function that a program defines itself
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 def inline(function: F) -> F:
-    """Mark a function of a few assignments and a return: it is written out where a kernel calls it."""
+    """Mark a function, with only assignments and a return, for inlining into kernels."""
     setattr(function, INLINE, True)
     return function
 
 
 def bound_late(function: F) -> F:
-    """Mark a function of buffers and numbers that gives a whole number, and that a compiled program defines itself.
+    """Mark a function of buffers and numbers with an integer result that compiled programs define themselves.
 
-    Calls of it stay calls by its name; interpreted, the function runs as it is.
+    Calls of it stay calls by name; interpreted programs run the function itself.
     """
     setattr(function, BOUND_LATE, True)
     return function
 
 
 def written(function: F) -> F:
-    """Give a kernel's function as it stands in its file."""
+    """Return a kernel's original function."""
     return cast("F", getattr(function, LOWERED, function))
 
 
 @cache
 def parameter_kinds(function: FunctionType) -> dict[str, Any]:
-    """Give the kinds of a function's parameters, in order, and that of its `return`; of numbers where none is said."""
+    """Return the kinds of a function's parameters, in order, and of its `return`; the default is a number."""
     hints = get_type_hints(function, include_extras=True)
     code = function.__code__
     kinds = {name: hints.get(name, float) for name in code.co_varnames[: code.co_argcount]}

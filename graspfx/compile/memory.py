@@ -1,4 +1,4 @@
-"""Memory of a scene: the blocks of its parts, one after another in one array."""
+"""Memory of a scene: the blocks of its parts in one array."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LEAST = 1 << 12
 
 
 class Memory:
-    """An array from which blocks are taken one after another; its first entry is nobody's.
+    """An array from which blocks are allocated in order; its first entry is unused.
 
     Attributes:
-        floats: all of it.
-        used: entries that were taken.
+        floats: whole array.
+        used: number of allocated entries.
     """
 
     def __init__(self, room: int = ROOM) -> None:
@@ -30,7 +30,7 @@ class Memory:
         self.used = 1
 
     def take(self, size: int) -> FloatArray:
-        """Take a block of zeros; one for which there is no room left stands by itself."""
+        """Allocate a block of zeros; if there is no room left, the block is a separate array."""
         first, end = self.used, self.used + size
         if end > self.floats.size:
             return np.zeros(size)
@@ -38,12 +38,12 @@ class Memory:
         return self.floats[first:end]
 
     def place(self, array: FloatArray) -> int:
-        """Give the entry at which an array begins, counted from the first one of this memory, wherever it stands."""
+        """Return the entry at which an array begins, counted from this memory's first one, even if it is separate."""
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
 
 
 def _pages(room: int) -> FloatArray:
-    """Make zeros for which the system gives pages where something is written; fewer of them where there is a limit."""
+    """Make zeros whose pages the system allocates on writing; fewer zeros if memory is limited."""
     try:
         return np.frombuffer(mmap(-1, 8 * room), np.float64)
     except OSError:
@@ -54,14 +54,14 @@ _MEMORY: ContextVar[Memory | None] = ContextVar("memory", default=None)
 
 
 def zeros(size: int) -> FloatArray:
-    """Make a block of zeros, in the memory of the scene that is being built, or by itself."""
+    """Make a block of zeros in the memory of the scene being built, or as a separate array."""
     memory = _MEMORY.get()
     return np.zeros(size) if memory is None else memory.take(size)
 
 
 @contextmanager
 def within(memory: Memory) -> Iterator[Memory]:
-    """Let `zeros` take from a memory within a `with` block."""
+    """Let `zeros` allocate from a memory within a `with` block."""
     token = _MEMORY.set(memory)
     try:
         yield memory
@@ -71,7 +71,7 @@ def within(memory: Memory) -> Iterator[Memory]:
 
 @contextmanager
 def without() -> Iterator[None]:
-    """Let `zeros` make arrays by themselves within a `with` block."""
+    """Let `zeros` make separate arrays within a `with` block."""
     token = _MEMORY.set(None)
     try:
         yield
@@ -80,17 +80,17 @@ def without() -> Iterator[None]:
 
 
 def address_of(array: FloatArray) -> int:
-    """Give the address of an array's first entry."""
+    """Return the address of an array's first entry."""
     address: int = array.__array_interface__["data"][0]
     return address
 
 
 class Scattered:
-    """Arrays that stand apart, as one buffer for kernels that run interpreted.
+    """Separate arrays as one buffer, for interpreted kernels.
 
     Args:
-        memory: in whose entries indices count.
-        arrays: all that a kernel may reach.
+        memory: memory in whose entries indices count.
+        arrays: all arrays that a kernel may access.
     """
 
     def __init__(self, memory: Memory, arrays: list[FloatArray]) -> None:

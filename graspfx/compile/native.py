@@ -1,4 +1,4 @@
-"""Programs that run: compiled to machine code by LLVM, or interpreted."""
+"""Executable programs: machine code by LLVM, or interpreted Python."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Run = Callable[..., int]
 
 @dataclass(frozen=True)
 class Bound:
-    """A program with its buffers, which it keeps.
+    """A program bound to its buffers.
 
     Args:
-        brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
-        long: the same with the lock released: other threads run meanwhile.
-        pointers: to the buffers, by name; each holds its own.
+        brief: function of its numbers that runs it with the interpreter's lock held, for calls of some microseconds.
+        long: the same function with the lock released, so that other threads can run.
+        pointers: pointers to the buffers by name; each keeps its buffer alive.
     """
 
     brief: Run
@@ -47,47 +47,47 @@ class Native:
     """A program as machine code.
 
     Args:
-        description: of its arguments (`description_of`).
-        engine: that has loaded it.
-        size: of the machine code [bytes].
-        place: where it was found, already compiled; empty if it was compiled now.
-        note: what stood in the way of keeping it on disk; empty if nothing did.
+        description: description of its arguments (`description_of`).
+        engine: engine that has loaded it.
+        size: size of the machine code [bytes].
+        place: location of the cached machine code; empty if it was compiled now.
+        note: reason why it could not be cached; empty if it was.
     """
 
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
         self.size, self.place, self.note = size, place, note
         self.arrays: list[str] = description["arrays"]
         self.checked: bool = description["checked"]
-        self._engine = engine  # the code lives as long as this
+        self._engine = engine  # keeps the code alive
         self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
         self._method = address(self._engine, METHOD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(entry)
-        self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
+        self._long.engine = self._engine  # type: ignore[attr-defined] # keeps the code alive
 
     @property
     def cached(self) -> bool:
-        """Whether it was found on disk, already compiled."""
+        """Whether it was loaded from the cache."""
         return bool(self.place)
 
     @property
     def callback(self) -> int:
-        """Address of the code for who calls it with one table, of its buffers' addresses and then its numbers."""
+        """Address of the code for calls with one table of its buffers' addresses, followed by its numbers."""
         return address(self._engine, CALLBACK)
 
     def bind(self, *buffers: Any) -> Bound:
-        """Bind the program to these buffers: arrays or memoryviews of floats that stay where they are.
+        """Bind the program to buffers: arrays or memoryviews of floats with fixed addresses.
 
         Raises:
-            InputError: not so many buffers, or one that is not contiguous, writable and of floats.
+            InputError: the number of buffers is wrong, or one is not contiguous, not writable or not of floats.
         """
         if len(buffers) != len(self.arrays):
             raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")
         return self._bound({name: _pointer(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)})
 
     def rebind(self, bound: Bound, name: str, buffer: Any) -> Bound:
-        """Bind the program to the same buffers but for one, in a tenth of the time of `bind`."""
+        """Replace one buffer of a binding, in a tenth of the time of `bind`."""
         return self._bound({**bound.pointers, name: _pointer(name, buffer)})
 
     def _bound(self, pointers: dict[str, ctypes.c_void_p]) -> Bound:
@@ -100,7 +100,7 @@ class Native:
         return Bound(brief, long, pointers)
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
-        """Check every index of a program: one outside of its buffer is an error."""
+        """Check every index of a program; an index outside its buffer is an error."""
         places = {name: ctypes.c_int64.from_address(self._global(f"length.{name}")) for name in lengths}
         outside = ctypes.c_int64.from_address(self._global("graspfx_outside"))
 
@@ -120,7 +120,7 @@ class Native:
 
 
 class Interpreted:
-    """A program that Python runs as it is."""
+    """A program that Python runs."""
 
     def __init__(self, source: str) -> None:
         from graspfx.compile.llvm.llvm_expressions import NAMES
@@ -133,7 +133,7 @@ class Interpreted:
         self._entry = [f for f in namespace.values() if getattr(f, "__code__", None) is not None][-1]
 
     def bind(self, *buffers: Any) -> Bound:
-        """Bind the program to these buffers; one that is no memoryview becomes one, since Python reads them faster."""
+        """Bind the program to buffers, as memoryviews, which Python reads faster."""
         views = [memoryview(buffer) for buffer in buffers]
 
         def run(*numbers: float) -> int:
@@ -157,21 +157,22 @@ def compiled(
     apart: bool = True,
     make: bool = True,
 ) -> Native:
-    """Compile a program to machine code, or take it from the cache.
+    """Compile a program to machine code, or load it from the cache.
 
     Args:
-        source: the program as Python, its last function the entry, which takes buffers of floats and then numbers, and
-            returns a whole number or nothing.
-        floats: the entry's parameters that are floats; its other numbers are whole.
-        checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
-        quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
-            code is in the cache.
-        apart: whether no two buffers are the same memory.
-        make: whether to compile what is not in the cache; else a LookupError.
+        source: program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
+            returns
+                an integer or nothing.
+            floats: float parameters of the entry; its other numbers are integers.
+            checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
+            quick: whether to compile in a tenth of the time to code that is several times slower, with the same bits;
+                ignored if better code is cached.
+            apart: whether all buffers are distinct memory.
+            make: whether to compile a program that is not cached; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: no LLVM.
-        InputError: the program holds something that cannot be compiled.
+        MissingPackageError: LLVM is not installed.
+        InputError: the program has unsupported statements.
     """
     require_llvm()
     parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), source]
@@ -189,7 +190,7 @@ def compiled(
 
 
 def from_cache(key: str) -> Native | None:
-    """Load a program that was compiled before."""
+    """Load a program from the cache."""
     entry = disk.load(key)
     if entry is None:
         return None
@@ -201,13 +202,13 @@ def from_cache(key: str) -> Native | None:
 
 
 def native_of(program: LlvmProgram, key: str, level: int, began: float) -> Native:
-    """Emit the machine code of a program, and keep it under a key.
+    """Emit the machine code of a program, and cache it under a key.
 
     Args:
-        program: as LLVM's text.
-        key: in the cache.
-        level: of optimisation.
-        began: when its making began [s].
+        program: program as LLVM's text.
+        key: key in the cache.
+        level: level of optimisation.
+        began: start time of the compilation [s].
     """
     description = description_of(program)
     machine = emitted(text_of(program), level)
@@ -217,14 +218,14 @@ def native_of(program: LlvmProgram, key: str, level: int, began: float) -> Nativ
 
 
 def description_of(program: LlvmProgram) -> dict[str, Any]:
-    """Describe a program's arguments, as they are kept beside its machine code."""
+    """Return the description of a program's arguments that is cached with its machine code."""
     return {
         "arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm, "checked": program.checked
     }  # fmt: skip
 
 
 def text_of(program: LlvmProgram) -> str:
-    """Write all of a program in LLVM's language: itself, and the functions that others call it by."""
+    """Write a program and its entry functions in LLVM's language."""
     return f"{program.text}{method_text(ENTRY, len(program.arrays), program.numbers)}\n"
 
 
@@ -237,7 +238,7 @@ def _shared(name: str, buffer: Any) -> Any:
 
 
 def _pointer(name: str, buffer: Any) -> ctypes.c_void_p:
-    """Take the address of a buffer, which lives as long as the address."""
+    """Return a pointer to a buffer, which keeps the buffer alive."""
     memory = _shared(name, buffer)
     pointer = ctypes.c_void_p(ctypes.addressof(memory))
     pointer.memory = memory  # type: ignore[attr-defined]

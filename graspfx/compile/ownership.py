@@ -1,4 +1,4 @@
-"""Files and folders that nobody but their user can have written: for what is run or believed without another look."""
+"""Files and folders that only their user can write, for code and data that are trusted without further checks."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def intrusion(folder: Path) -> str:
-    """Say how others could put a file into a folder; nothing if they cannot, or where users have no numbers.
+    """Explain how other users could write to a folder; empty if they cannot, or on systems without user numbers.
 
-    The folder must be the user's own, with nobody else's right to write. So that it cannot be exchanged, every folder
-    above and every link on the way belongs to the user or to root, and others may not write there either, unless all
-    may remove their own entries only (as in /tmp).
+    The folder must belong to the user, and nobody else may write to it. To prevent its replacement, every parent folder
+    and every link on its path must belong to the user or to root, and others may not write there, unless users can
+    remove only their own entries (as in /tmp).
 
     Raises:
-        OSError: the folder is not there, or cannot be looked at.
+        OSError: the folder does not exist, or cannot be inspected.
     """
     if not hasattr(os, "getuid"):
         return ""
@@ -30,7 +30,7 @@ def intrusion(folder: Path) -> str:
     if status.st_uid != user:
         return f"{last} belongs to user {status.st_uid}"
     if status.st_mode & OTHERS_WRITE:
-        return f"others may write to {last} (mode {stat.S_IMODE(status.st_mode):o}; `chmod 700` takes that back)"
+        return f"others may write to {last} (mode {stat.S_IMODE(status.st_mode):o}; `chmod 700` prevents that)"
     for place, status in above:
         if status.st_uid not in (user, ROOT):
             return f"{place}, on the way to it, belongs to user {status.st_uid}"
@@ -40,7 +40,7 @@ def intrusion(folder: Path) -> str:
 
 
 def read_own(file: Path) -> bytes | None:
-    """Read a file of the user's own to which nobody else may write; None for any other, a link or a pipe among them.
+    """Read a file that only its user can write; None for any other file, including links and pipes.
 
     Raises:
         OSError: it cannot be read.
@@ -59,10 +59,10 @@ def read_own(file: Path) -> bytes | None:
 
 
 def make_own(folder: Path) -> None:
-    """Make a folder, and those above it that are missing, for its user alone.
+    """Create a folder and its missing parents for its user alone.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: it cannot be created.
     """
     missing = []
     while not folder.is_dir():
@@ -71,11 +71,11 @@ def make_own(folder: Path) -> None:
             break
         folder = folder.parent
     for each in reversed(missing):
-        each.mkdir(mode=0o700, exist_ok=True)  # another process may be as far
+        each.mkdir(mode=0o700, exist_ok=True)  # another process may have created it
 
 
 def _way(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Walk every folder and link through which a path leads, from the root down; end with the path itself."""
+    """Yield every folder and link on a path, from the root to the path itself."""
     whole = Path(os.path.abspath(path))  # noqa: PTH100 (`absolute` keeps "..", `resolve` hides links)
     place, names, links = Path(whole.anchor), list(reversed(whole.parts[1:])), 0
     end = place, place.lstat()

@@ -1,4 +1,4 @@
-"""The program of a script, specialised once: kept on disk as long as no source that it was made from changes."""
+"""Specialised programs of scripts, cached on disk until one of their sources changes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from graspfx.compile.kernel import keep_lowerings
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory
 
-UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
+UNROLL = 400  # statements, which unrolls loops over fingers and axes of most scenes, but not over matrices of friction
 
 
 def program_source(
@@ -24,14 +24,14 @@ def program_source(
     unroll: int = UNROLL,
     make: bool = True,
 ) -> str:
-    """Specialise the function that a text defines, and the kernels that it calls, as a program of its own.
+    """Specialise the function that a text defines, and the kernels that it calls, as one program.
 
     Args:
-        text: one function; its parameters stay, its other names are kernels and arrays.
-        kernels: by name.
-        arrays: the names of the buffers.
-        unroll: most statements of a loop that is written out.
-        make: whether to specialise what is not kept yet; else a LookupError.
+        text: text of one function, whose parameters are kept; its other names are kernels and arrays.
+        kernels: kernels by name.
+        arrays: names of the buffers.
+        unroll: largest number of statements of an unrolled loop.
+        make: whether to specialise a program that is not cached; otherwise a LookupError is raised.
     """
     key = program_key(text, kernels, arrays, unroll=unroll)
     known = recall(key)
@@ -55,7 +55,7 @@ def program_key(
     *,
     unroll: int = UNROLL,
 ) -> str:
-    """Name what a program is made from; arguments as of `program_source`."""
+    """Return the key of a program's sources; arguments as for `program_source`."""
     roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
     request = json.dumps([text, roots, list(arrays), unroll])
     return request_key((kernel.__module__ for kernel in kernels.values()), "program", request)
@@ -68,7 +68,7 @@ def specialise(
     *,
     unroll: int = UNROLL,
 ) -> Program:
-    """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
+    """Specialise a text without the cache; arguments as for `program_source`."""
     program = Program(unroll)
     names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
     [tree] = ast.parse(text).body

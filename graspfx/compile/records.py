@@ -1,4 +1,4 @@
-"""Records: typed views of flat float64 blocks, declared once; kernels name fields, and nobody counts entries.
+"""Records: typed views of flat float64 blocks, with declared fields instead of entry numbers.
 
     class Finger(Record):
         position: Vector  # p, world [m]
@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 
 R = TypeVar("R")
-Member = TypeVar("Member", covariant=True)  # a group of records is one of any class that they inherit
+Member = TypeVar("Member", covariant=True)  # a group of records also counts as one of their base classes
 _REFERENCE = "offset of a record from the record that names it"
-Ref = Annotated[R, _REFERENCE]  # a field of one entry: how far behind its own record the other one stands
+Ref = Annotated[R, _REFERENCE]  # a field of one entry: distance from its record to the other record
 
 _LAYOUTS: dict[type[Record], dict[str, Field]] = {}
 SCALARS = (float, int, bool)
@@ -36,14 +36,14 @@ SCALARS = (float, int, bool)
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """The size of a group or an array, as expressions of the record's own fields."""
+    """The size of a group or an array, as expressions of the record's fields."""
 
     rows: str
     columns: str = ""
 
 
 def many(count: str, each: str = "") -> Any:
-    """Declare a group of as many records as `count` says; `each` is their entries where these vary."""
+    """Declare a group of `count` records; `each` is the number of entries per record, if it varies."""
     return Extent(count, each)
 
 
@@ -58,7 +58,7 @@ def table(rows: str, columns: str) -> Any:
 
 
 def room(entries: str) -> Any:
-    """Declare a record whose own size varies: `entries` says how many it takes here."""
+    """Declare a record of variable size, which has `entries` entries here."""
     return Extent(entries)
 
 
@@ -69,7 +69,7 @@ class Field:
         self.name, self.extent = name, extent
         self.kind: Any = None
         self.reference = False
-        self.offset = self.size = ""  # numbers, or expressions of the record's whole numbers
+        self.offset = self.size = ""  # numbers, or expressions of the record's integers
         self.start, self.terms = 0, dict[str, int]()  # what the offset consists of: a number, and sizes how many times
 
     def place(self, record: Record) -> int:
@@ -93,7 +93,7 @@ class Field:
         layout(type(record))
         at = self.place(record)
         if self.reference or self.kind is Floats or self.kind is Table or get_origin(self.kind) is Many:
-            raise AttributeError(f"{type(record).__name__}.{self.name} stands where it was declared: assign to entries")
+            raise AttributeError(f"{type(record).__name__}.{self.name} cannot be replaced: assign to its entries")
         for k, number in enumerate(numbers(value)):
             record.buffer[at + k] = number
 
@@ -104,11 +104,11 @@ class Field:
 
 
 class Record:
-    """A view of a block from an offset on.
+    """A view of a block, starting at an offset.
 
     Args:
-        buffer: flat, float64.
-        offset: of the record's first entry.
+        buffer: flat float64 buffer.
+        offset: index of the record's first entry.
     """
 
     __slots__ = ("buffer", "offset")
@@ -119,12 +119,12 @@ class Record:
     def __init_subclass__(cls) -> None:
         for name in inspect.get_annotations(cls):
             if hasattr(Record, name):
-                raise InputError(f"{cls.__name__}.{name}", name, "another name: every view has this one itself")
+                raise InputError(f"{cls.__name__}.{name}", name, "another name, which views do not have")
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
     def array(self, field: Any) -> NDArray[np.float64]:
-        """Give the numbers of a field as an array that shares their memory: `finger.array(Finger.position)`."""
+        """Return a field as an array view: `finger.array(Finger.position)`."""
         layout(type(self))
         start = field.place(self)
         numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
@@ -132,7 +132,7 @@ class Record:
 
 
 class Many(Generic[Member]):
-    """A group of records, one after another, or of values that stand one in each of them."""
+    """A group of contiguous records, or of values with one in each record."""
 
     def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
@@ -153,12 +153,12 @@ class Many(Generic[Member]):
             layout(self.kind)
 
     def part(self, field: Any) -> Many[Any]:
-        """Give the records or the values that a field of each is: `fingers.part(Finger.site)`."""
+        """Return the group of one field of all records: `fingers.part(Finger.site)`."""
         self._lay_out()
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
     def array(self, field: Any) -> NDArray[np.float64]:
-        """Give a field of all as an array that shares their memory, (count,) or (count, size)."""
+        """Return one field of all records as an array view, (count,) or (count, size)."""
         self._lay_out()
         block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
         rows = block.reshape(self.count, self.stride)
@@ -198,15 +198,15 @@ class Table:
         self.buffer[self.offset + index[0] * self.columns + index[1]] = value
 
     def array(self, rows: int) -> NDArray[np.float64]:
-        """Give the first rows as an array that shares their memory."""
+        """Return the first rows as an array view."""
         return np.asarray(self.buffer)[self.offset : self.offset + rows * self.columns].reshape(rows, self.columns)
 
 
 def layout(cls: type[Record]) -> dict[str, Field]:
-    """Give the fields of a record in order, their offsets and sizes worked out.
+    """Return the fields of a record in order, with offsets and sizes.
 
     Raises:
-        InputError: a field of a kind that a block cannot hold, or without the size that its kind needs.
+        InputError: a field has an unsupported kind, or lacks a size that its kind needs.
     """
     fields = _LAYOUTS.get(cls)
     if fields is None:
@@ -253,7 +253,7 @@ def _code(text: str) -> Any:
 
 
 class _Fields(ast.NodeTransformer):
-    """Reads the names of a size's expression from a record."""
+    """Replaces names in a size expression by fields of a record."""
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         field = ast.Attribute(ast.Name("record", ast.Load()), node.id, ast.Load())
@@ -262,7 +262,7 @@ class _Fields(ast.NodeTransformer):
 
 @cache
 def _formula(text: str) -> Callable[[Record], int]:
-    """Make the function that works out a size or an offset."""
+    """Make the function that computes a size or an offset."""
     if text.isdigit():
         number = int(text)
         return lambda record: number
@@ -275,17 +275,17 @@ def _formula(text: str) -> Callable[[Record], int]:
 
 
 def evaluate(text: str, record: Record) -> int:
-    """Work out a size or an offset for a record."""
+    """Compute a size or an offset for a record."""
     return _formula(text)(record)
 
 
 def is_value(kind: Any) -> bool:
-    """Tell a value class: a frozen dataclass of numbers and other value classes."""
+    """Tell whether a kind is a value class, a frozen dataclass of numbers and other value classes."""
     return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
 def parts_of(kind: Any) -> dict[str, Any]:
-    """Give the fields of a value class and their kinds."""
+    """Return the fields of a value class and their kinds."""
     return _parts(kind)
 
 
@@ -297,7 +297,7 @@ def _parts(kind: Any) -> dict[str, Any]:
 
 @cache
 def size_of(kind: Any) -> int:
-    """Count the entries of a number, a value class, or a record of one size."""
+    """Count the entries of a number, a value class, or a record of fixed size."""
     if kind in SCALARS:
         return 1
     if is_value(kind):
@@ -305,17 +305,17 @@ def size_of(kind: Any) -> int:
     sizes = [field.size for field in layout(kind).values()]
     fixed = [int(size) for size in sizes if size.isdigit()]
     if len(fixed) < len(sizes):
-        raise InputError(kind.__name__, "a record whose size varies", "a record of one size")
+        raise InputError(kind.__name__, "a record whose size varies", "a record of fixed size")
     return sum(fixed)
 
 
 def start_of(cls: type[Record], name: str) -> int:
-    """Give the offset of a field that stands before any variable size."""
+    """Return the offset of a field that precedes all fields of variable size."""
     return int(layout(cls)[name].offset)
 
 
 def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
-    """List the entries of fields that stand before any variable size, of a record at an offset."""
+    """List the entries of fields that precede all fields of variable size, for a record at an offset."""
     fields = [layout(cls)[name] for name in names]
     return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
 
@@ -332,7 +332,7 @@ def numbers(value: Any) -> Iterator[float]:
 
 @cache
 def _stored(kind: type) -> type:
-    """Make a value class that writes its entries through to the block that it was read from."""
+    """Make a value class whose assignments are written through to its block."""
 
     def write(self: Any, i: int, number: float) -> None:
         if not 0 <= i < size_of(kind):
@@ -350,13 +350,13 @@ Reader = Callable[[Any, int, tuple[int, ...]], Any]
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
-    """Read what stands at an offset: a value as it is now, or a view of records and arrays."""
+    """Read from an offset: a copy of a value, or a view of records and arrays."""
     return _reader(kind)(buffer, at, shape)
 
 
 @cache
 def _reader(kind: Any) -> Reader:
-    """Make the function that reads what stands at an offset of a buffer."""
+    """Make the function that reads a kind from an offset of a buffer."""
     if kind is float:
         return lambda buffer, at, shape: float(buffer[at])
     if kind is int:
@@ -394,6 +394,6 @@ def _value_reader(kind: Any) -> Reader:
 
 
 def size_for(cls: type[Record], **whole: int) -> int:
-    """Count all entries of a record for given whole numbers, before there is a block."""
+    """Count all entries of a record for given integers, without a block."""
     names: dict[str, Any] = dict(whole)
     return sum([int(eval(_code(field.size), {"__builtins__": {}}, names)) for field in layout(cls).values()])

@@ -1,4 +1,4 @@
-"""A kernel as a symbol that other machine code calls."""
+"""A kernel as a symbol for calls from other machine code."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from graspfx.compile.kernel import source_function
 
 @cache
 def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
-    """Load a kernel's machine code for these types of arguments, and name the symbol that calls it.
+    """Load a kernel's machine code for these types of arguments, and return the name of its symbol.
 
     Args:
-        kernel: the function.
-        types: of its arguments in LLVM's language: `ptr` for a buffer, `i64`, `double`.
+        kernel: kernel function.
+        types: LLVM types of its arguments: `ptr` for a buffer, `i64`, `double`.
 
     Raises:
-        MissingPackageError: no LLVM.
-        InputError: it holds what a kernel may not hold.
+        MissingPackageError: LLVM is not installed.
+        InputError: the kernel has unsupported statements.
     """
     from graspfx.compile.llvm.llvm import function_text
     from graspfx.compile.program import UNROLL

@@ -1,4 +1,4 @@
-"""Names of a kernel that may be unbound where they are used: machine code would read what stands there by chance."""
+"""Detection of names in a kernel that may be used before assignment, for which machine code would read garbage."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 
 from graspfx.compile.specialise.syntax import assigned
 
-Bound = frozenset[str] | None  # names that have a value for certain; None where no way leads to
+Bound = frozenset[str] | None  # names that certainly have a value; None for unreachable code
 
 
 @dataclass
 class Loop:
-    """Names that are bound where a loop is left."""
+    """Names that are bound at the exits of a loop."""
 
     breaks: list[Bound] = field(default_factory=list)
 
 
 def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
-    """List the uses of a function's variables that some way through it reaches before a value is assigned.
+    """List the uses of a function's variables that some path reaches before an assignment.
 
-    A test is taken to go either way, whatever was tested before, and a loop to have no turns at all unless its range or
-    its tuple is written there.
+    Every test may have either result, regardless of earlier tests. A loop may have no iterations, unless its range or
+    tuple is a literal.
     """
     flow = Flow(assigned(tree.body))
     flow.block(tree.body, frozenset(a.arg for a in tree.args.args))
@@ -30,9 +30,9 @@ def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
 
 
 def lost_end(tree: ast.FunctionDef) -> int:
-    """Give the line at which a function that gives values ends without one; 0 where every way out has one.
+    """Return the line at which a function with a result can end without one; 0 if it cannot.
 
-    A test is taken to go either way: after `if` and `elif` without `else` there is a way on.
+    Every test may have either result, so `if` and `elif` without `else` may fall through.
     """
     returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
     if all(node.value is None for node in returns):
@@ -45,7 +45,7 @@ def lost_end(tree: ast.FunctionDef) -> int:
 
 
 class Flow:
-    """Ways through a function.
+    """Paths through a function.
 
     Args:
         variables: names that the function assigns to.
@@ -57,7 +57,7 @@ class Flow:
         self.uses: list[ast.Name] = []
 
     def block(self, statements: Sequence[ast.stmt], bound: Bound) -> Bound:
-        """Follow statements; return what is bound behind them."""
+        """Follow statements; return the names that are bound after them."""
         for statement in statements:
             if bound is None:
                 break
@@ -105,7 +105,7 @@ class Flow:
     def turns(
         self, body: Sequence[ast.stmt], before: Bound, inside: Bound, *, once: bool = False, endless: bool = False
     ) -> Bound:
-        """Follow a loop's body once: a turn begins with no more than what was bound before the first."""
+        """Follow a loop's body once; an iteration starts with no more names than the first one."""
         loop = Loop()
         self._loops.append(loop)
         behind = self.block(body, inside)
@@ -116,7 +116,7 @@ class Flow:
         return common([first, *loop.breaks])
 
     def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
-        """Say what is bound for certain where a turn is cut short: no more than where it begins."""
+        """Return the names that are bound after `continue`: no more than at the start of the iteration."""
         return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
 
     def assign(self, target: ast.expr, bound: frozenset[str]) -> frozenset[str]:
@@ -139,7 +139,7 @@ class Flow:
 
 
 def common(ways: Sequence[Bound]) -> Bound:
-    """Say what is bound where several ways meet."""
+    """Return the names that are bound where several paths join."""
     sets = [way for way in ways if way is not None]
     return frozenset.intersection(*sets) if sets else None
 
@@ -153,7 +153,7 @@ def _is_true(test: ast.expr) -> bool:
 
 
 def _has_turns(turns: ast.expr) -> bool:
-    """Tell whether a loop's range or tuple, as it is written, has a turn at least."""
+    """Tell whether a loop's literal range or tuple has at least one iteration."""
     if isinstance(turns, ast.Tuple):
         return bool(turns.elts)
     if not (isinstance(turns, ast.Call) and isinstance(turns.func, ast.Name) and turns.func.id == "range"):

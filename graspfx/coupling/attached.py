@@ -1,4 +1,4 @@
-"""Attached contacts: eq. (4) as it stands, no cone."""
+"""Attached contacts: eq. (4) without cones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.coupling.recoil import recoil
 
 @kernel
 def attached(grasp: GraspState) -> int:
-    """Compute bilateral forces, for the object's new state under the implicit integrator; give 0."""
+    """Compute bilateral forces, with the implicit integrator for the object's new state; return 0."""
     apart = grasp.observed or grasp.limited
     if apart:
         attach(grasp, False)

@@ -1,4 +1,4 @@
-"""Choices that follow from the gains of a grasp's block: do they still fit the numbers that stand there?"""
+"""Consistency of a grasp block's switches with its gains."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ NAMES = (
     "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
     "dense", "equal", "damped", "singular",
 )  # fmt: skip
-READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # a tenth of what a record's fields take
+READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times faster than a record's fields
 
 
 def contradiction(block: Any) -> str:
-    """Name a switch that does not follow from the gains in a block; nothing where all do, or gains are matrices.
+    """Name a switch that contradicts the gains in a block; empty if none does, or for matrix gains.
 
-    A gain that is written into a block by itself leaves the switches as they were: forces would be those of neither.
+    Writing a gain directly into a block does not update the switches, and the forces would then be wrong.
 
     Args:
-        block: of a `GraspState`, or a memoryview of it.
+        block: block of a `GraspState`, or a memoryview of it.
     """
     kep, ked, kip, kid, dense, equal, damped, singular = READ(block)
     if dense:

@@ -1,4 +1,4 @@
-"""The energy that a coupling creates while its object goes round a closed motion under fingers that stay."""
+"""Energy that a coupling generates while its object makes a closed motion and its fingers are fixed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from graspfx.spatial import ZERO, Vector, exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
-TURN = 0.5  # [rad]: to either side
-SAMPLES = 24  # of a motion: for a smooth force the mean over one period converges faster than any power of them
-CREATES = 1e-6  # of the peak: less is rounding
+TURN = 0.5  # amplitude to either side [rad]
+SAMPLES = 24  # samples per motion; the mean of a smooth force over one period converges faster than any power
+CREATES = 1e-6  # fraction of the peak; less is rounding
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class LoopEnergy:
     """The energies of one closed motion.
 
     Attributes:
-        created: what the object was given beyond what the fingers spent [J].
-        peak: the largest that the springs stored, 1/2 f'e [J].
+        created: energy delivered to the object minus the work of the fingers [J].
+        peak: largest energy stored in the springs, 1/2 f'e [J].
     """
 
     created: float
@@ -36,20 +36,20 @@ class LoopEnergy:
 
     @property
     def share(self) -> float:
-        """Energy that a closed motion creates over the peak; 0 where nothing was stored."""
+        """Ratio of the generated energy to the peak; 0 if nothing was stored."""
         return self.created / self.peak if self.peak > 0.0 else 0.0
 
 
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
-    """Find the closed motion on which the springs of a coupling create most, of a few that any grasp allows.
+    """Find the closed motion, among a few that any grasp allows, on which the springs generate the most energy.
 
-    The contacts stay in the object and the fingers where they are. The object turns by +-0.5 rad about each free axis,
-    while it goes aside and back along each free direction and each diagonal of two, by half the way that such a turn
-    takes its contacts. The work is the integral of wrench'(v, w); the object's block is left as it was.
+    The contacts are fixed in the object, and the fingers in the world. The object turns by +-0.5 rad about each free
+    axis and moves sideways and back along each free direction and each diagonal of two, by half the displacement of its
+    contacts in that turn. The work is the integral of wrench'(v, w). The object's block is restored afterwards.
 
     Args:
-        grasped: with contacts that it has met, or that are attached.
-        fingers: (n, d) [m].
+        grasped: grasped object with met or attached contacts.
+        fingers: finger positions (n, d) [m].
     """
     block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
     state = GraspState(grasped.block)
@@ -67,7 +67,7 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
 
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """List axes of turns, 0 to 2, with the amplitude (d,) of the sideways motion."""
+    """List rotation axes, 0 to 2, with the amplitude (d,) of the sideways motion."""
     d, body = grasped.dimensions, BodyState(grasped.body_state)
     free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)]) != 0.0
     centre = body.motion.array(Motion.position)[:d]

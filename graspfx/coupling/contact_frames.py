@@ -1,4 +1,4 @@
-"""The law as a matrix in contact frames, normals first: what is pivoted to find who touches."""
+"""The law as a matrix in contact frames, normals first, for principal pivoting."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.spatial import Vector, Vector4, inner, with_torsion
 
 @kernel
 def assemble(grasp: GraspState, elastic: bool) -> None:
-    """Compute K with K e, or D with D e', in contact frames as a square and a vector."""
+    """Compute K and K e, or D and D e', in contact frames."""
     size = grasp.count * grasp.coordinates
     for p in range(size):
         for q in range(size):
@@ -30,7 +30,7 @@ def assemble(grasp: GraspState, elastic: bool) -> None:
 
 @kernel
 def add_gains(grasp: GraspState, out: Table, external: float, internal: float, elastic: float, damping: float) -> None:
-    """Add a gain matrix in contact frames to a square: scalar gains, or elastic K + damping D."""
+    """Add a gain matrix in contact frames to a square matrix: scalar gains, or elastic K + damping D."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             for j, other in enumerate(grasp.fingers):
@@ -45,7 +45,7 @@ def add_block(
     grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
     out: Table,
 ) -> None:  # fmt: skip
-    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F; torsion has none."""
+    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F, without torsion."""
     d, c = grasp.dimensions, grasp.coordinates
     for a in range(c):
         for b in range(c):
@@ -61,7 +61,7 @@ def add_block(
 
 @kernel
 def in_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
-    """Give a vector of the object's axes in a finger's contact frame: normal, tangents, torsion."""
+    """Convert a vector from object axes to a finger's contact frame: normal, tangents, torsion."""
     y = z = 0.0
     if grasp.dimensions > 1:
         y = inner(finger.frame.second, v.vector)
@@ -72,7 +72,7 @@ def in_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
 
 @kernel
 def out_of_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
-    """Give contact coordinates of a finger as a vector in the object's axes, and torsion."""
+    """Convert contact coordinates of a finger to a vector in object axes, and torsion."""
     F = finger.frame.transpose
     return with_torsion(Vector(inner(F.first, v.vector), inner(F.second, v.vector), inner(F.third, v.vector)), v.t)
 
@@ -92,7 +92,7 @@ def write_coordinates(grasp: GraspState, out: Floats, i: int, v: Vector4) -> Non
 
 @kernel
 def coordinates_of(grasp: GraspState, numbers: Floats, i: int) -> Vector4:
-    """Read the contact coordinates of finger i, zeros where it has none."""
+    """Read the contact coordinates of finger i; missing coordinates are zero."""
     p = i * grasp.coordinates
     y = z = t = 0.0
     if grasp.dimensions > 1:

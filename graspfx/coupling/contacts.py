@@ -14,20 +14,20 @@ from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.walk import mesh_contact
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite, or its square would be
-UNRESOLVED = 2  # the projection did not settle
+UNRESOLVED = 2  # the projection did not converge
 LOST = 3  # the object's motion or a force is not finite
-AGAIN = 4  # a contact point has moved: the split and the forces are asked for once more
-EXCESSIVE = 5  # a finger's force by the law is above `force_bound`
-LARGEST = 1e150  # of which the square is still a number; NaN compares false with it
+AGAIN = 4  # a contact point has moved: recompute the split and the forces
+EXCESSIVE = 5  # the law's force on a finger exceeds `force_bound`
+LARGEST = 1e150  # largest number whose square is finite; comparisons with NaN are false
 
 
 @kernel
 def approach(grasp: GraspState) -> int:
-    """Find contact point, displacement, rate and weight of every finger; give 0, NOT_FINITE or LOST.
+    """Compute contact point, displacement, rate and weight of every finger; return 0, NOT_FINITE or LOST.
 
-    A ball fingertip is its centre p, which touches the shape grown by the radius: c is the point of that surface where
-    the centre would be if the ball just touched. The reaction at the fingertip acts at the centre, that at the contact
-    at c, so that a ball has the energy balance of a point.
+    A ball fingertip is represented by its centre p, which touches the shape offset outwards by the radius; c is the
+    point of that offset surface where the centre lies at first touch. The reaction at the fingertip acts at the centre,
+    and the reaction at the contact acts at c, so a ball has the energy balance of a point.
     """
     motion = grasp.motion
     total = 0.0
@@ -53,9 +53,10 @@ def approach(grasp: GraspState) -> int:
 
 @kernel
 def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
-    """Compute e = p - c, c in the world, and e' = p' - v - w x r of a finger that is at p in the object's frame.
+    """Compute e = p - c, c in world axes, and e' = p' - v - w x r of a finger at p in the object's frame.
 
-    r leads from the object's centre x to where the reaction acts, to the fingertip or to c: damping creates no energy.
+    r is the vector from the object's centre x to the point of the reaction, the fingertip or c, so that damping
+    generates no energy.
     """
     motion = grasp.motion
     c = finger.contact
@@ -73,12 +74,12 @@ def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @kernel
 def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
-    """Find contact point, normal, gap and weight of a finger that is at p in the object's frame.
+    """Compute contact point, normal, gap and weight of a finger at p in the object's frame.
 
-    With a coefficient the contact slips until the displacement left is what the last force goes with, e + s along the
-    surface: that of a sliding finger before this sample's motion, that of a free one, which follows, after it. Where
-    gains are matrices and contacts slip freely it does so after the motion, touching or not: then w = e + s = K^-1 f,
-    which a force along the normal alone has along the surface too, is what the springs hold, and no energy is made.
+    With a coefficient of friction, the contact slips until the remaining displacement along the surface is e + s, that
+    of the last force. A sliding finger slips before this sample's motion, and a free finger, which follows, after it.
+    With matrix gains and free slip, the contact slips after the motion, whether it touches or not. The springs then
+    hold w = e + s = K^-1 f, which has a part along the surface even for a normal force, and no energy is generated.
     """
     slips = finger.coefficient > 0.0
     if finger.touching and slips and finger.status == SLIDE:
@@ -95,26 +96,26 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
-    """Tell whether a free finger's weight counts: not where each finger is by itself and no energy is booked."""
+    """Tell whether a free finger's weight matters; it does not for independent fingers without energy accounting."""
     return not grasp.alone or grasp.friction or grasp.observed
 
 
 @kernel
 def fade(grasp: GraspState, finger: FingerState) -> None:
-    """Weigh a finger by its gap."""
+    """Compute a finger's weight from its gap."""
     finger.weight = faded_weight(finger.share, finger.gap, grasp.fade_start, grasp.fade_end)
 
 
 @inline
 def along_surface(finger: FingerState) -> Vector:
-    """Compute the displacement that a finger retains, without its part along the normal."""
+    """Compute the tangential part of a finger's retained displacement."""
     n, h = finger.normal, finger.retained.vector
     return h - dot(n, h) * n
 
 
 @kernel
 def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
-    """Find contact point, normal, contact frame, face and gap of a finger if it were at p, object's frame."""
+    """Compute contact point, normal, contact frame, face and gap of a finger at p in the object's frame."""
     radius = finger.radius
     if grasp.shape == MESH:
         if radius > 0.0:
@@ -133,7 +134,7 @@ def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @kernel
 def refactor(grasp: GraspState) -> None:
-    """Compute the rigid modes of the contacts, only if a contact, a weight or a free direction has changed."""
+    """Recompute the rigid modes of the contacts if a contact, a weight or a free direction has changed."""
     current = grasp.split_known and not grasp.mixed
     for finger in grasp.fingers:
         same = finger.weight == finger.split_weight
@@ -158,7 +159,7 @@ def refactor(grasp: GraspState) -> None:
 
 @kernel
 def turn_axes(grasp: GraspState) -> None:
-    """Give the free world directions in the object's frame, translations first."""
+    """Compute the free world directions in the object's frame, translations first."""
     motion = grasp.motion
     grasp.centre = motion.position
     k = 0

@@ -1,4 +1,4 @@
-"""Friction with a coefficient: elastic force and damping in the cones, and what fingers retain of displacements."""
+"""Coulomb friction: elastic force and damping in the friction cones, and displacements retained after slip."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from graspfx.coupling.recoil import recoil
 from graspfx.coupling.torsion import set_anchor
 from graspfx.spatial import NOTHING, Vector4
 
-RESTARTS = 2  # of Coulomb's law in a sample: the last sample's answer is nearly always a start that leads there
-SYMMETRIC = 1e-12  # of a square's largest entry
+RESTARTS = 2  # restarts for Coulomb's law per sample; the last sample's solution is nearly always a good initial guess
+SYMMETRIC = 1e-12  # fraction of a matrix's largest entry
 SMALLEST = 1e-200  # [N]: less counts as no force, its square would
 
 
 @kernel
 def force_with_friction(grasp: GraspState) -> int:
-    """Find the elastic force f = K (e + s) in the friction cones, then damping in them; give 0 or UNRESOLVED.
+    """Compute the elastic force f = K (e + s) in the friction cones, then damping in them; return 0 or UNRESOLVED.
 
-    Coulomb's law, or where no answer to it was found the associated one. A finger keeps its contact point while it
-    sticks; `retained` tells the next sample where the contact of one that slips or is free has to be.
+    The force satisfies Coulomb's law or, if no solution of it was found, the associated law. A sticking finger keeps
+    its contact point. For a slipping or free finger, `retained` determines the contact point of the next sample.
     """
     fault = elastic_in_cones(grasp)
     if grasp.observed or grasp.limited:
@@ -51,7 +51,7 @@ def force_with_friction(grasp: GraspState) -> int:
 
 @kernel
 def elastic_in_cones(grasp: GraspState) -> int:
-    """Find the elastic force in the cones, each finger's status, and e + s; give 0 or UNRESOLVED."""
+    """Compute the elastic force in the cones, each finger's status, and e + s; return 0 or UNRESOLVED."""
     problem = grasp.problem
     grasp.law, grasp.residual = COULOMB, 0.0
     if grasp.recoils or (not grasp.implicit and not grasp.rays):
@@ -91,7 +91,7 @@ def elastic_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def sticks(grasp: GraspState) -> bool:
-    """Tell whether the forces all lie inside their cones and limits."""
+    """Tell whether all forces lie inside their cones and limits."""
     inside = True
     for finger in grasp.fingers:
         inside = inside and is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local))
@@ -110,7 +110,7 @@ def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bo
 
 @kernel
 def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Take the forces as they are for the answer, and for where the next search starts."""
+    """Accept the present forces as the solution and as the next initial guess."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             e = in_frame(grasp, finger, finger.displacement)
@@ -130,7 +130,7 @@ def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
 
 @kernel
 def move_anchors(grasp: GraspState) -> None:
-    """Count the torsion of soft fingers that do not stick from the object's rotation now."""
+    """Reset the torsion anchors of soft fingers that do not stick to the object's present rotation."""
     if grasp.coordinates > 3:
         for finger in grasp.fingers:
             if finger.status != STICK:
@@ -139,10 +139,10 @@ def move_anchors(grasp: GraspState) -> None:
 
 @kernel
 def damping_in_cones(grasp: GraspState) -> int:
-    """Add damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, nothing where f0 is zero; never active.
+    """Add passive damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, and f = 0 where f0 is zero.
 
     The implicit integrator has f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s,
-    for the object's new state, with s0 the slip of the elastic force: one system for all three.
+    for the object's new state, with s0 the slip of the elastic force, as one linear system.
     """
     if damping_stays(grasp):
         return 0
@@ -161,7 +161,7 @@ def damping_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def damping_stays(grasp: GraspState) -> bool:
-    """Add all the damping to fingers that all touch; tell whether the forces stay in the cones, else take it back."""
+    """Add full damping if all fingers touch; tell whether the forces stay in the cones, otherwise undo it."""
     closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
     if not closed or not all_touch(grasp) or not is_whole(grasp):
         return False
@@ -181,9 +181,9 @@ def damping_stays(grasp: GraspState) -> bool:
 
 @kernel
 def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
-    """Find the elastic force of an object that moves under it, in the modes' unknowns; if they do not settle, in all.
+    """Compute the elastic force on a recoiling object in modal unknowns, or in all unknowns if that fails to converge.
 
-    After a sample in which all forces lay inside their cones the search starts from where they lie now.
+    If all forces of the last sample lay inside their cones, the search starts from the present bilateral forces.
     """
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
     pose_elastic(grasp, problem, grasp.coordinates)
@@ -216,7 +216,7 @@ def start_from_forces(grasp: GraspState, problem: FrictionProblem) -> None:
 
 @kernel
 def forget_start(problem: FrictionProblem) -> None:
-    """Let the next search start from zero."""
+    """Reset the initial guess of the next search to zero."""
     for k in range(problem.room):
         problem.unknowns[k].value = 0.0
     problem.started = 0
@@ -224,7 +224,7 @@ def forget_start(problem: FrictionProblem) -> None:
 
 @kernel
 def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Find elastic force and damping together in the matrix of all fingers; give the law of the answer."""
+    """Solve for elastic force and damping together in the full matrix; return the law of the solution."""
     assemble_implicitly(grasp, True, True, True)
     for i in range(grasp.count):
         problem.contacts[i].displacement = NOTHING
@@ -235,7 +235,7 @@ def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
 
 @kernel
 def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Find elastic force and damping of an object that moves under them; give the law of the answer."""
+    """Solve for elastic force and damping on a recoiling object; return the law of the solution."""
     keep_elastic(grasp)
     law = damping_in_columns(grasp, problem, grasp.coordinates, True)
     if law == NONE:
@@ -247,7 +247,7 @@ def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
 
 @kernel
 def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Find the damping where some finger slips or is free; give the law of the answer."""
+    """Solve for the damping if some finger slips or is free; return the law of the solution."""
     for i, finger in enumerate(grasp.fingers):
         problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
         problem.contacts[i].base_force = in_frame(grasp, finger, finger.local)
@@ -265,7 +265,7 @@ def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
 
 @kernel
 def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, coulomb: bool) -> Answer:
-    """Find the forces of a problem for gains that are numbers."""
+    """Solve a problem with scalar gains."""
     count = 0 if gains.external == gains.internal else grasp.mode_count
     turn_modes(grasp.fingers.part(FingerState.frame), grasp.modes, problem, grasp.coordinates, count)
     return friction_force(problem, grasp.coordinates, gains, coulomb, RESTARTS)
@@ -273,7 +273,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients, limits and which fingers have no force: with `touching` those that do not touch."""
+    """Write weights, coefficients, limits and fingers without force; with `touching` these are the free fingers."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight
@@ -286,7 +286,7 @@ def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) ->
 
 @kernel
 def pose_compliances(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Write the compliances in series, where there are any, by the problem's elastic force f0."""
+    """Write the series compliances, if any, from the problem's elastic force f0."""
     if not grasp.gradual:
         return
     for i, finger in enumerate(grasp.fingers):
@@ -307,9 +307,9 @@ def all_touch(grasp: GraspState) -> bool:
 
 @kernel
 def symmetrise(grasp: GraspState, square: Table) -> bool:
-    """Take rounding's skew part out of a square and tell whether there is no other: a convex problem for the solver.
+    """Symmetrise a matrix whose skew part is rounding; tell whether it was, so that the problem is convex.
 
-    Numbers for gains make no other squares, though a damping of which one part is zero leaves a lot to rounding.
+    Scalar gains always give symmetric matrices, although rounding is large if one of two dampings is zero.
     """
     m = grasp.count * grasp.coordinates
     largest = skew = 0.0
@@ -328,7 +328,7 @@ def symmetrise(grasp: GraspState, square: Table) -> bool:
 
 @kernel
 def raise_least(grasp: GraspState, square: Table) -> None:
-    """Raise a singular D by 1e-6 of its largest row: the law stays passive."""
+    """Regularise a singular D by 1e-6 of its largest row; the law stays passive."""
     if not grasp.singular:
         return
     largest = 0.0

@@ -1,4 +1,4 @@
-"""Columns of the law with damping: modes and levers of the fingers that touch, and their sums."""
+"""Columns of the law with damping: modes and levers of the touching fingers, and their sums."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from graspfx.grasp.rigid_modes import component
 def write_columns(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
 ) -> None:
-    """Write the columns V of what carries force, its displacements and rates, and the compliances behind 1 / A.
+    """Write columns V, displacements and rates of the force-carrying coordinates, and the compliances in 1 / A.
 
-    Displacements and rates stand in the contacts' `displacement` and `base_force` until `write_force`.
+    The contacts' `displacement` and `base_force` hold displacements and rates until `write_force`.
     """
     state, p = grasp.recoil, grasp.mode_count
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
@@ -54,7 +54,7 @@ def write_columns(
 
 @kernel
 def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
-    """Compute r_i = 1 / (1 + kid C_i), what a finger's depth leaves of kid."""
+    """Compute r_i = 1 / (1 + kid C_i), the fraction of kid at a finger's depth."""
     if not finger.touching:
         return 1.0
     return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))

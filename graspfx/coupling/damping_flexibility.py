@@ -31,12 +31,12 @@ from graspfx.grasp.contact_state import motion_of
 from graspfx.grasp.rigid_modes import component
 from graspfx.spatial import NOTHING, dot
 
-SINGULAR = 1e-12  # of a mode: what S has of a motion that no contact with force has is rounding
+SINGULAR = 1e-12  # relative bound on rounding in S, for motions of contacts without force
 
 
 @kernel
 def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> int:
-    """Find elastic force and damping of the fingers that touch, in a problem of d coordinates; give the law."""
+    """Solve for elastic force and damping of touching fingers in a problem of d coordinates; return the law."""
     per = 1.0 / grasp.period
     base = pose_damped(grasp, problem, d, slipped)
     if base == 0.0:
@@ -49,10 +49,10 @@ def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slip
 
 @kernel
 def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> float:
-    """Write the law with damping into a problem of d coordinates a contact: its bilateral force and its modes.
+    """Write the law with damping into a problem of d coordinates per contact: its bilateral force and modes.
 
-    `slipped`: displacements are those that slipping has left. Give the largest entry of A; 0.0 where the bilateral
-    force lies in the cones, and is the answer.
+    With `slipped`, the displacements are those that remain after slip. Return the largest entry of A, or 0.0 if the
+    bilateral force lies in the cones and is the solution.
     """
     find_levers(grasp, True)
     state, per = grasp.recoil, 1.0 / grasp.period
@@ -158,7 +158,7 @@ def release_modes(
 
 @kernel
 def clear(grasp: GraspState, count: int) -> None:
-    """Clear what the branches add to."""
+    """Clear the sums over the branches."""
     state = grasp.recoil
     for j in range(count):
         state.row[j] = 0.0
@@ -252,7 +252,7 @@ def add_branch(
 
 @kernel
 def find_recoil(grasp: GraspState, count: int) -> None:
-    """Find the object's motion u = N^-1 r, and add J'u to what the columns take from the force."""
+    """Compute the object's motion u = N^-1 r, and add J'u to the columns' part of the force."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     factor_definite(state.system, free)
     solve_factored(state.system, state.motion, free)
@@ -280,7 +280,7 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
 
 @kernel
 def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
-    """Tell whether the base forces all lie inside their cones; then they are the answer, and the problem's forces."""
+    """Tell whether all base forces lie inside their cones; then they are the solution."""
     settled = True
     for contact in problem.contacts:
         if contact.status >= 0:
@@ -298,7 +298,7 @@ def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
 def write_force(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, count: int
 ) -> None:
-    """Write the bilateral force of the contacts that carry force into the problem's base forces."""
+    """Write the bilateral force of the force-carrying contacts into the problem's base forces."""
     row = grasp.recoil.row
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]

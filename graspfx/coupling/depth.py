@@ -1,8 +1,9 @@
 """Damping that grows with depth: each finger has a compliant damper in series with the split one.
 
-D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i, where s_i is the depth that the
-elastic force stands for over the length `coupling.damping_depth`, at most 1, and b the larger of the two dampings. In
-the second projection D_s stands for D: passive in every state, s_min D <= D_s <= D, and no step where a finger touches.
+D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i. s_i is the depth of the elastic
+force
+over the length `coupling.damping_depth`, at most 1, and b is the larger of the two dampings. In the second projection
+D_s replaces D. It is passive in every state, s_min D <= D_s <= D, and the force has no step at first touch.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ SMALLEST = 1e-200  # of s: its square is nothing
 
 @kernel
 def damping_share(grasp: GraspState, finger: FingerState, normal: float) -> float:
-    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from an elastic normal force [N]; 1 without a depth."""
+    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from an elastic normal force [N]; 1 without a damping depth."""
     if not grasp.gradual:
         return 1.0
     kip = grasp.stiffest.x if grasp.dense else grasp.internal_stiffness
@@ -36,7 +37,7 @@ def compliance(grasp: GraspState, finger: FingerState, normal: float) -> float:
 
 @kernel
 def is_whole(grasp: GraspState) -> bool:
-    """Tell whether every finger is so deep, by its elastic force, that D_s is D."""
+    """Tell whether the elastic forces make every finger deep enough for D_s = D."""
     if not grasp.gradual:
         return True
     least = 1.0
@@ -49,8 +50,8 @@ def is_whole(grasp: GraspState) -> bool:
 def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) -> None:
     """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames, by elastic forces at `start`.
 
-    A compliance 1/g in series with coordinate p takes D e_p e_p'D / (g + D_pp) from D: one coordinate after another,
-    of fingers that touch. What pivots are measured by becomes D_s's diagonal.
+    A compliance 1/g in series with coordinate p subtracts D e_p e_p'D / (g + D_pp) from D, for each coordinate of each
+    touching finger in turn. The diagonal of D_s becomes the measure of pivots.
     """
     if not grasp.gradual:
         return
@@ -68,7 +69,7 @@ def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) 
 
 @kernel
 def add_compliance(square: Table, vector: Floats | None, g: float, p: int) -> None:
-    """Take M e_p e_p'M / (g + M_pp) from a square M, and the same from its product with a vector."""
+    """Subtract M e_p e_p'M / (g + M_pp) from a matrix M, and correspondingly from its product with a vector."""
     own = square[p, p]
     if not g + own > 0.0:
         return

@@ -1,4 +1,4 @@
-"""Entries of a grasp's block by the names of fields: what never changes in a run, and what a recording asks for."""
+"""Entries of a grasp's block by field names: constants of a run, and values for the recording."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ LACKING = ("coefficient", "patch", "radius", "pad")
 
 
 def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
-    """List the entries that never change in a run and choose what is computed: counts, switches, offsets.
+    """List the entries that are constant in a run and select what is computed: counts, switches, offsets.
 
-    Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch,
-    of a radius and of a pad; and for weights of one that never fade.
+    Other values are included only if they are gains, permanent zeros (also of a finger's friction, patch, radius or
+    pad), or weights of one without a fade.
 
     Args:
-        grasp: the block.
-        live: names of fields of `GraspState` that may change in mid-run.
+        grasp: block of the grasp.
+        live: names of fields of `GraspState` that may change during a run.
     """
     S, fingers = grasp.buffer, grasp.fingers
     fixed = entries_of(GraspState, *(name for name in CHOICES if name not in live))
@@ -68,18 +68,18 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
 
 
 def gain_entries() -> list[int]:
-    """List gains that are numbers, and the switches that follow from them."""
+    """List scalar gains and the switches that depend on them."""
     return entries_of(GraspState, *NAMES)
 
 
 def matrix_entries(grasp: GraspState) -> list[int]:
-    """List gains that are matrices; none where they are numbers."""
+    """List the entries of matrix gains; none for scalar gains."""
     first = grasp.matrices.offset
     return list(range(first, first + grasp.matrix_entries))
 
 
 def split_entries(grasp: GraspState) -> list[int]:
-    """List what P is made of besides contact points and gaps: all that a `SplitRule` says."""
+    """List the data of P except contact points and gaps: all data of a `SplitRule`."""
     entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
     entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -88,17 +88,17 @@ def split_entries(grasp: GraspState) -> list[int]:
 
 
 def compliant_entry(problem: FrictionProblem) -> int:
-    """Find the entry that says whether compliances stand in series with a problem's contacts."""
+    """Find the entry that tells whether a problem's contacts have compliances in series."""
     return problem.offset + start_of(FrictionProblem, "compliant")
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Tell whether friction problems stand in the block: else the second would stand where the first does."""
+    """Tell whether the block has friction problems; without them, both would have the same place."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 
 def recorded_entries(grasp: GraspState) -> dict[str, Index]:
-    """Say which entries of the block hold what a recording asks for."""
+    """Map the values that a recording needs to entries of the block."""
     d = grasp.dimensions
     turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
     motion = start_of(GraspState, "body") + start_of(BodyState, "motion")

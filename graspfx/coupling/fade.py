@@ -1,4 +1,4 @@
-"""How far from the surface a free finger can still be when the others' forces bring it back in touch."""
+"""Largest gap from which the other fingers' forces can bring a free finger back into contact."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.object_impedance import ObjectImpedance
 
-FADE = (0.002, 0.01)  # [m]: the gaps of a fade where the forces do not ask for more
+FADE = (0.002, 0.01)  # default gaps of the fade, unless the forces require more [m]
 BAND = FADE[1] - FADE[0]  # [m]
 
 
 def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     """Compute 1/2 |Kep^-1 - Kip^-1| [m/N], the largest singular value for matrices.
 
-    The others' external forces displace a free finger's contact by up to this times the sum of their forces, the gap
-    below which a free finger can touch again. Zero where a stiffness has no inverse, and for equal gains.
+    Times the sum of the other fingers' forces, it bounds the displacement of a free finger's contact, and thus the gap
+    below which the finger can touch again. It is zero for equal gains and for a singular stiffness.
     """
     n, d = fingers, dimensions
     kep, kip = law.external.stiffness, law.internal.stiffness
@@ -35,19 +35,19 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
 
 
 def compliance_of_numbers(kep: float, kip: float) -> float:
-    """Compute 1/2 |1/kep - 1/kip| [m/N]; zero where one of them is."""
+    """Compute 1/2 |1/kep - 1/kip| [m/N]; zero if one of them is zero."""
     if kep <= 0.0 or kip <= 0.0:
         return 0.0
     return 0.5 * abs(1.0 / kep - 1.0 / kip)
 
 
 def gaps(needed: float) -> tuple[float, float]:
-    """Choose the gaps of a fade that begins no nearer than needed, and takes the default's 8 mm [m]."""
+    """Choose the gaps of a fade that starts far enough away and extends over the default 8 mm [m]."""
     return FADE if needed <= FADE[0] else (needed, needed + BAND)
 
 
 def _whole(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Write matrices of the fingers (n, d, d) as one (n d, n d)."""
+    """Assemble the fingers' matrices (n, d, d) into one block-diagonal matrix (n d, n d)."""
     if blocks.ndim == 2:
         return blocks
     n, d, _ = blocks.shape

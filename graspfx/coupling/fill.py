@@ -1,4 +1,4 @@
-"""The block of a grasped object before its first sample: how long it is, and what stands in it."""
+"""The block of a grasped object before its first sample: its size and its contents."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # of an object in d di
 
 
 class Shape(Protocol):
-    """A shape, as the coupling needs it: the number, the parameters and the data of its closest-point kernel."""
+    """A shape for the coupling: kind, parameters and data of its closest-point kernel."""
 
     @property
     def kind(self) -> int: ...
@@ -52,18 +52,18 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """A coupling as `GraspedObject` is asked for it; its faults are raised here, before there is a block.
+    """The requested coupling of a `GraspedObject`. Errors are raised here, before the block exists.
 
     Attributes:
-        count: n.
-        dimensions: d.
-        law: the gains of eq. (4).
-        rules: how fingers touch.
-        shape: None only with attached contacts.
-        radius: of the balls that the fingertips are, (n,) [m].
-        limit: largest force of each finger, (n,) [N]; None for none at all.
-        body: the object's parameters and initial state.
-        live: names of fields that may change in mid-run.
+        count: number of fingers n.
+        dimensions: number of dimensions d.
+        law: gains of eq. (4).
+        rules: contact rules.
+        shape: shape of the object; None only with attached contacts.
+        radius: radii of the ball fingertips, (n,) [m].
+        limit: largest force of each finger, (n,) [N]; None without limits.
+        body: parameters and initial state of the object.
+        live: names of fields that may change during a run.
     """
 
     count: int
@@ -79,9 +79,7 @@ class Grip:
     def __post_init__(self) -> None:
         rules, mu = self.rules, self.friction
         if self.soft and self.dimensions != 3:
-            raise InputError(
-                "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
-            )
+            raise InputError("patch", rules.patch, "soft fingers in space only", "elsewhere use hard fingers")
         directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
             raise InputError("patch", rules.patch, "one number for each gain of soft fingers, or a gain of the object")
@@ -96,7 +94,7 @@ class Grip:
         if not (self.matrices or rules.attached or (kep and kip)):
             raise InputError(
                 "stiffness", f"external {kep}, internal {kip} N/m", "both above zero",
-                "unilateral contact shares a push between them; attach the contacts to study a zero",
+                "unilateral contact distributes a push between them; attach the contacts to study a zero",
             )  # fmt: skip
         for quantity, pair in ("stiffness", (kep, kip)), ("damping", (self.gains[1], self.gains[3])):
             if not (self.matrices or rules.attached) and 0.0 < min(pair) < LEAST * max(pair):
@@ -115,11 +113,11 @@ class Grip:
         if not (np.isfinite(self.pad) & (self.pad >= 0.0)).all():
             raise InputError("pad", self.rules.pad, "zero or more, for all fingers or one for each [N/m^1.5]")
         if self.padded and self.rules.attached:
-            raise InputError("pad", self.rules.pad, "unilateral contacts", "a pad only pushes, what is attached pulls")
+            raise InputError("pad", self.rules.pad, "unilateral contacts", "a pad cannot pull, an attached contact can")
         if self.padded and self.implicit and self.damped:
             raise InputError(
                 "pad", self.rules.pad, "no damping with the implicit integrator",
-                "its damping is solved with the motion, which the pads' depths would have to be too",
+                "damping is solved together with the motion, which is not supported with pads",
             )  # fmt: skip
 
     @property
@@ -149,7 +147,7 @@ class Grip:
 
     @property
     def squares(self) -> list[FloatArray]:
-        """The gains as the block has them, kep, ked, kip and kid, where some are matrices; of the object 6 x 6."""
+        """The gains kep, ked, kip and kid in the form of the block, if some are matrices; 6 x 6 for the object."""
         if not self.matrices:
             return []
         n, d, law = self.count, self.dimensions, self.law
@@ -176,7 +174,7 @@ class Grip:
 
     @property
     def implicit(self) -> bool:
-        """True if forces and the object's displacement come from one system."""
+        """True if forces and the object's displacement are solved together."""
         return bool(BodyState(self.body).integrator == IMPLICIT)
 
     @property
@@ -191,12 +189,12 @@ class Grip:
 
     @property
     def recoils(self) -> bool:
-        """True if the object's motion in the sample is eliminated in the modes' unknowns: implicit, with numbers."""
+        """True if the object's motion in the sample is eliminated in modal unknowns: implicit with scalar gains."""
         return self.implicit and not self.matrices
 
     @property
     def columns(self) -> int:
-        """Count the columns of the law with damping at most: modes, twice by depth, and levers beyond them."""
+        """Count the largest number of columns of the law with damping: modes, twice with depth, and other levers."""
         free = _free(self) != 0.0
         modes, tips = int(free.sum()), 0 if self.rules.at_contact else int(free[3:].sum())
         softened = modes if self.gradual or "gradual" in self.live else 0
@@ -204,17 +202,17 @@ class Grip:
 
     @property
     def rays(self) -> bool:
-        """True if cones are rays, so that six unknowns do; else there is principal pivoting without friction."""
+        """True if cones are rays, so that six unknowns suffice; otherwise principal pivoting without friction."""
         return self.pushes_apart and (self.implicit or not self.law.equal)
 
     @property
     def pushes_apart(self) -> bool:
-        """True if cones are rays wherever gains are not equal."""
+        """True if cones are rays in all cases of unequal gains."""
         return not (self.slips or self.rules.attached or self.rules.stick or self.matrices)
 
     @property
     def problems(self) -> bool:
-        """True if forces may come from friction problems: with a coefficient, along rays, in balls of limits."""
+        """True if friction problems may give the forces: with a coefficient, along rays, or in balls of limits."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
         balls = self.limit is not None and holds and not (self.matrices or self.implicit)
         apart = "equal" in self.live or self.implicit or not self.law.equal
@@ -223,15 +221,15 @@ class Grip:
 
 @dataclass(frozen=True)
 class _Room:
-    """How long the block of a grasp is, and where its pieces are.
+    """Size of a grasp's block, and places of its parts.
 
     Attributes:
-        sizes: whole numbers of the state, from which its own length follows.
-        state: entries of the state, behind which the friction problems are.
-        unknowns: of a friction problem.
-        most: modes of it.
-        problem: entries of each of the two.
-        walks: entries of the walks on a mesh, behind which the mesh is.
+        sizes: whole numbers of the state, which determine its size.
+        state: number of entries of the state, which the friction problems follow.
+        unknowns: number of unknowns of a friction problem.
+        most: number of its modes.
+        problem: number of entries of each of the two problems.
+        walks: number of entries of the mesh searches, which the mesh follows.
     """
 
     sizes: dict[str, int]
@@ -243,7 +241,7 @@ class _Room:
 
     @classmethod
     def of(cls, grip: Grip) -> _Room:
-        """Measure the room that a grip takes."""
+        """Compute the size for a grip."""
         n, d = grip.count, grip.dimensions
         coordinates = 4 if grip.soft else d
         squares = grip.squares
@@ -266,20 +264,20 @@ class _Room:
 
 
 def block_size(grip: Grip) -> int:
-    """Count the entries of the block of a grasp: state, friction problems, walks on a mesh and the mesh."""
+    """Count the entries of a grasp's block: state, friction problems, mesh searches and mesh."""
     room = _Room.of(grip)
     data = None if grip.shape is None else grip.shape.data
     return room.state + 2 * room.problem + room.walks + (0 if data is None else data.size)
 
 
 def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
-    """Fill the block of a grasp whole, whatever stood in it before.
+    """Fill the whole block of a grasp, whatever its previous contents.
 
     Raises:
-        InputError: a block of another length.
+        InputError: the block has another length.
     """
     if block.size != block_size(grip):
-        raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block that was made for the like")
+        raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block of the right size")
     n, d, room = grip.count, grip.dimensions, _Room.of(grip)
     end, problem, walks, free = room.state, room.problem, room.walks, _free(grip)
     squares = grip.squares
@@ -313,7 +311,7 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
 
 
 def _free(grip: Grip) -> FloatArray:
-    """List which of the six freedoms move, as the body has them."""
+    """List which of the body's six degrees of freedom are free."""
     body = BodyState(grip.body)
     return np.concatenate([list_of(body.free_translation), list_of(body.free_rotation)])
 
@@ -351,12 +349,12 @@ def _fill_freedom(grasp: GraspState, free: NDArray[np.bool_]) -> None:
     freedom.shifts, freedom.turns = shifts, turns
     for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
         grasp.buffer[freedom.axes[k].offset : freedom.axes[k].offset + 3] = axis
-    # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
+    # all or none of a kind give the same directions in any frame; the plane has one fixed axis
     grasp.mixed = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
 
 def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) -> None:
-    """Place kep, ked, kip and kid: numbers, or matrices for each finger or for all of them together."""
+    """Write kep, ked, kip and kid: scalars, or matrices for each finger or for all fingers together."""
     law, S = grip.law, grasp.buffer
     grasp.equal, grasp.damped = law.equal, grip.damped
     grasp.singular = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
@@ -380,10 +378,10 @@ def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) ->
 
 
 def whole_gain(gain: FloatArray, d: int) -> FloatArray:
-    """Write a gain of an object in d dimensions on all six freedoms.
+    """Extend a gain of an object in d dimensions to all six degrees of freedom.
 
     Raises:
-        InputError: a matrix for other freedoms.
+        InputError: the matrix has another size.
     """
     places = FREEDOMS[d]
     if len(gain) != len(places):
@@ -411,23 +409,23 @@ def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
 
 
 def _least(gain: float | FloatArray) -> float:
-    """Give the least a gain does in any direction, zero to rounding as zero."""
+    """Compute the smallest gain in any direction; rounding counts as zero."""
     values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
     return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
 
 
 def body_array(fill_body: Callable[[FloatArray], None]) -> FloatArray:
-    """Give the object's parameters and initial state."""
+    """Return the object's parameters and initial state."""
     state = np.zeros(size_of(BodyState))
     fill_body(state)
     return state
 
 
 def radii(value: ArrayLike, n: int) -> FloatArray:
-    """Give the radii of fingertips, (n,) [m].
+    """Return the radii of fingertips, (n,) [m].
 
     Raises:
-        InputError: a radius that is no length.
+        InputError: a radius is negative or not finite.
     """
     lengths = np.asarray(value, dtype=float)
     if lengths.shape not in ((), (n,)) or not (np.isfinite(lengths) & (lengths >= 0.0)).all():
@@ -436,12 +434,12 @@ def radii(value: ArrayLike, n: int) -> FloatArray:
 
 
 def largest_forces(value: ArrayLike, n: int) -> FloatArray:
-    """Give the largest forces of fingers, (n,) [N].
+    """Return the largest forces of fingers, (n,) [N].
 
     Raises:
-        InputError: a limit that is no force.
+        InputError: a limit is not above zero.
     """
     limits = np.asarray(value, dtype=float)
     if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
-        raise InputError("limit", value, f"a force above zero, or {n} of them [N]", "inf where there is no limit")
+        raise InputError("limit", value, f"a force above zero, or {n} of them [N]", "inf for no limit")
     return np.broadcast_to(limits, (n,))

@@ -1,7 +1,8 @@
-"""The law of an object that moves under the forces of the sample, as a flexibility in the modes' unknowns, O(n).
+"""The law of an object that moves under the sample's forces, as a flexibility in modal unknowns, O(n).
 
-Under the implicit integrator (`recoil`) forces follow a stiffness M that has the object's compliance C in series. With
-numbers for gains its inverse is a multiple of one and a few columns V, for the contacts that carry force alone as well:
+With the implicit integrator (`recoil`), forces follow a stiffness M in series with the object's compliance C. For
+scalar gains its inverse is a multiple of the identity plus a few columns V, also if restricted to the contacts that
+carry force:
 
     W^1/2 M^-1 W^1/2 = [I + V Y V'] / kip,    Y = diag(kip / kappa_k - 1) + kip T C T'    (elastic, V = Q),
 
@@ -23,7 +24,7 @@ from graspfx.grasp.rigid_modes import component
 
 @kernel
 def pose_elastic(grasp: GraspState, problem: FrictionProblem, d: int) -> None:
-    """Write the modes of the elastic law with the object's compliance into a problem of d coordinates a contact."""
+    """Write the modes of the elastic law with the object's compliance into a problem of d coordinates per contact."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     shifts, turns, p = grasp.freedom.shifts, grasp.freedom.turns, grasp.mode_count
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
@@ -68,7 +69,7 @@ def pose_elastic(grasp: GraspState, problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def near_share(grasp: GraspState, j: int, u: int) -> float:
-    """Give what elastic column j has of the contacts' motion along the object's free direction u."""
+    """Compute the component of elastic column j in the contacts' motion along the object's free direction u."""
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     if state.twisted and u >= shifts:
         return 1.0 if j == p + u - shifts else 0.0
@@ -77,7 +78,7 @@ def near_share(grasp: GraspState, j: int, u: int) -> float:
 
 @kernel
 def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, gain: float, triangular: bool) -> None:
-    """Replace coordinate a of a contact's columns V by its part of the modes V L, Y = L diag(h) L', times a gain."""
+    """Replace coordinate a of a contact's columns V by that of the modes V L, Y = L diag(h) L', times a gain."""
     row, L = grasp.recoil.row, grasp.recoil.gram
     for k in range(count):
         row[k] = gain * contact.modes[k].motion[a]
@@ -90,7 +91,7 @@ def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, g
 
 @kernel
 def factor(grasp: GraspState, problem: FrictionProblem, count: int, definite: bool) -> None:
-    """Factor Y = L diag(h) L', which stands in `work`, L into `gram` and the signs h into a problem."""
+    """Factor Y = L diag(h) L' in `work`; write L to `gram` and the signs h to a problem."""
     state = grasp.recoil
     problem.modes = count
     if definite:

@@ -1,4 +1,4 @@
-"""Frictionless contact for scalar gains: normal forces, with as many unknowns as modes."""
+"""Frictionless contact for scalar gains: normal forces with one unknown per mode."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from graspfx.spatial import Vector4, inner
 
 @kernel
 def frictionless_force(grasp: GraspState) -> int:
-    """Find the elastic force f = K (e + s) along the normals, then damping there; give 0 or UNRESOLVED.
+    """Compute the elastic force f = K (e + s) along the normals, then damping; return 0 or UNRESOLVED.
 
-    Tangents carry nothing, so that q_k'f asks for the modes' normal entries alone, as long as the internal gain is the
-    larger one: else the convex function has the tangents' part of the modes in it, and all coordinates are needed.
+    Tangents carry no force, so q_k'f needs the modes' normal entries only, if the internal gain is the larger one.
+    Otherwise the convex function contains the tangential part of the modes, and all coordinates are needed.
     """
     fault = elastic_without_friction(grasp)
     if grasp.observed or grasp.limited:
@@ -45,7 +45,7 @@ def frictionless_force(grasp: GraspState) -> int:
 
 @kernel
 def elastic_without_friction(grasp: GraspState) -> int:
-    """Find the elastic force in as few unknowns as the gains allow; give 0 or UNRESOLVED."""
+    """Compute the elastic force in as few unknowns as the gains allow; return 0 or UNRESOLVED."""
     if grasp.recoils or grasp.external_stiffness <= grasp.internal_stiffness:
         return elastic_along_normals(grasp)
     return elastic_in_cones(grasp)
@@ -53,7 +53,7 @@ def elastic_without_friction(grasp: GraspState) -> int:
 
 @kernel
 def elastic_along_normals(grasp: GraspState) -> int:
-    """Find the elastic force along the normals; give 0 or UNRESOLVED."""
+    """Compute the elastic force along the normals; return 0 or UNRESOLVED."""
     if grasp.dimensions == 1:
         if grasp.recoils:
             recoil(grasp, False, False)
@@ -74,7 +74,7 @@ def elastic_along_normals(grasp: GraspState) -> int:
 
 @kernel
 def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
-    """Find the elastic force along the normals, or add damping to the one that is there; give 0 or UNRESOLVED."""
+    """Compute the elastic force along the normals, or add damping to it; return 0 or UNRESOLVED."""
     pose_problem(grasp, problem, not elastic)
     for i, finger in enumerate(grasp.fingers):
         x = finger.displacement if elastic else finger.rate
@@ -104,7 +104,7 @@ def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gain
 
 @kernel
 def write_normal_forces(grasp: GraspState, problem: FrictionProblem, elastic: bool) -> None:
-    """Write the answer of a problem of normals to the fingers' forces; the elastic one says who touches."""
+    """Write the solution of a normal problem to the fingers' forces; the elastic solution determines touching."""
     for i, finger in enumerate(grasp.fingers):
         f = problem.contacts[i].force.x
         for a in range(grasp.dimensions):

@@ -1,4 +1,4 @@
-"""Gains that are matrices: K and D of eq. (4) in the object's axes, made on the state block."""
+"""Matrix gains: K and D of eq. (4) in the object's axes, computed in the state block."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from graspfx.coupling.object_gains import add_object_gain
 from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import IDENTITY, Matrix, Vector
 
-WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left of a faded finger's force
+WEIGHT_FLOOR = 1e-12  # a metric must be positive; the cone removes the remaining force of a faded finger
 
-ALONE, LITERAL, SYMMETRIC = 0, 1, 2  # the rule of a pair of gains: they are equal, or the form of the coupling
+ALONE, LITERAL, SYMMETRIC = 0, 1, 2  # rule of a pair of gains: equal, or a form of the coupling
 KEP, KED, KIP, KID = 0, 1, 2, 3
-OBJECT, WORLD, CONTACT = 0, 1, 2  # the axes in which gains stand
+OBJECT, WORLD, CONTACT = 0, 1, 2  # axes of the gains
 
-# First rows among `mode_rows`, a row for each mode: u_k = L^-1 q_k, w_k = L q_k, u_k'A and u_k'B.
+# First rows of the groups in `mode_rows`, one row per mode: u_k = L^-1 q_k, w_k = L q_k, u_k'A and u_k'B.
 U, W, V, Z = 0, 6, 12, 18
 
 
 @kernel
 def fill_gains(grasp: GraspState) -> None:
-    """Compute K and D anew if a contact, a weight or the rotation has changed that they come from."""
+    """Recompute K and D if a contact, a weight or the rotation on which they depend has changed."""
     if is_up_to_date(grasp):
         return
     fill_pair(grasp, grasp.stiffness_rule, grasp.kep, grasp.kip, grasp.stiffness)
@@ -36,7 +36,7 @@ def fill_gains(grasp: GraspState) -> None:
 
 @kernel
 def is_up_to_date(grasp: GraspState) -> bool:
-    """Tell whether nothing has changed since K and D were computed, and store what they depend on now."""
+    """Tell whether K and D are up to date, and store the present values on which they depend."""
     same = grasp.gains_known
     grasp.gains_known = True
     if grasp.axes_of_gains == WORLD or grasp.mixed:
@@ -63,14 +63,15 @@ def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out:
     """Compute E A + (I - E) B, or F A F' + H B H', of the external gain A and the internal one B, E = P on forces.
 
     With q_k the modes, b_k their blend, L^2 the weights, w_k = L q_k and u_k = L^-1 q_k: E = sum_k b_k w_k u_k',
-    F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. Roots share a mode of blend b between both
-    gains as b kep + (1 - b) kip, as the literal form does for numbers. Only u_k'A and u_k'B are needed, a row per mode,
-    never a projector. A of the object is none of the fingers': its share of the contacts is added to what is internal.
+    F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. With the square roots, a mode of blend b
+    has the gain b kep + (1 - b) kip, as in the literal form for scalars. Only u_k'A and u_k'B are needed, one row per
+    mode; the projector is never formed. If A acts on the object, its contribution at the contacts is added to the
+    internal part.
     """
     spread(grasp, internal, out)
     if rule == ALONE:
         return
-    spread(grasp, external, grasp.square)  # of the projection, which comes later in the sample
+    spread(grasp, external, grasp.square)  # memory of the projection, which comes later in the sample
     for k in range(grasp.mode_count):
         fill_rows(grasp, k, external.whole or internal.whole, grasp.square, out)
     if rule == LITERAL:
@@ -145,16 +146,16 @@ def add_symmetric(grasp: GraspState, out: Table) -> None:
 
 
 def roots(blend: float) -> tuple[float, float]:
-    """Compute a mode's factors in F and in I - H: the root of its blend, and one less the root of the rest."""
+    """Compute a mode's factors in F and in I - H: sqrt(b) and 1 - sqrt(1 - b) of its blend b."""
     return math.sqrt(blend), 1.0 - math.sqrt(1.0 - blend)
 
 
 @kernel
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
-    """Write a gain X as a square in the object's axes: L R'X R L of each finger, R'X R if whole, zero of the object.
+    """Write a gain X as a square matrix in object axes: L R'X R L per finger, R'X R if whole, zero for the object.
 
-    R turns from the object's axes to those of the gain: the world's, or a finger's contact frame. The gain of torsion,
-    over the patch length, is the finger's number: no other gain goes with soft fingers.
+    R rotates from the object's axes to those of the gain: the world's axes or a finger's contact frame. The gain of
+    torsion, over the patch length, is the finger's scalar gain; soft fingers allow no other gain.
     """
     n, d, c, m = grasp.count, grasp.dimensions, grasp.coordinates, grasp.components
     if gain.of_object:
@@ -188,7 +189,7 @@ def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
 
 @kernel
 def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table) -> None:
-    """Write weight R'X R, d x d; R is left out where gains stand in the object's axes or have none."""
+    """Write weight R'X R, d x d; R is omitted for gains in the object's axes or without axes."""
     d = grasp.dimensions
     if grasp.axes_of_gains == OBJECT:
         for a in range(d):
@@ -203,7 +204,7 @@ def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table
 
 @kernel
 def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> None:
-    """Write column b of weight R'X R, from c, R's own times the weight."""
+    """Write column b of weight R'X R, from c, column b of R times the weight."""
     x = 0.0 + X[0, 0] * c.x + X[0, 1] * c.y
     y = 0.0 + X[1, 0] * c.x + X[1, 1] * c.y
     z = 0.0
@@ -219,7 +220,7 @@ def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> N
 
 @kernel
 def keep_skew(square: Table, largest: float, out: Table) -> float:
-    """Copy a square whose skew part, which creates energy on closed motions, is the largest so far; give its size."""
+    """Copy the matrix with the largest skew part so far, which generates energy in closed motions; return its size."""
     skew = 0.0
     for p in range(square.columns):
         for q in range(p):

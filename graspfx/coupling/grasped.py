@@ -31,11 +31,11 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-UNCOUPLED = 1e-12  # relative: what of K_o between shifts and turns is rounding
+UNCOUPLED = 1e-12  # relative bound below which the coupling of translations and rotations in K_o is rounding
 
 
 class _Fades(NamedTuple):
-    """Where the fade begins now, and what was short of the earlier ones of the run [m]."""
+    """Present start of the fade, and the shortfall of earlier ones in the run [m]."""
 
     start: float
     shortfall: float = 0.0
@@ -45,24 +45,25 @@ class _Fades(NamedTuple):
 class GraspedObject:
     """n fingers coupled to one object in d dimensions.
 
-    Every sample: write `finger_position` and `finger_velocity` (n, d), call `sample()`, read `force` (n, d) on the
-    object; the object's wrench is in the body's part of the block, ready for `body.step`.
+    In every sample, write `finger_position` and `finger_velocity` (n, d), call `sample()`, and read `force` (n, d) on
+    the object. The object's wrench is in the body's part of the block, ready for `body.step`.
 
     Args:
-        fingers: n.
-        dimensions: d.
-        period: T [s].
-        law: the gains of eq. (4).
-        rules: how fingers touch.
-        shape: None only with attached contacts, which then are at the object's centre.
-        fill_body: writes the object's parameters and initial state into its part of the block.
-        radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
-        limit: largest force of each finger, one or (n,) [N], infinite where there is none; None for none at all.
-        live: names of fields of `GraspState` that may change in mid-run: a program reads them instead of folding them.
+        fingers: number of fingers n.
+        dimensions: number of dimensions d.
+        period: sampling period T [s].
+        law: gains of eq. (4).
+        rules: contact rules.
+        shape: shape of the object; None only with attached contacts, which are then at the object's centre.
+        fill_body: function that writes the object's parameters and initial state into its part of the block.
+        radius: radius of the ball fingertips, one or (n,) [m]; zero is a point.
+        limit: largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
+            limits.
+        live: names of fields of `GraspState` that may change during a run; programs do not fold them as constants.
 
     Raises:
-        InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length; soft
-            fingers outside of space, with matrix gains, without friction, or attached to no shape.
+        InputError: unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
+                are not in space, have matrix gains, have no friction, or are attached without a shape.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class GraspedObject:
         self._walk_anew()
 
     def _walk_anew(self) -> None:
-        """Let the walks on a mesh begin as far away as the fade reaches."""
+        """Set the distance at which mesh searches begin to the range of the fade."""
         if self._walks is None:
             return
         self._walks.array(MeshFinger.reach)[:] = np.inf
@@ -117,13 +118,13 @@ class GraspedObject:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
     def adopt(self, other: GraspedObject) -> None:
-        """Take over the law of another object with its fingers, and the reach of its fade, whose numbers stand here."""
+        """Adopt the law and fade range of another grasped object, whose numbers are already in this block."""
         self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
     def array(self, field: Any) -> FloatArray:
-        """Give a field of all fingers as an array that shares the block's memory, (n,) or (n, entries)."""
+        """Return a field of all fingers as a view of the block, (n,) or (n, entries)."""
         return self.state.fingers.array(field)
 
     @property
@@ -133,39 +134,39 @@ class GraspedObject:
 
     @property
     def structure(self) -> Index:
-        """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets."""
+        """Entries of `block` that are constant in a run and select what is computed: counts, switches, offsets."""
         return structure_entries(self.state, self.live)
 
     @property
     def gain_entries(self) -> list[int]:
-        """Entries of `block` that are gains, where these are numbers, and the switches that follow from them."""
+        """Entries of `block` that are scalar gains, and the switches that depend on them."""
         return gain_entries()
 
     @property
     def watched_entries(self) -> list[int]:
-        """Entries of `block` that no run changes, and that its samples do not read alone.
+        """Entries of `block` that no run changes and that are read outside its samples too.
 
-        Gains, of which matrices are composed once, and what P is made of, by which a recording divides forces.
+        They are gains, from which matrices are composed once, and the data of P, by which a recording splits forces.
         """
         return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
 
     @property
     def implicit(self) -> bool:
-        """True if the body's free motion has to be predicted before each sample."""
+        """Whether the body's free motion must be predicted before each sample."""
         return self.state.implicit
 
     @property
     def shortfall(self) -> float:
-        """Distance by which the fade began too near the surface, at most so far [m]; 0 if it never did."""
+        """Largest distance so far by which the fade started too close to the surface [m]; 0 if it never did."""
         return max(self._fades.shortfall, self.state.shortfall)
 
     @property
     def fade_needed(self) -> float:
-        """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
+        """Gap at which the fade should have started for the forces so far [m]; 0 if its start was sufficient."""
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
-        """Give where the fade begins, and where the last sample's forces ask it to [m]; None where nothing fades."""
+        """Return the start of the fade and the start that the last sample's forces require [m]; None without a fade."""
         if not self.state.fade or self.state.equal:
             return None
         pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
@@ -173,12 +174,12 @@ class GraspedObject:
 
     @property
     def blended(self) -> int:
-        """Samples in which a rotation was in the split with a part of its weight."""
+        """Number of samples in which a rotation had a partial weight in the split."""
         return int(self.state.in_band)
 
     def set_fade(self, low: float, high: float) -> None:
-        """Let a free finger leave the split between two gaps [m]."""
-        if low != self._fades.start:  # a shortfall is one of the fade that it was measured from
+        """Set the gaps over which a free finger fades out of the grasp [m]."""
+        if low != self._fades.start:  # a shortfall belongs to the fade from which it was measured
             most = max(self._fades.needed, _needed(self._fades.start, self.state.shortfall))
             self._fades = _Fades(low, self.shortfall, most)
             self.state.shortfall = 0.0
@@ -187,20 +188,20 @@ class GraspedObject:
             self._walks.array(MeshFinger.reach)[:] = high + self.array(FingerState.radius)
 
     def inward(self) -> FloatArray:
-        """Give unit normals into the object at the fingers' contacts, world axes, (n, d)."""
+        """Compute unit normals into the object at the fingers' contacts, in world axes, (n, d)."""
         o = start_of(BodyState, "motion") + start_of(type(self.state.body.motion), "rotation")
         R = self.body_state[o : o + 9].reshape(3, 3)
         normals: FloatArray = np.einsum("fi,ji->fj", self.array(FingerState.normal), R)
         return normals[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
-        """Attach contacts at points (n, d) in the object's frame [m]; the object's centre unless they are set."""
+        """Attach contacts at points (n, d) in the object's frame [m]; by default they are at the object's centre."""
         self.array(FingerState.contact)[:, : self.dimensions] = contacts
 
     def meet(self, position: FloatArray) -> None:
-        """Find each finger's contact point on the shape from where it starts, (n, d) [m]: the face that it will be on.
+        """Find each finger's contact point and face on the shape from its initial position, (n, d) [m].
 
-        Attached contacts stay where this puts them.
+        Attached contacts stay at these points.
         """
         if not self._shaped:
             return
@@ -215,11 +216,11 @@ class GraspedObject:
         self.touching[:] = touching
 
     def depths(self, position: FloatArray) -> FloatArray:
-        """Give how far fingers at (n, d) are deeper than where they have met the surface, world axes, (n, d) [m].
+        """Compute the penetration depth of fingers at (n, d) as vectors from the surface, in world axes, (n, d) [m].
 
-        A finger outside has none; one whose contact is attached has its way from there, wherever it is.
+        It is zero for a finger outside. For an attached contact it is the displacement from the contact point.
         """
-        if not self._shaped:  # attached to its centre, which `meet` leaves alone
+        if not self._shaped:  # attached to its centre, which `meet` does not change
             self.finger_position[:] = position
             approach(self._grasp)
         away: FloatArray = position - self.contact_position
@@ -232,10 +233,12 @@ class GraspedObject:
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
-        """Give compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
+        """Compute compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero at full damping.
 
         Args:
-            at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
+            at_rest: whether to use the forces of the last sample, which had zero rates; otherwise zero forces, for
+                which
+                    the compliances are infinite.
         """
         if not self.state.gradual:
             return np.zeros(self.fingers)
@@ -246,23 +249,23 @@ class GraspedObject:
         return np.array(weighted) / self.array(FingerState.weight)
 
     def pad_stiffness(self) -> FloatArray:
-        """Tangents 3/2 k^(2/3) f_n^(1/3) of compliant fingertips by the last forces, (n,) [N/m]; inf of rigid ones."""
+        """Tangent stiffness 3/2 k^(2/3) f_n^(1/3) of each fingertip at the last forces, (n,) [N/m]; inf if rigid."""
         k = self.array(FingerState.pad)
         f = np.array([max(normal_force(finger), 0.0) for finger in self._grasp.fingers])
         return np.where(k > 0.0, 1.5 * np.cbrt(k * k * f), np.inf)
 
     @property
     def split_rule(self) -> SplitRule:
-        """All that P is made of besides contact points and gaps, as the block has it now."""
+        """Data of P except contact points and gaps, from the present block."""
         return SplitRule.of(self.state)
 
     def object_gains(self) -> tuple[FloatArray, ...]:
-        """Give K of the object's shifts, of its turns and internal, D external and internal, (m, m) in its axes.
+        """Compute K for translations, for rotations and internal, and D external and internal, (m, m), object axes.
 
-        With soft fingers each has a row of torsion over its patch length behind its forces.
+        Each soft finger has an additional row, its torsion over its patch length, after its forces.
 
-        As the contacts and weights of the last sample make them. All of K is of the shifts where K_o couples them with
-        turns, so that what is left would not be a stiffness of its own.
+        They are those of the contacts and weights of the last sample. If K_o couples translations with rotations, all
+        of K counts as translational, because the remainder would not be a stiffness.
         """
         block = self.block.copy()
         grasp = GraspState(block)
@@ -279,13 +282,13 @@ class GraspedObject:
         return K_t, K - K_t, K_i, D, D_i
 
     def contradiction(self) -> str:
-        """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""
+        """Name a switch of the block that contradicts its gains; empty if none does."""
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
-        """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
+        """Warn of matrix gains whose skew part can generate energy: once, and again if it grows tenfold.
 
-        Samples do not warn; who runs them asks here.
+        Samples do not warn; the caller that runs them calls this function.
         """
         if self.matrices:
             self.law.warn_if_active("stiffness", self.state.skewest_stiffness.array(self.state.components))
@@ -297,7 +300,7 @@ class GraspedObject:
 
 
 def share_of_object(grasp: GraspState, name: str) -> FloatArray:
-    """Give what a gain of the object is on the contacts, (m, m) in the object's axes; K of the block is lost."""
+    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; overwrites K in the block."""
     if grasp.mixed:
         turn_axes(grasp)
     refactor(grasp)
@@ -330,18 +333,18 @@ def _grip(
 
 
 def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> str:
-    """Say what a fault of `sample` means to the user."""
+    """Explain a fault of `sample` to the user."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
     if fault == UNRESOLVED:
-        return "the contact forces did not settle; all forces are zero"
+        return "the contact forces did not converge; all forces are zero"
     if fault == EXCESSIVE:
         return _excess_text(fingers, grasped)
     return "the object's motion or a force on it is not finite; all forces are zero"
 
 
 def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
-    """Name the gain that makes most of a force above the bound, and what it multiplies."""
+    """Name the gain that contributes most to a force above the bound, and the quantity that it multiplies."""
     state, shares = grasped.state, []
     for share, part in ("external", grasped.law.external), ("internal", grasped.law.internal):
         for quantity, field, unit, per in (

@@ -1,4 +1,4 @@
-"""The sample under the implicit integrator: forces and the object's displacement from one linear system."""
+"""The sample with the implicit integrator: forces and the object's displacement from one linear system."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from graspfx.coupling.recoil import inertia, lever
 def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condensed: bool) -> None:
     """Compute the law in contact frames for the end of the sample, the object's displacement u eliminated.
 
-    f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), C the object's compliance; G has the moment arms of
-    the contacts and H those of the points where the rate is taken. Condensed, K and D are those of the touching
-    fingers alone, all others released from each by itself: where a free finger is changes nothing; and where there is a
-    coefficient, e is what slipping has left of it.
+    f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), with the object's compliance C. G has the moment arms
+    of the contacts and H those of the points where the rate is taken. If condensed, K and D are those of the touching
+    fingers only, so a free finger's position has no effect; with a coefficient of friction, e is the displacement after
+    slip.
     """
     m, size = grasp.count * grasp.coordinates, grasp.unknowns
     for p in range(size):
@@ -71,7 +71,7 @@ def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
 
 @kernel
 def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
-    """Compute K or D / T in contact frames; condensed to what touches, with zero rows and columns elsewhere."""
+    """Compute K or D / T in contact frames, condensed to touching fingers, with zero rows and columns elsewhere."""
     m = grasp.count * grasp.coordinates
     B = grasp.part
     per = 1.0 / grasp.period
@@ -88,7 +88,7 @@ def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
 
 @kernel
 def condense(grasp: GraspState, elastic: bool, per: float) -> None:
-    """Release from K or D / T what carries no force."""
+    """Release coordinates without force from K or D / T."""
     n, c = grasp.count, grasp.coordinates
     m, B = n * c, grasp.part
     if not elastic and grasp.gradual:
@@ -111,7 +111,7 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
 
 @inline
 def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
-    """Tell whether contact coordinate a carries force: a touching finger's normal, tangents if it has friction."""
+    """Tell whether contact coordinate a carries force: the normal of a touching finger, tangents with friction."""
     return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 

@@ -1,4 +1,4 @@
-"""Eq. (4) on a state block: from displacements and rates to forces, no cone."""
+"""Eq. (4) in a state block: forces from displacements and rates, without cones."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -
 
     f = s + P d, s = kip e + kid e', d = (kep - kip) e + (ked - kid) e', P = sum_k sqrt(w) q_k beta_k q_k' sqrt(w).
     """
-    # where nothing turns, the modes are the free translations: known before the program runs
+    # without rotations the modes are the free translations, known at compile time
     modes = grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts
-    count = modes if kep != kip or ked != kid else 0  # without a difference P is not needed
+    count = modes if kep != kip or ked != kid else 0  # equal gains do not need P
     width, soft = grasp.width, grasp.coordinates > 3
     z = grasp.mode_force
     for k in range(6):
@@ -71,7 +71,7 @@ def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -
 
 @kernel
 def combine_matrices(grasp: GraspState, elastic: bool, damping: bool) -> None:
-    """Compute f = K e + D e' with the matrices that stand in the block."""
+    """Compute f = K e + D e' with the matrices in the block."""
     c = grasp.coordinates
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
@@ -87,7 +87,7 @@ def combine_matrices(grasp: GraspState, elastic: bool, damping: bool) -> None:
 
 @kernel
 def keep_elastic(grasp: GraspState) -> None:
-    """Copy the forces, to which damping has not been added yet, to the elastic ones."""
+    """Copy the forces to the elastic ones, before damping is added."""
     for finger in grasp.fingers:
         finger.elastic = finger.local
 

@@ -1,8 +1,9 @@
-"""The step `limit` of a sample: the law's forces within what the devices display, before the object receives them.
+"""The step `limit` of a sample: limits the law's forces to those the devices can display, before the object moves.
 
-A limit at the device alone creates energy, for the object receives what nobody displayed. The normal way is inside the
-projection: the cones are cut off at |f_i| <= L_i and the sample is asked once more, so that the elastic force stays the
-gradient of a convex function (`graspfx.cones.cut`). Whatever is still too long is scaled (`graspfx.coupling.scaling`).
+A limit at the device only would generate energy, because the object would receive forces that are not displayed. The
+limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again, so the
+elastic force stays the gradient of a convex function (`graspfx.cones.cut`). Forces that are still too large are scaled
+(`graspfx.coupling.scaling`).
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from graspfx.coupling.react import react
 from graspfx.coupling.scaling import LIMIT_MARGIN, scale
 from graspfx.spatial import NOTHING, ZERO
 
-NEARLY = 1.0 - 1e-12  # of a limit: a force of that size stands at it
+NEARLY = 1.0 - 1e-12  # fraction of a limit from which a force counts as limited
 
 
 @kernel
 def limit(grasp: GraspState, fault: int) -> int:
     """Bring the forces of a sample within the limits; give `fault`, or UNRESOLVED.
 
-    The law's own forces stay in the block, and who stands at a limit. Nothing changes where all are short enough.
+    The block keeps the law's unlimited forces and marks the fingers at a limit. Forces within the limits are unchanged.
     """
     store_law(grasp)
     if fault != 0 or not exceeds(grasp):
@@ -54,7 +55,7 @@ def limit(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def limit_again(grasp: GraspState) -> None:
-    """Scale what was added to the forces since `limit` and the reaction to them; it counts as the law's."""
+    """Scale forces that were added after `limit`, and their reaction; the sum counts as the law's force."""
     for finger in grasp.fingers:
         finger.law_force -= finger.force
     react(grasp)
@@ -66,7 +67,7 @@ def limit_again(grasp: GraspState) -> None:
 
 @kernel
 def forget_limits(grasp: GraspState) -> None:
-    """Clear the law's force and who stands at a limit."""
+    """Clear the law's force and the marks of fingers at a limit."""
     for finger in grasp.fingers:
         finger.saturated = False
         finger.law_force = ZERO
@@ -74,7 +75,7 @@ def forget_limits(grasp: GraspState) -> None:
 
 @kernel
 def store_law(grasp: GraspState) -> None:
-    """Copy the forces, in world axes, to the law's; nobody stands at a limit yet."""
+    """Copy the forces, in world axes, to the law's; no finger is at a limit yet."""
     react(grasp)
     for finger in grasp.fingers:
         finger.saturated = False
@@ -83,7 +84,7 @@ def store_law(grasp: GraspState) -> None:
 
 @kernel
 def exceeds(grasp: GraspState) -> bool:
-    """Tell whether some finger's force, or its elastic one, is beyond the limit."""
+    """Tell whether the force or the elastic force of some finger exceeds its limit."""
     beyond = False
     for finger in grasp.fingers:
         most = LIMIT_MARGIN * finger.limit
@@ -94,13 +95,13 @@ def exceeds(grasp: GraspState) -> bool:
 
 @kernel
 def width(grasp: GraspState) -> int:
-    """Count the entries of a force that the limit is about: torsion too where friction bounds both together."""
+    """Count the limited entries of a force, including torsion if friction bounds both together."""
     return 4 if grasp.friction else 3
 
 
 @kernel
 def mark(grasp: GraspState, inside: bool) -> None:
-    """Mark the fingers whose force stands at the limit; inside the projection, also whose elastic force does."""
+    """Mark the fingers whose force is at its limit or, inside the projection, whose elastic force is."""
     for finger in grasp.fingers:
         least = NEARLY * LIMIT_MARGIN * finger.limit
         if force_size(finger.local, width(grasp)) >= least:
@@ -111,10 +112,10 @@ def mark(grasp: GraspState, inside: bool) -> None:
 
 @kernel
 def is_inside(grasp: GraspState) -> bool:
-    """Tell whether the projection itself can be asked for forces within limits.
+    """Tell whether the projection can respect the limits.
 
-    Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction, nor where
-    compliant fingertips stick.
+    It cannot with the implicit integrator, with matrix gains without a coefficient of friction, or with sticking
+    compliant fingertips.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
         return False
@@ -123,7 +124,7 @@ def is_inside(grasp: GraspState) -> bool:
 
 @kernel
 def force_in_cut_cones(grasp: GraspState) -> int:
-    """Find the forces of the cut cones: the elastic one, then damping; give 0 or UNRESOLVED."""
+    """Compute the forces in the cut cones, first elastic, then with damping; return 0 or UNRESOLVED."""
     if grasp.padded:
         fault = press(grasp)
         if fault != 0:
@@ -141,7 +142,7 @@ def force_in_cut_cones(grasp: GraspState) -> int:
 
 @kernel
 def limit_alone(grasp: GraspState) -> None:
-    """Limit every finger by itself, where gains are equal: elastic force and sum are shortened one after the other."""
+    """Limit each finger separately for equal gains: shorten its elastic force, then the sum with damping."""
     for finger in grasp.fingers:
         finger.local = finger.elastic
     shorten_all(grasp)
@@ -165,9 +166,10 @@ def shorten_all(grasp: GraspState) -> None:
 
 @kernel
 def force_in_balls(grasp: GraspState) -> int:
-    """Find the forces of attached and sticking contacts nearest to the law's, by K^-1 and D^-1, with |f_i| <= L_i.
+    """Compute the forces nearest to the law's, in the norms of K^-1 and D^-1, with |f_i| <= L_i.
 
-    Fingers that the law has let go of stay free, and those that it holds only push; give 0 or UNRESOLVED.
+    Contacts are attached or sticking. Fingers that the law released stay free, and the others only push. Return 0 or
+    UNRESOLVED.
     """
     gains = Gains(grasp.external_stiffness, grasp.internal_stiffness)
     fault = force_in_ball(grasp, grasp.problem, gains, True)
@@ -180,7 +182,7 @@ def force_in_balls(grasp: GraspState) -> int:
 
 @kernel
 def force_in_ball(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
-    """Find the elastic force of balls for cones, or add damping to the one that is there; give 0 or UNRESOLVED."""
+    """Compute the elastic force with balls instead of cones, or add damping to it; return 0 or UNRESOLVED."""
     pose_problem(grasp, problem, True)
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]

@@ -1,4 +1,4 @@
-"""Gains of the object on a state block: its stiffness K_o shared out among the contacts, K_ep = X K_c X'."""
+"""Gains of the object in a state block: its stiffness K_o distributed over the contacts, K_ep = X K_c X'."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from graspfx.coupling.grasp_state import Gain, GraspState
 from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import Vector, cross, dot
 
-NOTHING_HELD = 1e-13  # relative: a pivot of the unheld freedoms' stiffness below this is rounding
-WIDE = 6  # entries of K_o in a row, forces before moments: the plane and the line leave some at zero
+NOTHING_HELD = 1e-13  # relative bound below which a stiffness pivot of unheld degrees of freedom is rounding
+WIDE = 6  # entries of K_o per row, forces before moments; some are zero in the plane and on the line
 
 
 @kernel
 def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out: Table) -> None:
-    """Add X K_c X' = sum_jk A_jk w_j w_k' to a square, the same number on both sides of its diagonal.
+    """Add X K_c X' = sum_jk A_jk w_j w_k' to a square matrix, exactly symmetric.
 
-    w_k = L q_k are the modes' forces, rows of `mode_rows` from `first` on; those from `scratch` on are overwritten.
-    A = T^+ K_c T^+', T the modes' wrenches, is what K_o is for unit motions of the modes (`modal_gain`).
+    w_k = L q_k are the modes' forces, rows of `mode_rows` from `first` on; rows from `scratch` on are overwritten.
+    A = T^+ K_c T^+', with the modes' wrenches T, is K_o for unit motions of the modes (`modal_gain`).
     """
     fill_modal_gain(grasp, gain, first)
     count, rows, A = grasp.mode_count, grasp.mode_rows, grasp.modal_gain
@@ -42,7 +42,7 @@ def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out
 
 @kernel
 def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
-    """Compute A from the modes' wrenches and K_o, condensed by what they do not hold, and soften short arms."""
+    """Compute A from the modes' wrenches and K_o, condense unheld degrees of freedom, and soften short arms."""
     free = grasp.freedom.shifts + grasp.freedom.turns
     fill_wrenches(grasp, first)
     fill_free_gain(grasp, gain)
@@ -56,7 +56,7 @@ def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
 
 @kernel
 def fill_wrenches(grasp: GraspState, first: int) -> None:
-    """Compute the wrench of each mode's force about the object's centre, along the free freedoms; and a unit matrix."""
+    """Compute each mode's wrench about the object's centre, on the free degrees of freedom, and a unit matrix."""
     T, count, free = grasp.wrenches, grasp.mode_count, grasp.freedom.shifts + grasp.freedom.turns
     for k in range(count):
         for u in range(free):
@@ -94,14 +94,14 @@ def fill_free_gain(grasp: GraspState, gain: Gain) -> None:
 
 @kernel
 def inner_row(X: Floats, row: int, column: int, b: Vector) -> float:
-    """Compute the inner product of three entries of K_o's row with a vector."""
+    """Compute the dot product of three entries of a row of K_o with a vector."""
     p = row * WIDE + column
     return X[p] * b.x + X[p + 1] * b.y + X[p + 2] * b.z
 
 
 @kernel
 def scale_freedoms(grasp: GraspState, free: int) -> None:
-    """Bring shifts and turns to one size by their stiffness, so that pivots compare; by arms where one has none."""
+    """Scale translations and rotations by their stiffness, or else by arms, so that pivots are comparable."""
     T, K, count, shifts = grasp.wrenches, grasp.free_gain, grasp.mode_count, grasp.freedom.shifts
     stiff = turning = square = total = 0.0
     for u in range(free):
@@ -130,7 +130,7 @@ def scale_freedoms(grasp: GraspState, free: int) -> None:
 
 @kernel
 def eliminate(grasp: GraspState, free: int) -> int:
-    """Bring T to the unit matrix on the columns of its largest pivots, by Gauss and Jordan; give their number."""
+    """Reduce T to the unit matrix on the columns of its largest pivots by Gauss-Jordan; return their number."""
     T, count = grasp.wrenches, grasp.mode_count
     for u in range(free):
         grasp.held[u] = -1.0
@@ -158,9 +158,9 @@ def eliminate(grasp: GraspState, free: int) -> int:
 
 @kernel
 def fill_motions(grasp: GraspState, free: int, count: int) -> None:
-    """Write the object's motion for unit motions of the modes, then of the freedoms that no mode holds.
+    """Write the object's motion for unit motions of the modes, then of the unheld degrees of freedom.
 
-    After the elimination x_B = E y - R z for the columns B of pivots, and the others are z.
+    After the elimination, x_B = E y - R z for the pivot columns B; the other columns are z.
     """
     T, W = grasp.wrenches, grasp.motions
     z = count
@@ -179,7 +179,7 @@ def fill_motions(grasp: GraspState, free: int, count: int) -> None:
 
 @kernel
 def transform(grasp: GraspState, free: int) -> None:
-    """Compute A = W' K W, symmetric to the last bit."""
+    """Compute A = W' K W, exactly symmetric."""
     W, K, A, KW = grasp.motions, grasp.free_gain, grasp.modal_gain, grasp.mode_products
     for u in range(free):
         for j in range(free):
@@ -197,7 +197,7 @@ def transform(grasp: GraspState, free: int) -> None:
 
 @kernel
 def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
-    """Release what no mode holds: the object turns there as its stiffness has it."""
+    """Release unheld degrees of freedom, in which the object follows its stiffness."""
     A = grasp.modal_gain
     least = 0.0
     for z in range(count, free):
@@ -211,11 +211,11 @@ def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
 
 @kernel
 def soften_short_arms(grasp: GraspState, count: int) -> None:
-    """Keep the stiffness at fingertips bounded and continuous where a rotation's arm is inside the blend.
+    """Keep the stiffness at the fingertips bounded and continuous if a rotation's arm is inside the blend.
 
-    There an arm counts as long as the blend's upper one, so that a fingertip feels no more than K_o / (W l2^2), W the
-    sum of weights; and a compliance (1 - beta) / (beta tr A) stands in series, which leaves the rotation to the
-    internal part as the arm goes to the lower one.
+    The upper arm l2 of the blend replaces the arm, so that the stiffness at a fingertip is at most K_o / (W l2^2) with
+    the sum of weights W. A compliance (1 - beta) / (beta tr A) in series leaves the rotation to the internal part as
+    the arm approaches the lower one.
     """
     A, shifts = grasp.modal_gain, grasp.freedom.shifts
     trace = 0.0
@@ -236,7 +236,7 @@ def soften_short_arms(grasp: GraspState, count: int) -> None:
 
 @kernel
 def release_mode(A: Table, k: int, size: int, factor: float) -> None:
-    """Take factor a a' from A, a its column k."""
+    """Subtract factor a a' from A, where a is column k of A."""
     for p in range(size):
         if p != k:
             scaled = factor * A[p, k]
@@ -255,6 +255,6 @@ def release_mode(A: Table, k: int, size: int, factor: float) -> None:
 
 @kernel
 def arm_of_blend(beta: float, low: float, high: float) -> float:
-    """Compute the arm at which the smoothstep between two arms is beta: 3 t^2 - 2 t^3 = beta for the part t between."""
+    """Compute the arm at which the smoothstep 3 t^2 - 2 t^3 between two arms equals beta."""
     t = 0.5 - elementary.sin(elementary.asin(1.0 - 2.0 * beta) / 3.0)
     return low + t * (high - low)

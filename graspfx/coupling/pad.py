@@ -1,15 +1,15 @@
 """Compliant fingertips: f_n = k depth^1.5 along the contact's normal, in series with the coupling.
 
-A pad takes its depth delta from the displacement, e - delta n for e in eq. (4), so that the elastic force is the one of
+A pad's depth delta reduces the displacement in eq. (4) to e - delta n. The elastic force is then
 
     f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
 
-a nonlinear compliance beside K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths are the zero of
-k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part of K.
-Each pass asks the law for its elastic force at depths, whatever solver it has, and takes the next ones from a model
-f_n + B (change of e_n - delta), solved with the pads' own power. B is learned by secants (Broyden 1965) and stays in
-the block for the next sample. Where a step does not help, B becomes the normals' part of K, which is no less than any
-slope: that step, a proximal one, always lowers the function.
+with a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths are the
+zero of k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part
+of K. Each pass evaluates the law's elastic force, by any of its solvers, at the present depths. It finds the next
+depths from the model f_n + B (change of e_n - delta) and the pads' power law. B is updated by secants (Broyden 1965)
+and stays in the block for the next sample. If a step does not help, B becomes the normals' part of K, which bounds
+every slope: this proximal step always decreases the function.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from graspfx.coupling.unilateral import project
 from graspfx.spatial import inner, with_torsion
 
 PASSES = 100  # of a sample at most
-EXACT = 1e-13  # of the largest force: what f_n - k delta^1.5 may be
-ROUNDING = 1e-15  # of the stiffness times the longest displacement: so much the law's own force is off
-SHRINKS = 0.7  # what is left may be at most so much of what was left before, else the next step is a proximal one
-INNER = 30  # Newton's steps for the model, which ask for no force
-STILL = 1e-16  # of the deepest: steps that are done
+EXACT = 1e-13  # tolerance of f_n - k delta^1.5, relative to the largest force
+ROUNDING = 1e-15  # error of the law's force, relative to stiffness times the largest displacement
+SHRINKS = 0.7  # required reduction of the residual; otherwise the next step is proximal
+INNER = 30  # Newton steps for the model, which need no evaluation of the force
+STILL = 1e-16  # relative step length at convergence
 
 
 @kernel
 def press(grasp: GraspState) -> int:
-    """Find the pads' depths and take them from the displacements; give 0 or a fault of the forces."""
+    """Find the pads' depths and subtract them from the displacements; return 0 or a fault of the forces."""
     for i, finger in enumerate(grasp.fingers):
         grasp.pads[i].whole = finger.displacement
     if not same_touch(grasp):
@@ -74,7 +74,7 @@ def press(grasp: GraspState) -> int:
 
 @kernel
 def relax(grasp: GraspState) -> None:
-    """Give the displacements of pressed pads back; those of fingers that were let go of may be new."""
+    """Restore the displacements of pressed pads; those of released fingers may have changed."""
     for i, finger in enumerate(grasp.fingers):
         if grasp.pads[i].depth > 0.0:
             finger.displacement = grasp.pads[i].whole
@@ -82,7 +82,7 @@ def relax(grasp: GraspState) -> None:
 
 @kernel
 def elastic(grasp: GraspState) -> int:
-    """Find the elastic force of the law, by the solver that it has; give 0 or a fault."""
+    """Compute the elastic force of the law by its solver; return 0 or a fault."""
     if grasp.friction:
         return elastic_in_cones(grasp)
     if grasp.rays:
@@ -98,7 +98,7 @@ def elastic(grasp: GraspState) -> int:
 
 @kernel
 def take_depths(grasp: GraspState) -> None:
-    """Take the pads' depths from the displacements, along the normals."""
+    """Subtract the pads' depths from the displacements, along the normals."""
     for i, finger in enumerate(grasp.fingers):
         pad = grasp.pads[i]
         finger.displacement = with_torsion(pad.whole.vector - pad.depth * finger.normal, pad.whole.t)
@@ -106,7 +106,7 @@ def take_depths(grasp: GraspState) -> None:
 
 @kernel
 def measure(grasp: GraspState) -> tuple[float, float]:
-    """Compute max |f_n - k delta^1.5| and what it may be; write f_n and e_n - delta of the pass."""
+    """Compute max |f_n - k delta^1.5| and its tolerance; write f_n and e_n - delta of the pass."""
     miss = force = 0.0
     longest = stiffest = 0.0
     for i, finger in enumerate(grasp.fingers):
@@ -124,7 +124,7 @@ def measure(grasp: GraspState) -> tuple[float, float]:
 
 @kernel
 def store_pass(grasp: GraspState) -> None:
-    """Copy f_n and e_n - delta of this pass to those of the pass before."""
+    """Copy f_n and e_n - delta of this pass to those of the previous pass."""
     for i in range(grasp.count):
         pad = grasp.pads[i]
         pad.before_push = pad.push
@@ -133,7 +133,7 @@ def store_pass(grasp: GraspState) -> None:
 
 @kernel
 def accept(grasp: GraspState) -> None:
-    """Let the next step, or the next sample, begin from this pass."""
+    """Start the next step, or the next sample, from this pass."""
     for i in range(grasp.count):
         pad = grasp.pads[i]
         pad.from_push = pad.push
@@ -143,9 +143,9 @@ def accept(grasp: GraspState) -> None:
 
 @kernel
 def learn(grasp: GraspState) -> None:
-    """Change B so that it maps the last change of e_n - delta to that of f_n, by the least that does: Broyden's way.
+    """Update B by Broyden's method: the smallest change that maps the last change of e_n - delta to that of f_n.
 
-    Rows of fingers that have had no force stay as they are.
+    Rows of fingers without force are unchanged.
     """
     square = 0.0
     for i in range(grasp.count):
@@ -166,7 +166,7 @@ def learn(grasp: GraspState) -> None:
 
 @kernel
 def same_touch(grasp: GraspState) -> bool:
-    """Tell whether the fingers that push are those for which B was filled, and store who pushes now."""
+    """Tell whether the pushing fingers are those for which B was filled, and store the present ones."""
     same = grasp.pads_known
     grasp.pads_known = True
     for i in range(grasp.count):
@@ -179,7 +179,7 @@ def same_touch(grasp: GraspState) -> bool:
 
 @kernel
 def fill_slope(grasp: GraspState) -> None:
-    """Compute the normals' part of K for B, and the sums of its rows."""
+    """Set B to the normals' part of K, and compute its row sums."""
     assemble(grasp, True)
     c = grasp.coordinates
     for i in range(grasp.count):
@@ -193,9 +193,9 @@ def fill_slope(grasp: GraspState) -> None:
 
 @kernel
 def predict(grasp: GraspState, proximal: bool) -> None:
-    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of the pads that press, by Newton's method.
+    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of pressed pads by Newton's method.
 
-    A finger without force is taken to stay so and gets no depth, but for a proximal step, which lets it go down only.
+    A finger without force gets no depth, except in a proximal step, which may only decrease its depth.
     """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):

@@ -1,4 +1,4 @@
-"""The reaction of a sample: forces in world axes, and the wrench that they make on the object."""
+"""The reaction of a sample: forces in world axes, and their wrench on the object."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FINE = 0
 
 @kernel
 def react(grasp: GraspState) -> int:
-    """Give world forces, their sum and moment about the object's centre: f_v = G f (eq. 2); LOST if not finite."""
+    """Compute forces in world axes and their wrench f_v = G f about the object's centre (eq. 2); LOST if not finite."""
     motion = grasp.motion
     force = moment = ZERO
     for finger in grasp.fingers:

@@ -1,6 +1,6 @@
-"""Bilateral forces of a sample whose object moves under them: eq. (4) at the end of the sample, O(n).
+"""Bilateral forces on an object that moves under them in the sample: eq. (4) at the end of the sample, O(n).
 
-Under the implicit integrator f = K (e - G'u) + D (e' - H'u / T), u the object's displacement by the forces,
+With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T), where u is the object's displacement by the forces,
 
     [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
 
@@ -24,7 +24,7 @@ from graspfx.spatial import ZERO, Vector, Vector4, cross, dot, with_torsion
 def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
     """Compute the bilateral forces and the displacement u, with or without damping.
 
-    `slipped`: the displacements are those that slipping has left, e + s of the elastic force.
+    With `slipped`, the displacements are those after slip, e + s of the elastic force.
     """
     ked = grasp.external_damping if damped else 0.0
     kid = grasp.internal_damping if damped else 0.0
@@ -72,7 +72,7 @@ def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
 
 @kernel
 def find_levers(grasp: GraspState, damped: bool) -> None:
-    """Compute the levers of this sample: those of the contacts only if the modes are others, or they are no modes'."""
+    """Compute the levers of this sample; contact levers only if the modes changed or do not contain them."""
     state = grasp.recoil
     if not state.current or state.twisted:
         write_roots(grasp)
@@ -84,7 +84,7 @@ def find_levers(grasp: GraspState, damped: bool) -> None:
 
 @inline
 def damping_share(grasp: GraspState) -> Table:
-    """Give T of the damping's levers."""
+    """Return T of the damping's levers."""
     return grasp.recoil.damping_share if grasp.recoil.distant else grasp.recoil.elastic_share
 
 
@@ -152,7 +152,7 @@ def write_roots(grasp: GraspState) -> None:
 
 @kernel
 def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: float, damped: bool, slipped: bool) -> None:
-    """Find u from V'e in `stretch` and V'e' in `rate`: translations, all of one inertia, are eliminated first."""
+    """Compute u from V'e in `stretch` and V'e' in `rate`; translations, of equal inertia, are eliminated first."""
     state, system, motion = grasp.recoil, grasp.recoil.system, grasp.recoil.motion
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
     near, far = state.elastic_share, damping_share(grasp)
@@ -206,7 +206,7 @@ def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: floa
 
 @inline
 def lever_of_shift(near: Table, far: Table, s: int, a: int, root: float, kep: float, ked: float) -> float:
-    """Compute what translation s and rotation a have to do with each other by the springs and the dampers."""
+    """Compute the coupling of translation s and rotation a by springs and dampers."""
     return root * (kep * near[s, a] + ked * far[s, a])
 
 
@@ -243,7 +243,7 @@ def inertia(grasp: GraspState, u: int, v: int) -> float:
 
 @kernel
 def motion_of_object(grasp: GraspState) -> tuple[Vector, Vector]:
-    """Give u as a translation and a turn, in the object's axes."""
+    """Return u as a translation and a rotation in the object's axes."""
     shifts, motion = grasp.freedom.shifts, grasp.recoil.motion
     shift = turn = ZERO
     for u in range(shifts):
@@ -255,20 +255,20 @@ def motion_of_object(grasp: GraspState) -> tuple[Vector, Vector]:
 
 @inline
 def path_of(grasp: GraspState, finger: FingerState, shift: Vector, turn: Vector, at_tip: bool) -> Vector4:
-    """Compute what a small motion of the object does to a finger's contact, or its tip, and to its torsion."""
+    """Compute the displacement of a finger's contact or tip, and its torsion, by a small motion of the object."""
     way = shift + cross(turn, arm(grasp, finger, at_tip)) if grasp.freedom.turns > 0 else shift
     return with_torsion(way, finger.patch * dot(turn, finger.twist_axis) if grasp.coordinates > 3 else 0.0)
 
 
 @inline
 def arm(grasp: GraspState, finger: FingerState, at_tip: bool) -> Vector:
-    """Give where the object's centre sees a finger's contact, or its tip."""
+    """Return the vector from the object's centre to a finger's contact or tip."""
     return finger.contact + finger.displacement.vector if at_tip else finger.contact
 
 
 @kernel
 def lever(grasp: GraspState, finger: FingerState, u: int, a: int, at_tip: bool) -> float:
-    """Compute an entry of G in contact frames: what force coordinate a does along the object's free direction u."""
+    """Compute an entry of G in contact frames: force coordinate a along the object's free direction u."""
     axis = grasp.freedom.axes[u].vector
     if a == 3:
         return finger.patch * dot(axis, finger.twist_axis) if u >= grasp.freedom.shifts else 0.0

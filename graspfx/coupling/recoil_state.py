@@ -1,4 +1,4 @@
-"""Room for the recoil of an object, as it stands in a block (`coupling.recoil`, `coupling.flexibility`)."""
+"""State of an object's recoil in a block (`coupling.recoil`, `coupling.flexibility`)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ class RecoilState(Record):
     Directions are the object's free ones, translations first; columns are those of a law K = W^1/2 (A - V E V') W^1/2.
     """
 
-    most: int  # columns that there is room for
-    twisted: bool  # torsion acts along axes that are not the normals: elastic levers are no sums of modes
-    distant: bool  # rates are taken at the fingertips: so are the levers of damping
+    most: int  # largest number of columns
+    twisted: bool  # torsion acts along axes other than the normals: elastic levers are not sums of modes
+    distant: bool  # rates and the levers of damping are taken at the fingertips
     current: bool  # elastic levers are those of the modes
-    stuck: bool  # the last sample's forces all lay inside their cones
+    stuck: bool  # all forces of the last sample were inside their cones
     elastic_share: Table = table("6", "6")  # T = Q'sqrt(W) G', a row for each mode
     elastic_weight: Table = table("6", "6")  # G W G' of rotations
     damping_share: Table = table("6", "6")  # with H, the levers of damping, for G
@@ -39,5 +39,5 @@ class RecoilState(Record):
 
 
 def recoil_size(most: int) -> int:
-    """Count the entries for so many columns."""
+    """Count the entries for `most` columns."""
     return size_for(RecoilState, most=most)

@@ -1,4 +1,4 @@
-"""The rules by which fingers touch an object."""
+"""Rules of contact between fingers and an object."""
 
 from __future__ import annotations
 
@@ -11,21 +11,25 @@ from graspfx.coupling.fade import FADE
 
 @dataclass(frozen=True)
 class Rules:
-    """How fingers touch: the switches of the coupling, under the names of a scene's keys.
+    """Contact rules of the coupling, named after a scene's keys.
 
     Attributes:
-        attached: bilateral contact at points fixed in the object, no cone.
-        stick: a touching finger holds where it touched; else it slips freely, unless `friction` says otherwise.
-        friction: a coefficient of friction, for all fingers or one for each.
-        patch: the lengths rho of the fingers' contact patches [m], all or one each; 0 is a hard finger. In space.
-        share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
-        fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
-        at_contact: the reaction acts at the contact point, else at the fingertip.
-        blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
-        axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
-        damping_depth: over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once.
-        force_bound: largest force of a finger that the law may give [N]: more is a fault.
-        pad: k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], for all fingers or one for each; 0 is a hard one.
+        attached: whether contact is bilateral, at points fixed in the object, without cones.
+        stick: whether a touching finger sticks to its contact point; otherwise it slips freely, unless it has
+            `friction`.
+        friction: coefficient of friction, one for all fingers or one for each.
+        patch: lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Only in
+            space.
+        share: weight of each finger in the metric, its device's mass over the mean of all; equal weights if not given.
+        fade: gaps (h1, h2) [m] over which a free finger fades out of the grasp; None keeps every finger in it
+            ("follow").
+        at_contact: whether the reaction acts at the contact point; otherwise it acts at the fingertip.
+        blend: rms arms (l1, l2) [m] over which a rotation joins the external space; None joins it at any arm.
+        axes: axes of matrix gains: "object", "world", or "contact" with the normal first.
+        damping_depth: depth over which a touching finger's damping rises to its full value [m]; 0 applies it at once.
+        force_bound: largest force that the law may give a finger [N]; a larger one is a fault.
+        pad: stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0 is
+            a rigid fingertip.
     """
 
     attached: bool = False

@@ -1,4 +1,4 @@
-"""One whole sample: contacts, split, eq. (4), cones, limits, reaction."""
+"""One complete sample: contacts, split, eq. (4), cones, limits, reaction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from graspfx.spatial import NOTHING, ZERO, dot
 
 @kernel
 def sample(grasp: GraspState) -> int:
-    """Compute forces and wrench from the motion; give FINE, or why every force is zero."""
+    """Compute forces and wrench from the motion; return FINE, or the fault for which every force is zero."""
     fault = couple(grasp)
     if grasp.limited:
         fault = limit(grasp, fault)
@@ -33,9 +33,9 @@ def sample(grasp: GraspState) -> int:
 
 @kernel
 def couple(grasp: GraspState) -> int:
-    """Find the law's forces from the motion; give FINE or a fault."""
+    """Compute the law's forces from the motion; return FINE or a fault."""
     fault = approach(grasp)
-    passes = grasp.count  # at worst the fingers lose their anchors one after another
+    passes = grasp.count  # in the worst case the fingers lose their anchors one by one
     if fault == FINE:
         resplit(grasp)
         fault = respond(grasp, True)
@@ -52,7 +52,7 @@ def couple(grasp: GraspState) -> int:
 
 @kernel
 def find_excess(grasp: GraspState) -> int:
-    """Give EXCESSIVE where a finger's force by the law is above the bound, and keep the largest; FINE elsewhere."""
+    """Return EXCESSIVE and store the largest force if the law's force on a finger exceeds the bound; else FINE."""
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE
     for finger in grasp.fingers:
@@ -68,7 +68,7 @@ def find_excess(grasp: GraspState) -> int:
 
 @kernel
 def resplit(grasp: GraspState) -> None:
-    """Update the split, if the gains need it, and the matrices of gains that are no numbers."""
+    """Update the split, if the gains need it, and K and D of matrix gains."""
     if grasp.mixed:
         turn_axes(grasp)
     if not grasp.equal or grasp.recoils:
@@ -79,7 +79,7 @@ def resplit(grasp: GraspState) -> None:
 
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
-    """Find the forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
+    """Compute the forces on the object. AGAIN, if `again` allows it, requires a new split."""
     if grasp.attached:
         return attached(grasp)
     if grasp.padded:
@@ -95,7 +95,7 @@ def respond(grasp: GraspState, again: bool) -> int:
 
 @kernel
 def conclude(grasp: GraspState, fault: int) -> int:
-    """Give the object the wrench of the forces, or none after a fault; give FINE, or why every force is zero."""
+    """Write the wrench of the forces to the object, or zero after a fault; return FINE or the fault."""
     if fault == FINE:
         if grasp.friction:
             move_anchors(grasp)
@@ -111,7 +111,7 @@ def conclude(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def let_go(grasp: GraspState) -> None:
-    """Set the forces at every finger and on the object to zero."""
+    """Set the forces on every finger and on the object to zero."""
     for finger in grasp.fingers:
         finger.touching = False
         finger.status = 0
@@ -127,7 +127,7 @@ def let_go(grasp: GraspState) -> None:
 
 @kernel
 def check_fade(grasp: GraspState) -> None:
-    """Update the shortfall of `fade_start`: below 1/2 |1/kep - 1/kip| sum |f| a fading finger can touch again."""
+    """Update the shortfall of `fade_start`; a finger closer than 1/2 |1/kep - 1/kip| sum |f| can touch again."""
     release = grasp.release
     if not grasp.dense:
         release = compliance_of_numbers(grasp.external_stiffness, grasp.internal_stiffness)
@@ -139,10 +139,10 @@ def check_fade(grasp: GraspState) -> None:
 
 @kernel
 def external_forces(grasp: GraspState, out: Floats) -> int:
-    """Write P f of each finger, the object's axes [N], three numbers each: the external part of this sample's forces.
+    """Write the external part P f of this sample's forces, three components per finger in object axes [N].
 
-    P is as `two_forces.divide` has it, from the grasp's own modes; give FINE. After the tick the body has moved on: the
-    axes are those of the recorded pose.
+    P is that of `two_forces.divide`, from the grasp's modes; the function returns FINE. After the tick the body has
+    moved, so the axes are those of the recorded pose.
     """
     if grasp.fade:
         for finger in grasp.fingers:
@@ -162,7 +162,7 @@ def external_forces(grasp: GraspState, out: Floats) -> int:
 
 @kernel
 def along_mode(grasp: GraspState, mode: Floats) -> float:
-    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i), over the fingers that have a weight."""
+    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i) over the fingers with a weight."""
     z = 0.0
     for i, finger in enumerate(grasp.fingers):
         if finger.weight > 0.0:

@@ -1,10 +1,11 @@
-"""Forces scaled into limits: less squeezing first, then less of all, in the cones, along the same wrench.
+"""Scaling of forces into limits: first the internal force, then all of it, in the cones and along the same wrench.
 
-With a = P f, the least force of the same wrench that the contacts carry, and b = f - a, which squeezes only, what comes
-out is alpha (a + lambda b): the largest lambda in [lambda_c, 1] with every |a_i + lambda b_i| <= L_i and alpha = 1, or
-where there is none the lambda at which the longest in its limits is shortest and then alpha < 1. From lambda_c on all
-forces are in their cones; below it a finger would slip, or pull. P is that of the points where the forces act, over the
-components that are carried: along the normal alone without friction.
+Let a = P f be the smallest contact forces with the same wrench, and b = f - a the remaining internal force. The scaled
+force is alpha (a + lambda b). lambda is the largest in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with
+alpha = 1. If there is none, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >=
+lambda_c
+all forces are in their cones; below it a finger would slip or pull. P is the projector for the points where the forces
+act, over the components that contacts transmit: only the normal ones without friction.
 """
 
 from __future__ import annotations
@@ -16,26 +17,26 @@ from graspfx.compile.records import Floats, Record
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import NOTHING, Vector, Vector4, cross, dot, orthogonalise, with_torsion
 
-LIMIT_MARGIN = 1.0 - 1e-14  # of a limit is used: then a device's own, which acts last, shortens nothing by rounding
-ROUNDING = 1e-15  # of a finger's force: by so much a force counts as inside its cone
-LEAST = 1e-14  # of the longest of the wrench's directions among the contacts: a shorter one is none
-TOUCHING = 1.0 + 4e-15  # of a limit with its margin: what the projection shortened counts as within it
-HALVINGS = 60  # of an interval: what is left is rounding
+LIMIT_MARGIN = 1.0 - 1e-14  # used fraction of a limit, so that rounding never activates the device's own limit
+ROUNDING = 1e-15  # fraction of a finger's force, tolerance of its cone
+LEAST = 1e-14  # fraction of the longest wrench direction, below which a direction counts as zero
+TOUCHING = 1.0 + 4e-15  # factor on a limit with its margin, so that projected forces count as within it
+HALVINGS = 60  # bisections of an interval, down to rounding
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-SECTIONS = 80  # of an interval by the golden section
+SECTIONS = 80  # golden-section steps
 
-NORMAL_ONLY = 1  # what a contact carries: 0 nothing, 1 along the normal, 2 in all directions
+NORMAL_ONLY = 1  # force that a contact transmits: 0 none, 1 along the normal, 2 in all directions
 
 
 class DirectionPart(Record):
-    """A finger's part of a direction of contact forces; along the normal alone it is the first entry."""
+    """A finger's part of a contact-force direction; for normal forces only, it is the first entry."""
 
     force: Vector4
 
 
 @kernel
 def scale(grasp: GraspState, elastic: bool) -> None:
-    """Scale the forces into the limits, and with `elastic` the elastic ones by the same two numbers."""
+    """Scale the forces into the limits; with `elastic`, scale the elastic forces by the same two factors."""
     if not largest_load(grasp) > TOUCHING:
         return
     count = wrench_modes(grasp)
@@ -90,7 +91,7 @@ def length(v: Vector) -> float:
 
 @kernel
 def capacity(grasp: GraspState, finger: FingerState) -> int:
-    """Tell what a contact carries: 0 nothing, 1 along the normal, 2 in all directions."""
+    """Return the force that a contact transmits: 0 none, 1 along the normal, 2 in all directions."""
     if grasp.attached:
         return 2
     if not finger.touching:
@@ -100,10 +101,11 @@ def capacity(grasp: GraspState, finger: FingerState) -> int:
 
 @kernel
 def wrench_modes(grasp: GraspState) -> int:
-    """Write orthonormal directions of contact forces that have a wrench, over what is carried; give how many.
+    """Write orthonormal directions of transmitted contact forces that have a wrench; return their number.
 
-    They span G' of the free freedoms, G with the arms of the points where forces act. What is carried along the normal
-    alone has one coordinate, the first of the contact's four: small directions then have no rounding across it.
+    They span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that transmits
+    normal force only has one coordinate, the first of its four, so that small directions have no rounding errors across
+    it.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
     for k in range(shifts + turns):
@@ -130,13 +132,13 @@ def wrench_modes(grasp: GraspState) -> int:
 
 @inline
 def part_of(direction: Floats, i: int) -> DirectionPart:
-    """Give finger i's part of a direction."""
+    """Return finger i's part of a direction."""
     return DirectionPart(direction.buffer, direction.offset + (1 + 4 * i))
 
 
 @kernel
 def normalise_directions(grasp: GraspState, count: int) -> int:
-    """Scale to unit length all directions that are not rounding; those come to stand first; give their count."""
+    """Normalise all directions that exceed rounding, move them to the front and return their number."""
     size = grasp.directions.columns
     longest = 0.0
     for k in range(count):
@@ -158,7 +160,7 @@ def normalise_directions(grasp: GraspState, count: int) -> int:
 
 @kernel
 def project(grasp: GraspState, elastic: bool, count: int) -> None:
-    """Compute a = P f of the forces or the elastic ones; twice, so that f - a has no wrench to rounding."""
+    """Compute a = P f of the forces or the elastic forces, twice, so that f - a has no wrench up to rounding."""
     for finger in grasp.fingers:
         finger.carried = NOTHING
     for _ in range(2):
@@ -184,7 +186,7 @@ def project(grasp: GraspState, elastic: bool, count: int) -> None:
 
 @kernel
 def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> float:
-    """Compute the depth of a_i + lambda b_i in its cone, and rounding: mu f_n - |f_t|, or f_n; below zero outside."""
+    """Compute the depth of a_i + lambda b_i in its cone, mu f_n - |f_t| or f_n, plus a tolerance for rounding."""
     f, x = finger.local, squeezed(finger, squeeze)
     normal = dot(x.vector, finger.normal)
     slack = ROUNDING * math.sqrt(f.x * f.x + f.y * f.y + f.z * f.z + f.t * f.t)
@@ -197,7 +199,7 @@ def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> flo
 
 @kernel
 def least_squeeze(grasp: GraspState) -> float:
-    """Find lambda_c, from which on every force is in its cone up to lambda = 1: it is a concave depth's zero."""
+    """Find lambda_c, the zero of the concave cone depth: for lambda in [lambda_c, 1] every force is in its cone."""
     least = 0.0
     if grasp.attached:
         return least
@@ -216,7 +218,7 @@ def least_squeeze(grasp: GraspState) -> float:
 
 @kernel
 def lightest(grasp: GraspState, low: float) -> float:
-    """Find the lambda in [low, 1] with the least overload, which is convex in it."""
+    """Find the lambda in [low, 1] with the smallest overload, which is convex in lambda."""
     high = 1.0
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = overload(grasp, left), overload(grasp, right)
@@ -234,7 +236,7 @@ def lightest(grasp: GraspState, low: float) -> float:
 
 @kernel
 def most_squeeze(grasp: GraspState, low: float) -> float:
-    """Find the largest lambda in [low, 1] without overload, where there is none at `low`."""
+    """Find the largest lambda in [low, 1] without overload, given that `low` has none."""
     high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Torsion of soft fingers: rho theta about the normal, by which the object has turned since an anchor."""
+"""Torsion of soft fingers: rho theta about the normal, from the object's rotation since an anchor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn
 
 @kernel
 def twist(grasp: GraspState, finger: FingerState) -> None:
-    """Compute a finger's torsion rho theta, its rate, and the direction a in which it acts on the object.
+    """Compute a finger's torsion rho theta, its rate, and the direction a of its moment on the object.
 
     A fingertip does not turn: theta is minus the angle about the normal n of the object's rotation since its anchor, in
     swing and twist: 2 atan2(v . n, w) of the quaternion (v, w). It changes by minus a . (turn), a = [w^2 n + w n x v +
@@ -38,13 +38,13 @@ def twist(grasp: GraspState, finger: FingerState) -> None:
     if grasp.damped:
         rate = dot(axis, motion.rotation.transpose @ motion.angular_velocity)
         finger.rate = with_torsion(finger.rate.vector, -finger.patch * rate)
-    if w < QUARTER:  # long before half a turn, where the angle would jump
+    if w < QUARTER:  # far below half a turn, where the angle would jump
         set_anchor(grasp, finger, finger.displacement.t)
 
 
 @kernel
 def set_anchor(grasp: GraspState, finger: FingerState, torsion: float) -> None:
-    """Count the torsion of a finger from the object's rotation now, where it is `torsion` [m]."""
+    """Set a finger's anchor to the object's present rotation, where its torsion is `torsion` [m]."""
     motion = grasp.motion
     finger.anchor = motion.rotation
     finger.torsion_at_anchor = torsion

@@ -1,4 +1,4 @@
-"""External part P f of a grasp's forces, of which the rest is internal, and of the displacements dual to them."""
+"""External part P f of a grasp's forces and of their dual displacements; the rest is internal."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from graspfx.spatial import SWEEPS
 
 FloatArray = NDArray[np.float64]
 
-FEWEST = 4  # of which numpy adds entry by entry, whatever their number
-SLIGHT = 1e-40  # the weight of a finger that has none: in no sum that others have a part in, but it has a motion
-ROUNDING = 1e-31  # of the product of two squares: rows whose dot product squared is less are orthogonal
-LEAST_ARM = 1e-6  # of the largest arm: rotations with less are told apart by Jacobi's method
+FEWEST = 4  # from this number of samples on, numpy adds entry by entry
+SLIGHT = 1e-40  # weight of a faded finger: it vanishes in sums with other fingers, but leaves the finger a motion
+ROUNDING = 1e-31  # relative bound on the squared dot product of orthogonal rows
+LEAST_ARM = 1e-6  # fraction of the largest arm below which rotations are separated by Jacobi's method
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class SplitRule:
     """All that a grasp's P is made of besides its contact points and gaps.
 
     Attributes:
-        dimensions: d.
-        translations, rotations: along and about which of the world's axes the object is free, three each.
-        blend: rms arms between which a rotation joins the external space [m]; None where every arm counts whole.
-        fade: gaps between which a free finger leaves the split [m]; None where none does.
-        shares: of the metric, one for each finger.
-        patches: the fingers' patch lengths, zero for hard ones [m].
-        reaction: where the object feels a force, "fingertip" or "contact".
+        dimensions: number of dimensions d.
+        translations, rotations: world axes along and about which the object is free, three each.
+        blend: rms arms over which a rotation joins the external space [m]; None if any arm has full weight.
+        fade: gaps over which a free finger fades out of the grasp [m]; None if no finger does.
+        shares: weight of each finger in the metric.
+        patches: patch lengths of the fingers, zero for hard ones [m].
+        reaction: point at which the object receives a force, "fingertip" or "contact".
     """
 
     dimensions: int
@@ -67,17 +67,17 @@ class SplitRule:
         return cls(**fields)
 
     def table(self) -> dict[str, Any]:
-        """Write the rule as a table of lists, as JSON has them."""
+        """Write the rule as a table of lists, for JSON."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
     @property
     def soft(self) -> bool:
-        """True where some finger exerts torsion."""
+        """Whether some finger exerts torsion."""
         return any(self.patches)
 
     @property
     def is_local(self) -> bool:
-        """True where P depends on where the object's centre is: it turns, and not every translation is free."""
+        """Whether P depends on the position of the object's centre: it rotates, and not every translation is free."""
         return any(self.rotations) and not all(self.translations[: self.dimensions])
 
 
@@ -85,9 +85,9 @@ class Samples(NamedTuple):
     """Contacts of one grasp over r samples.
 
     Attributes:
-        contact: c, world axes, (n, d, r) [m]; from the object's centre if the rule `is_local`.
-        gap: (n, r) [m]; None where nothing fades.
-        normal: into the object, world axes, (n, 3, r); None without soft fingers.
+        contact: contact points c in world axes, (n, d, r) [m]; relative to the object's centre if the rule `is_local`.
+        gap: gaps (n, r) [m]; None without a fade.
+        normal: normals into the object in world axes, (n, 3, r); None without soft fingers.
     """
 
     contact: FloatArray
@@ -98,21 +98,21 @@ class Samples(NamedTuple):
 def divide(
     rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
 ) -> FloatArray:
-    """Divide forces f into P f and the rest, or displacements e by P', sample by sample to the same bits in any block.
+    """Compute the external part P f of forces f, or P'e of displacements e; results do not depend on the block size.
 
     With orthonormal modes q_k and blends beta_k of `rigid_modes`, weights w and z_k = sum_i q_k(i) . f_i / sqrt(w_i),
 
         P f = sqrt(w_i) sum_k beta_k q_k(i) z_k,    P' e = sum_k beta_k q_k(i) / sqrt(w_i) sum_j sqrt(w_j) q_k(j) . e_j.
 
     Args:
-        rule: of the grasp.
-        samples: its contacts.
-        whole: f [N], or e [m], world axes, (n, d, r).
-        torsion: of soft fingers, over their patch length [N], or times it [m], (n, r).
-        dual: whether displacements are divided.
+        rule: rule of the grasp.
+        samples: contacts of the grasp.
+        whole: forces f [N] or displacements e [m] in world axes, (n, d, r).
+        torsion: torsion of soft fingers, over their patch length [N] or times it [m], (n, r).
+        dual: whether `whole` holds displacements.
 
     Returns:
-        The external part, (n, d, r); of soft fingers with that of the torsion behind, (n, 4, r).
+        The external part, (n, d, r), or (n, 4, r) with soft fingers, whose last component is that of the torsion.
     """
     n, d, r = whole.shape
     if 0 < r < FEWEST:
@@ -152,7 +152,7 @@ def divide(
 
 
 def _smoothstep(x: FloatArray, low: float, high: float) -> FloatArray:
-    """Compute 0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 between."""
+    """Compute the smoothstep: 0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 in between."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0) if high > low else np.greater(x, low).astype(float)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
@@ -160,14 +160,14 @@ def _smoothstep(x: FloatArray, low: float, high: float) -> FloatArray:
 def _rotations(
     rule: SplitRule, samples: Samples, weight: FloatArray, root: FloatArray, total: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the motions of the contacts by the free rotations, orthogonal, as `rigid_modes` has them.
+    """Compute orthogonal motions of the contacts under the free rotations, as in `rigid_modes`.
 
     Returns:
         Motions times sqrt(w) (k, n c, r), the squares of their lengths (k, r), and their blends (k, r).
     """
     contact, d = samples.contact, rule.dimensions
     n, _, r = contact.shape
-    heaviest = weight.argmax(axis=0)  # from whose contact on differences are exact far from the origin
+    heaviest = weight.argmax(axis=0)  # reference contact: differences from it are exact far from the origin
     origin = contact[heaviest[0]] if len(heaviest) == 1 else contact[heaviest, :, np.arange(r)].T
     arm = contact - origin
     mean = (weight[:, None] * arm).sum(axis=0) / total
@@ -194,10 +194,10 @@ def _rotations(
 
 
 def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
-    """Rotate rows (k, m, r) until they are orthogonal; where all arms are above `enough`, by Gram and Schmidt.
+    """Orthogonalise rows (k, m, r) by rotations, or by Gram-Schmidt if all arms are above `enough`.
 
-    There every blend is 1, so that P depends on what the rows span alone; elsewhere they have to be those of the
-    singular values. The least of these is at least the volume over the largest product that the others can have.
+    Above `enough` every blend is 1, and P depends only on the span of the rows. Otherwise the rows must be singular
+    vectors. The smallest singular value is at least the volume over the largest product of the others.
     """
     plain = modes.copy()
     for k in range(1, len(plain)):
@@ -216,7 +216,7 @@ def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
 
 
 def _jacobi(rows: FloatArray) -> FloatArray:
-    """Rotate rows (k, m, r) by pairs until they are orthogonal: one-sided Jacobi, accurate for small lengths too."""
+    """Orthogonalise rows (k, m, r) by one-sided Jacobi rotations, which are accurate for short rows too."""
     for _ in range(SWEEPS):
         is_turned = False
         for p in range(len(rows) - 1):
@@ -237,7 +237,7 @@ def _jacobi(rows: FloatArray) -> FloatArray:
 
 
 def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:
-    """Compute tau / rho of soft fingers [N], zero of hard ones, from moments rho (tau / rho) a (..., n, 3)."""
+    """Compute tau / rho of soft fingers [N], zero for hard ones, from moments rho (tau / rho) a (..., n, 3)."""
     square = (axis * axis).sum(axis=-1) * np.array(rule.patches)
     along = (moment * axis).sum(axis=-1)
     return np.asarray(np.divide(along, square, out=np.zeros_like(along), where=square > 0.0))

@@ -1,4 +1,4 @@
-"""Unilateral contact: forces projected on what a finger can push (eqs. 24-26), by principal pivoting."""
+"""Unilateral contact: forces projected on pushing forces (eqs. 24-26) by principal pivoting."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from graspfx.coupling.law import bilateral, keep_elastic, normal_force
 from graspfx.coupling.recoil import recoil
 from graspfx.spatial import NOTHING
 
-LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
+LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has no damping
 
 
 @kernel
@@ -44,10 +44,10 @@ def unilateral(grasp: GraspState, again: bool) -> int:
 
 @kernel
 def update_touching(grasp: GraspState, again: bool) -> bool:
-    """Tell the fingers that push from the others, and whether the forces have to be found once more.
+    """Mark the fingers that push, and tell whether the forces must be recomputed.
 
-    A sticking finger that is let go of is given the contact point that it has without its anchor, and asks for a
-    second pass: else it would have no force in this sample and touch in the next.
+    A released sticking finger gets the contact point without its anchor, and a second pass is required. Otherwise it
+    would have no force in this sample and touch again in the next.
     """
     anew = False
     for finger in grasp.fingers:
@@ -63,7 +63,7 @@ def update_touching(grasp: GraspState, again: bool) -> bool:
 
 @kernel
 def project(grasp: GraspState) -> int:
-    """Find the elastic force in the cones: tangents released without friction, whole fingers where contacts stick."""
+    """Compute the elastic force in the cones; release tangents without friction, and whole fingers that stick."""
     n, c = grasp.count, grasp.coordinates
     m = n * c
     if grasp.recoils and grasp.stick:
@@ -95,7 +95,7 @@ def project(grasp: GraspState) -> int:
         unresolved = complement(
             grasp.square, grasp.vector, grasp.diagonal, grasp.engaged, contacts, attempt == 0, scale
         )
-        # a sticking finger is released whole, which is no cone: where going back and forth does not end, only let go
+        # a sticking finger is released as a whole, which is no cone: if pivoting cycles, only release
         if unresolved == 0 or not grasp.stick:
             break
     if grasp.dense and not grasp.stick:
@@ -117,7 +117,7 @@ def all_push(grasp: GraspState) -> bool:
 
 @kernel
 def retain(grasp: GraspState) -> None:
-    """Compute e + s of contacts that slip freely: s is `vector`, but the normals of fingers that push have none."""
+    """Compute e + s of freely slipping contacts: s is `vector`, but zero along the normals of pushing fingers."""
     for i, finger in enumerate(grasp.fingers):
         for a in range(grasp.coordinates):
             p = i * grasp.coordinates + a
@@ -131,7 +131,7 @@ def retain(grasp: GraspState) -> None:
 
 @kernel
 def damp(grasp: GraspState) -> int:
-    """Add the damping force, projected on the cones too: never active; (26)'s rate term when nothing is clamped."""
+    """Add the damping force, projected on the cones and passive; without clamping it is the rate term of (26)."""
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
         keep_elastic(grasp)
@@ -153,7 +153,7 @@ def damp(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
             p = i * c + a
-            # a clamped normal holds a rate, its tangents are still forces; what is released carries nothing
+            # a clamped normal holds a rate, its tangents are still forces; released coordinates carry none
             if not carries(grasp, finger, a) or (a == 0 and grasp.engaged[i] == 0.0):
                 grasp.vector[p] = 0.0
             elif a == 0:
@@ -164,7 +164,7 @@ def damp(grasp: GraspState) -> int:
 
 @kernel
 def assemble_damping(grasp: GraspState) -> None:
-    """Compute D and f0 + D e' of what carries force; all else is released."""
+    """Compute D and f0 + D e' of the coordinates that carry force; release all others."""
     for i, finger in enumerate(grasp.fingers):
         write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
     assemble(grasp, False)
@@ -182,9 +182,9 @@ def assemble_damping(grasp: GraspState) -> None:
 
 @kernel
 def make_regular(grasp: GraspState) -> None:
-    """Raise a singular D (ked or kid zero) by 1e-8 of its diagonal, with the force that goes with that.
+    """Regularise a singular D (ked or kid zero) by 1e-8 of its diagonal, including its force.
 
-    The law stays passive, and no finger hangs on a pivot of rounding size.
+    The law stays passive, and no pivot is of rounding size.
     """
     if not grasp.singular:
         return
@@ -200,7 +200,7 @@ def make_regular(grasp: GraspState) -> None:
 
 @kernel
 def largest(numbers: Floats, count: int) -> float:
-    """Find the largest size of `count` numbers."""
+    """Return the largest absolute value of `count` numbers."""
     scale = 0.0
     for p in range(count):
         scale = max(scale, abs(numbers[p]))

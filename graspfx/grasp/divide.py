@@ -1,4 +1,4 @@
-"""Division of contact forces into external and internal parts by a split of any kind, including those for analysis."""
+"""Division of contact forces into external and internal parts, also by kinds of split for analysis only."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def divide(
         if not isinstance(grasp, GraspMatrix):
             raise InputError("grasp", grasp, "a Grasp for kind='virtual-linkage'")
         if not (weights is stiffness is metric is None):
-            raise InputError("weights", weights, "none for kind='virtual-linkage', nor a stiffness or a metric")
+            raise InputError("weights", weights, "no weights, stiffness or metric for kind='virtual-linkage'")
         grasp.require_one("divide")
         parts = VirtualLinkage(grasp).divide(flat)
     else:

@@ -78,7 +78,7 @@ class GraspMatrix:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mask of the object's freedoms that can move, forces before moments."""
+        """Mask of the object's free degrees of freedom, forces before moments."""
         return np.ones(self.dimensions + MOMENTS[self.dimensions], dtype=bool)
 
     @property

@@ -1,4 +1,4 @@
-"""Stiffness and damping of the object as it is felt, and their distribution over contacts."""
+"""Stiffness and damping that the fingers feel at the object, and their distribution over contacts."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 
-FREEDOMS = {d + MOMENTS[d]: d for d in MOMENTS}  # dimensions by the number of an object's freedoms
-ROUNDING = 1e-13  # relative: eigenvalues of the unheld freedoms' stiffness below this are zero
+FREEDOMS = {d + MOMENTS[d]: d for d in MOMENTS}  # dimensions by the number of an object's degrees of freedom
+ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffness are zero
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -30,8 +30,8 @@ class ObjectImpedance(Carded):
 
         K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
 
-    Freedoms that the contacts cannot hold are condensed out before (K_c), so that neither the unit of moments nor the
-    point of reference matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which is K_o where G has full rank:
+    K_c condenses out degrees of freedom that the contacts cannot hold, so that neither the unit of moments nor the
+    reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which is K_o where G has full rank:
     K_ep is symmetric and creates no energy, and the internal part adds nothing to what the object feels.
 
     K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
@@ -39,8 +39,8 @@ class ObjectImpedance(Carded):
 
     Args:
         stiffness: Stiffness K_o, (w, w), forces before moments [N/m, N, N m/rad]; its diagonal (w,), or on a line a
-            number. w is 1, 3 or 6, in the axes of the contact points, or the number of free freedoms of the grasp. Rows
-            and columns of locked freedoms are left out.
+            number. w is 1, 3 or 6, in the axes of the contact points, or the grasp's number of free degrees of freedom.
+            Rows and columns of locked degrees of freedom are omitted.
         damping: Damping D_o, in the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
@@ -60,7 +60,11 @@ class ObjectImpedance(Carded):
         where = None if point is None else finite("point", point)
         if where is not None and where.shape != (FREEDOMS.get(len(K)),):
             d = FREEDOMS.get(len(K))
-            raise InputError("point", point, f"a point of {d} coordinates" if d else "no point beside free freedoms")
+            raise InputError(
+                "point",
+                point,
+                f"a point of {d} coordinates" if d else "no point with free degrees of freedom only",
+            )
         for name, value in ("stiffness", K), ("damping", D), ("point", where):
             if value is not None:
                 value.setflags(write=False)
@@ -102,7 +106,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
-        InputError: The freedoms of the impedance are not those of the grasp.
+        InputError: The degrees of freedom of the impedance are not those of the grasp.
     """
     m, sets = split.components, split.sets
     grasp = split.grasp
@@ -121,10 +125,10 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
 
 
 def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> FloatArray:
-    """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) with the unheld freedoms released.
+    """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) after release of unheld degrees of freedom.
 
-    T (w, r) has full rank, with the wrench of each mode's unit force. Forces and moments are brought to one size by
-    their stiffness, not by T, where a moment may be rounding.
+    T (w, r) has full rank; its columns are the wrenches of unit modal forces. Forces and moments are scaled by their
+    stiffness, not by T, in which a moment may be rounding.
     """
     if not K.any():
         return np.zeros((T.shape[1],) * 2)
@@ -147,7 +151,7 @@ def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> Floa
 
 
 def _of_freedoms(K: FloatArray, grasp: ContactSet | None, w: int) -> FloatArray:
-    """Leave out rows and columns of locked freedoms."""
+    """Omit rows and columns of locked degrees of freedom."""
     free = getattr(grasp, "free", np.ones(w, dtype=bool))
     if len(K) == len(free):
         return np.asarray(K[np.ix_(free, free)])

@@ -18,7 +18,7 @@ class PointGrasp(Record):
     external_damping: float  # ked [N s/m]
     internal_stiffness: float  # kip [N/m]
     internal_damping: float  # kid [N s/m]
-    tolerance: float  # relative to the contacts' rms radius; closer to a line, no force turns them about it
+    tolerance: float  # relative to the contacts' rms radius; contacts closer to a line do not rotate about it
     rank: int  # rank of G at the last call
     points: Floats = floats("count * dimensions")  # [m]
     displacement: Floats = floats("count * dimensions")  # e [m]

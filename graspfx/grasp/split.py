@@ -376,8 +376,8 @@ def metric_of(
     """Return the metric that a kind of split names, with mean 1 over forces; or the argument `metric` if none is named.
 
     Raises:
-        InputError: There is a metric beside a kind; weights or stiffness are missing, or given for another kind; or G
-            is a bare matrix.
+        InputError: Both a metric and a kind are given; weights or stiffness are missing, or given for another kind;
+                or G is a bare matrix.
         UnknownNameError: The kind is unknown.
     """
     if kind not in get_args(Kind):
@@ -391,7 +391,7 @@ def metric_of(
     if needed is None:
         return metric
     if metric is not None:
-        raise InputError("metric", metric, f"none beside kind={kind!r}, which names one")
+        raise InputError("metric", metric, f"None with kind={kind!r}, which defines a metric")
     if not isinstance(G, ContactSet):
         raise InputError("G", G, f"a Grasp for kind={kind!r}", "a bare matrix does not know its contacts")
     M = finite(needed, given[needed])
@@ -402,7 +402,7 @@ def metric_of(
         raise InputError(needed, M, f"{G.fingers} positive numbers, one per finger{more}")
     if per_finger and torsion.any():
         do = "stiffness per component" if needed == "stiffness" else "metric=grasp.metric(torsion_length=, weights=)"
-        expected = "contacts without moments, whose unit a number per finger does not know"
+        expected = "contacts without moments, because one number per finger has no unit for them"
         raise InputError(needed, M, expected, f"pass {do}")
     size = float((np.diag(M) if M.ndim == 2 else M)[slice(None) if per_finger else ~torsion].mean())
     return M / size if size > 0.0 else M

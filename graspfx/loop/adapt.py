@@ -1,4 +1,4 @@
-"""Adapts a vendor's C functions to those that a loop without Python calls, by machine code between the two."""
+"""Adapts a vendor's C functions to a loop without Python, by generated machine code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Adapter:
     """The machine code of a device's C functions, with the memory that it works on.
 
     Attributes:
-        context: words, which the functions are given the address of.
+        context: memory whose address the functions receive.
     """
 
     def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
@@ -40,18 +40,18 @@ class Adapter:
         self.context, self._owners = context, owners
 
     def value(self, code: int) -> float:
-        """Give the number by which a code below zero was judged: what a function returned, or left."""
+        """Return the number behind a negative code: a function's return value, or the buffer entry that was tested."""
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
-        """Say what a code below zero means."""
+        """Explain a negative code."""
         function, says = self._faults[-code - 1]
         value = self.value(code)
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
         return f"{function} {says}{number}"
 
     def buffer(self, name: str) -> np.ndarray[Any, Any]:
-        """Give a buffer's numbers as they are now."""
+        """Return the present numbers of a buffer."""
         type_, word = self._buffers[name]
         kind = np.dtype(
             type_.replace("float", "f4").replace("double", "f8")
@@ -75,7 +75,7 @@ def adapt(
     velocity: VelocityEstimator | None = None,
     **settings: float,
 ) -> Calls:
-    """Adapt C functions of a vendor's library, with their own signatures, to a loop without Python.
+    """Adapt C functions of a vendor's library to a loop without Python.
 
         calls = adapt(
             library,
@@ -86,36 +86,37 @@ def adapt(
             id=0,
         )
 
-    Each text is a call as C would declare it, or several with `;` between. An argument is
+    Each text is one call in the form of a C declaration, or several calls separated by `;`. An argument is
 
-    - `in 0`, entry 0 of the block by its value, or `in 0:3`, the address of entries 0, 1 and 2;
+    - `in 0`, the value of entry 0 of the block, or `in 0:3`, the address of entries 0, 1 and 2;
     - `out 0` or `out 0:3`, the address of entries that the function fills;
-    - a type with a number, as `double 0` or `u32 0x2050`, or with the name of a setting, as `i8 id`;
-    - a type with a size and a name, as `i32[17] status`: a buffer of the context's.
+    - a type and a number, such as `double 0` or `u32 0x2050`, or a type and the name of a setting, such as `i8 id`;
+    - a type with a size, and a name, such as `i32[17] status`: a buffer in the context.
 
-    `* 0.001` behind entries multiplies them, after `out` and before `in`. Types are void, char, short, int, long, uint,
-    ulong, i8 to i64, u8 to u64, float and double; `u32[3]` before a function's name is a struct of three numbers, whose
-    first one counts. The block of `ask` and `read` are positions, then velocities; that of `write` and `stop` forces.
+    A factor after entries, such as `* 0.001`, multiplies them after an `out` call or before an `in` call. Types are
+    void, char, short, int, long, uint, ulong, i8 to i64, u8 to u64, float and double. `u32[3]` before a function's name
+    is a returned struct of three numbers, of which the first is tested. The block of `ask` and `read` holds positions,
+    then velocities; the block of `write` and `stop` holds forces.
 
-    Each call is judged by itself: a fault is never hidden by what another returns, and ends the function; `stop`
-    tries all of its calls.
+    Each call is tested separately. A fault ends the function, so no later call hides it; `stop` makes all of its calls
+    nevertheless.
 
     Args:
-        library: a `ctypes.CDLL`, or an object with ctypes functions of these names.
-        read, write, stop, ask: the calls; an `ask` without any is none.
-        fault: comparisons with `or` between: of what a call returns, or of an entry of a buffer, as in
+        library: `ctypes.CDLL`, or an object with ctypes functions of these names.
+        read, write, stop, ask: texts of the calls; without `ask` the device is not asked.
+        fault: condition for a fault: comparisons of a return value or of a buffer's entry, joined by `or`, such as
             "< 0 or status[5] == 0".
-        held: likewise, of what a call of `read` returns that has no new sample.
-        errors: a call that takes the newest error off the library's stack, 0 for none; it is called after every call
-            until the stack is empty, and an error is a fault.
-        shape: (k, d) of the device.
-        velocity: gives velocities where `read` gives positions alone; None if it gives both.
-        settings: numbers by the names that the texts have for them.
+        held: condition, in the same form, for a `read` without a new sample.
+        errors: call that pops the newest error from the library's stack, 0 for none. It is called after every call
+            until the stack is empty; an error is a fault.
+        shape: shape (k, d) of the device.
+        velocity: estimator of velocities if `read` gives positions only; None if it gives both.
+        settings: values of the settings that the texts name.
 
     Raises:
-        MissingPackageError: no LLVM.
-        InputError: a text that is none of this kind, an entry out of range, a function that the library does not have,
-            or a name without a setting.
+        MissingPackageError: LLVM is not installed.
+        InputError: a text has another form, an entry is out of range, the library lacks a function, or a name has no
+            setting.
     """
     k, d = shape
     texts = {"ask": ask, "read": read, "write": write, "stop": stop}
@@ -131,7 +132,7 @@ def adapt(
     buffers = parts.plan.buffers
     for each in (*judges[0], *judges[1]):
         if each.buffer and not (each.buffer in buffers and each.entry < _entries(calls, each.buffer)):
-            raise InputError("fault", fault, f"entries of buffers that the calls have, not {each.subject}")
+            raise InputError("fault", fault, f"entries of buffers in the calls, not {each.subject}")
     context = np.zeros(parts.plan.size, dtype=np.int64)
     words = context.view(np.uint64)
     _fill_settings(parts, words, settings)
@@ -149,7 +150,7 @@ def adapt(
 
 
 def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
-    """Load the kernel of velocities, which functions that are loaded later call."""
+    """Load the velocity kernel, which later functions call."""
     from graspfx.compile.symbol import symbol_of
     from graspfx.loop.velocity import estimate_after
 
@@ -185,15 +186,15 @@ def _symbol(library: object, name: str) -> int:
         place = ctypes.cast(function, ctypes.c_void_p).value
     except (AttributeError, ctypes.ArgumentError, TypeError) as error:
         raise InputError(
-            "library", library, f"a library of C functions with {name}", "it is another one, or too old"
+            "library", library, f"a library of C functions with {name}", "it is another library, or too old"
         ) from error
     if not place:
-        raise InputError("library", library, f"a library of C functions with {name}", "the address of it is zero")
+        raise InputError("library", library, f"a library of C functions with {name}", "its address is zero")
     return place
 
 
 def c_engine(text: str) -> Any:
-    """Load the machine code of a text, compiled now or before."""
+    """Load the machine code of a text; compile it if it is not cached."""
     key = hashlib.sha256("\0".join([*platform(), "calls", text]).encode()).hexdigest()
     machine = disk.load(key)
     if machine is None:

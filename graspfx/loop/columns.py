@@ -1,4 +1,4 @@
-"""Columns of a recorded row: one declared table, which of it a scene has, and the face of whoever takes rows."""
+"""Columns of a recorded row: the table of all columns, the selection that a scene has, and the row-taker protocol."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
-ENTRIES = {  # along the dimensions that all recordings have alike
+ENTRIES = {  # entries along the dimensions that are the same in all recordings
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
     "quaternion": ("x", "y", "z", "w"),
@@ -26,7 +26,7 @@ ENTRIES = {  # along the dimensions that all recordings have alike
     "call": ("read", "write"),
     "share": ("soft", "trust", "squeeze", "outer"),
 }
-REST = "rest"  # as the key of a change: from its tick on forces decay, as the run ends by itself ("end") or by "stop"
+REST = "rest"  # key of a change: forces decay from its tick on, because the run ends ("end") or was stopped ("stop")
 
 
 class RunFault(NamedTuple):
@@ -40,7 +40,7 @@ class RunFault(NamedTuple):
 
 
 class RowTaker(Protocol):
-    """A taker of rows tick by tick: `Recorder` in the servo's own process, `RingRecorder` where another one records."""
+    """Accepts rows tick by tick: `Recorder` in the servo's process, `RingRecorder` when another process records."""
 
     @property
     def row(self) -> FloatArray:
@@ -48,23 +48,23 @@ class RowTaker(Protocol):
         ...
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Give rows (r, width), the place in them of the next tick, and for how many ticks there is room.
+        """Return rows (r, width), the index in them of the next tick, and the number of ticks that still fit.
 
-        The tick at place r writes row r; with a row every m ticks, row r / m if m divides r.
+        The tick at index r writes row r. With one row every m ticks it writes row r / m, if m divides r.
         """
         ...
 
     def take(self, count: int) -> None:
-        """Keep what that many ticks more have written."""
+        """Accept the rows that the next `count` ticks have written."""
 
     def drain(self) -> None:
-        """Pass on what is full; called between ticks."""
+        """Pass on full buffers; called between ticks."""
 
     def fault(self, k: int, message: str) -> None:
-        """Note a fault of tick k."""
+        """Record a fault of tick k."""
 
     def change(self, k: int, values: Mapping[str, Any]) -> None:
-        """Note that keys of the scene have these values from tick k on."""
+        """Record that keys of the scene have these values from tick k on."""
 
 
 # The table ------------------------------------------------------------------------------------------------------------
@@ -74,15 +74,16 @@ class Declared(NamedTuple):
     """A quantity that a row may hold.
 
     Attributes:
-        name: of the column; of an object's, behind `objects/NAME/`.
+        name: name of the column; an object's columns are prefixed with `objects/NAME/`.
         dimensions: names of its dimensions, space-separated; none for a single number.
-        unit: of its numbers.
-        meaning: what it is.
-        filled: who fills it: "sample" (the coupling's sample of a grasp), "servo" (the tick around it), "observer" (the
-            ledger of energies), "safety" (the chain) or "loop" (the exchange with devices on the wall's clock).
-        when: the property of `Layout` that says whether it is there; if not given it always is, and with "always" also
-            in recordings of every format.
-        kind: the type of its numbers in a file; in a row all are float64.
+        unit: unit of its numbers.
+        meaning: description of the quantity.
+        filled: origin of its values: "sample" (the coupling's sample of a grasp), "servo" (the tick around it),
+            "observer" (the ledger of energies), "safety" (the chain) or "loop" (the exchange with devices on the wall's
+            clock).
+        when: property of `Layout` that tells whether the column exists. Without one it always exists; with "always" it
+                also exists in recordings of every format.
+            kind: type of its numbers in a file; rows hold float64 only.
     """
 
     name: str
@@ -95,75 +96,80 @@ class Declared(NamedTuple):
 
 
 # fmt: off
-DISPLAYED = "on the operator, after every limit, before output delay"
-SCALE = "left of the law's force: by the soft start, by trust in readings, of what squeezes, of a finger's whole force"
+DISPLAYED = "force on the operator, after every limit, before output delay"
+SCALE = "factors on the law's force: soft start, trust in readings, internal force, a finger's whole force"
 C, OBSERVED = Declared, ("observer", "observed")
 OF_FINGERS = (
-    C("finger_position", "finger axis", "m", "as the device reports it", "sample", "always"),
-    C("finger_velocity", "finger axis", "m/s", "as the device reports or estimates it", "sample", "always"),
-    C("contact_position", "finger axis", "m", "c of e = p - c: on the surface, of a ball a radius before it",
+    C("finger_position", "finger axis", "m", "position that the device reports", "sample", "always"),
+    C("finger_velocity", "finger axis", "m/s", "velocity that the device reports or estimates", "sample", "always"),
+    C("contact_position", "finger axis", "m", "c of e = p - c: on the surface, or one radius outside it for a ball",
       "sample", "always"),
-    C("finger_force", "finger axis", "N", "of the finger on the object", "sample", "always"),
-    C("finger_moment", "finger turn", "N m", "of the finger on the object", "sample", "moments"),
-    C("contact_normal", "finger turn", "1", "into the object, where a finger of its is soft or has friction",
+    C("finger_force", "finger axis", "N", "force of the finger on the object", "sample", "always"),
+    C("finger_moment", "finger turn", "N m", "moment of the finger on the object", "sample", "moments"),
+    C("contact_normal", "finger turn", "1", "normal into the object, if one of its fingers is soft or has friction",
       "sample", "normals"),
     C("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
       "sample", "twists"),
-    C("torsion_axis", "finger turn", "1", "along which a soft finger's torsion acts on the object",
+    C("torsion_axis", "finger turn", "1", "axis along which a soft finger's torsion acts on the object",
       "sample", "torsion_axes"),
     C("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
-    C("law_force", "finger axis", "N", "of the finger on the object by eq. (4), before limits", "sample", "limits"),
+    C("law_force", "finger axis", "N", "force of the finger on the object by eq. (4), before limits", "sample",
+      "limits"),
     C("touching", "finger", "1", "whether the finger exerts a force", "sample", "always", "bool"),
-    C("saturated", "finger", "1", "whether the finger's force stands at its limit", "sample", "limits", "bool"),
+    C("saturated", "finger", "1", "whether the finger's force is at its limit", "sample", "limits", "bool"),
     C("status", "finger", "1", "0 free, 1 stick, 2 slide", "sample", "slips", "int8"),
     C("gap", "finger", "m", "distance to the surface, negative inside", "sample", "gaps"),
-    C("true_position", "finger axis", "m", "of the simulated fingertip", "servo", "simulated"),
-    C("device_energy", "finger", "J", "work done so far on the fingertip by the displayed force", "servo", "always"),
-    C("wall", "", "s", "time of the tick on the wall's clock since that of the first", "loop", "timed"),
-    C("late", "", "s", "after the tick's deadline", "loop", "timed"),
-    C("io", "call", "s", "to ask and read all devices, and to write them", "loop", "timed"),
-    C("skipped", "", "1", "periods left out before the tick", "loop", "timed", "int64"),
+    C("true_position", "finger axis", "m", "true position of the simulated fingertip", "servo", "simulated"),
+    C("device_energy", "finger", "J", "work that the displayed force has done on the fingertip so far", "servo",
+      "always"),
+    C("wall", "", "s", "wall-clock time since the first tick", "loop", "timed"),
+    C("late", "", "s", "delay past the tick's deadline", "loop", "timed"),
+    C("io", "call", "s", "time to ask and read all devices, and time to write them", "loop", "timed"),
+    C("skipped", "", "1", "periods skipped before the tick", "loop", "timed", "int64"),
     C("fresh", "finger", "1", "whether the reading brought a new sample", "loop", "timed", "bool"),
-    C("switches", "device", "1", "bits, the first switch of a device is bit 0", "loop", "has_switches", "int64"),
-    C("raw/", "", "1", "numbers as they came over the wire", "loop", "timed"),  # of each device in `raw`
-    C("largest_force", "finger", "N", "that the device told it could display where it was read", "loop", "varying"),
+    C("switches", "device", "1", "switch states as bits; the first switch of a device is bit 0", "loop",
+      "has_switches", "int64"),
+    C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # of each device in `raw`
+    C("largest_force", "finger", "N", "largest force that the device reports for its position", "loop", "varying"),
 )
 OF_OBJECTS = (
-    C("position", "axis", "m", "of the object's centre", "sample", "always"),
-    C("centre", "axis", "m", "of the object in the sample, which is about where it will be", "sample", "predicted"),
-    C("velocity", "axis", "m/s", "of the object's centre", "sample", "always"),
+    C("position", "axis", "m", "position of the object's centre", "sample", "always"),
+    C("centre", "axis", "m", "predicted centre of the object, which the sample used", "sample", "predicted"),
+    C("velocity", "axis", "m/s", "velocity of the object's centre", "sample", "always"),
     C("orientation", "", "rad", "angle", "sample", "in_plane"),
-    C("angular_velocity", "", "rad/s", "about the normal of the plane", "sample", "in_plane"),
+    C("angular_velocity", "", "rad/s", "angular velocity about the normal of the plane", "sample", "in_plane"),
     C("orientation", "quaternion", "1", "quaternion x, y, z, w", "sample", "in_space"),
-    C("angular_velocity", "turn", "rad/s", "in world axes", "sample", "in_space"),
-    C("law", "", "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one", "sample", "slips", "int8"),
-    C("residual", "", "N", "of that law", "sample", "slips"),
-    C("wrench", "component", "N, N m", "of the fingers on the object, about its centre, in world axes",
+    C("angular_velocity", "turn", "rad/s", "angular velocity in world axes", "sample", "in_space"),
+    C("law", "", "1", "friction law that the elastic force satisfies: 0 Coulomb's, 1 the associated law", "sample",
+      "slips", "int8"),
+    C("residual", "", "N", "residual of that law", "sample", "slips"),
+    C("wrench", "component", "N, N m", "wrench of the fingers on the object, about its centre, in world axes",
       "sample", "always"),
     C("scale", "share", "1", SCALE, "safety", "guarded"),
-    C("tank", "", "J", "energy that pays for stiffness", "safety", "guarded"),
-    # energies are totals since the start but for `stored` and `kinetic`, which are momentary
-    C("energy/work", "mode", "J", "of the held forces on the fingers' motion against the object", *OBSERVED),
-    C("energy/stored", "mode", "J", "in the springs of eq. (4)", *OBSERVED),
-    C("energy/damped", "mode", "J", "taken by the damping of eq. (4)", *OBSERVED),
-    C("energy/slipped", "mode", "J", "taken where contacts slide or let go, or beyond a limit", *OBSERVED),
-    C("energy/reshaped", "mode", "J", "taken where the split, a weight or a skew stiffness changes what is stored",
+    C("tank", "", "J", "energy available for increases of stiffness", "safety", "guarded"),
+    # energies are totals since the start, except `stored` and `kinetic`, which are momentary
+    C("energy/work", "mode", "J", "work of the held forces on the fingers' motion relative to the object", *OBSERVED),
+    C("energy/stored", "mode", "J", "energy stored in the springs of eq. (4)", *OBSERVED),
+    C("energy/damped", "mode", "J", "energy dissipated by the damping of eq. (4)", *OBSERVED),
+    C("energy/slipped", "mode", "J", "energy dissipated by sliding, by release and by limits", *OBSERVED),
+    C("energy/reshaped", "mode", "J", "energy dissipated by changes of the split, of weights or by a skew stiffness",
       *OBSERVED),
-    C("energy/leaked", "mode", "J", "made by holding the springs' forces over samples", *OBSERVED),
-    C("energy/balance", "mode", "J", "taken beyond what is stored, with frictions; below zero energy was made",
+    C("energy/leaked", "mode", "J", "energy generated by holding the springs' forces over samples", *OBSERVED),
+    C("energy/balance", "mode", "J", "energy dissipated, including friction; below zero, energy was generated",
       *OBSERVED),
-    C("energy/braked", "mode", "J", "taken by the damping that control added", "observer", "is_controlled"),
-    C("energy/damping", "mode", "N s/m", "added in this sample", "observer", "is_controlled"),
-    C("energy/fingers", "", "J", "work of the fingers on coupling and object, by the positions read", *OBSERVED),
+    C("energy/braked", "mode", "J", "energy dissipated by the added damping", "observer", "is_controlled"),
+    C("energy/damping", "mode", "N s/m", "damping added in this sample", "observer", "is_controlled"),
+    C("energy/fingers", "", "J", "work of the fingers on coupling and object, from the measured positions", *OBSERVED),
     C("energy/wrench", "", "J", "work of the fingers' wrench on the object", *OBSERVED),
-    C("energy/kinetic", "", "J", "of the object", *OBSERVED),
+    C("energy/kinetic", "", "J", "kinetic energy of the object", *OBSERVED),
     C("energy/gravity", "", "J", "work of gravity", *OBSERVED),
-    C("energy/contact", "", "J", "work of obstacles and other objects; what is left over, if not native", *OBSERVED),
-    C("energy/viscous", "", "J", "taken by the object's viscosity", *OBSERVED),
-    C("energy/defect", "", "J", "made by the object's integrator", *OBSERVED),
-    C("energy/gap", "", "J", "by which the fingers' work misses all the rest", *OBSERVED),
+    C("energy/contact", "", "J", "work of obstacles and other objects; the remainder, for a body that is not native",
+      *OBSERVED),
+    C("energy/viscous", "", "J", "energy dissipated by the object's viscosity", *OBSERVED),
+    C("energy/defect", "", "J", "energy generated by the object's integrator", *OBSERVED),
+    C("energy/gap", "", "J", "difference between the fingers' work and all other terms", *OBSERVED),
 )
-DERIVED = (  # what follows from a row; the two forces, and the moments with them, stand in a file beside its columns
+DERIVED = (  # computed from a row; a file also stores the internal and external forces and moments
     C("displayed_force", "finger axis", "N", DISPLAYED, "reader", "unlimited"),
     C("internal_force", "finger axis", "N", "part of the finger's force on the object that squeezes the object",
       "reader"),
@@ -172,9 +178,10 @@ DERIVED = (  # what follows from a row; the two forces, and the moments with the
       "reader", "moments"),
     C("external_moment", "finger turn", "N m", "part of the finger's moment on the object that moves the object",
       "reader", "moments"),
-    C("internal_displacement", "finger axis", "m", "by which the fingers squeeze, e - P'e", "reader"),
-    C("external_displacement", "finger axis", "m", "the rigid motion of the contacts in e, P'e", "reader"),
-    C("grip_margin", "", "N", "least mu f_n - |f_t| of touching fingers with friction; NaN without any", "reader",
+    C("internal_displacement", "finger axis", "m", "displacement by which the fingers squeeze, e - P'e", "reader"),
+    C("external_displacement", "finger axis", "m", "rigid-body part of the displacement e, P'e", "reader"),
+    C("grip_margin", "", "N", "smallest mu f_n - |f_t| of touching fingers with friction; NaN if there are none",
+      "reader",
       "has_margin"),
 )
 FORCES = ("internal_force", "external_force", "internal_moment", "external_moment")
@@ -196,11 +203,11 @@ class Column:
 
     @property
     def stored(self) -> np.dtype[Any]:
-        """Type of its numbers in a file: a truth value takes a byte."""
+        """Type of its numbers in a file; a Boolean takes one byte."""
         return np.dtype("int8" if self.kind == "bool" else self.kind)
 
     def typed(self, values: FloatArray) -> NDArray[Any]:
-        """Give numbers of a row as its own kind."""
+        """Convert numbers of a row to the column's type."""
         return np.not_equal(values, 0.0) if self.kind == "bool" else values.astype(self.kind, copy=False)
 
 
@@ -210,25 +217,25 @@ class Layout:
 
     Attributes:
         dimensions: d.
-        fingers: their names.
-        objects: their names.
-        finger_objects: for each finger, the number of the object that it touches.
+        fingers: names of the fingers.
+        objects: names of the objects.
+        finger_objects: index of the object that each finger touches.
         gaps: whether fingers have a gap to the surface (not with attached contacts).
         moments: whether fingers exert moments.
         slips: whether some finger has a coefficient of friction.
         simulated: whether true positions are known.
-        observed: whether the energy of each grasp is booked.
-        controlled: whether what leaks is damped.
-        limits: whether some device tells a largest force, or the scene's safety.
+        observed: whether the energy of each grasp is recorded.
+        controlled: whether damping is added against generated energy.
+        limits: whether a device or the scene's safety settings limit the force.
         guarded: whether forces pass a safety chain.
-        normals: whether contacts' normals are known, where some finger is soft or has friction.
-        torsion_axes: whether torsion acts along another axis than the normal.
-        timed: whether the run is on the wall's clock.
-        varying: whether its devices tell largest forces that depend on where they stand, which are recorded then.
+        normals: whether contact normals are known, for fingers that are soft or have friction.
+        torsion_axes: whether torsion acts along an axis other than the normal.
+        timed: whether the run follows the wall clock.
+        varying: whether its devices report largest forces that depend on their position; they are then recorded.
         switched: whether some of its devices have switches.
-        devices: their names, of such a run.
-        raw: what came over the wire to some of them: a name, a count of numbers, and "int64" or "float64" each.
-        predicted: numbers of the objects whose split needs where the implicit integrator predicts their centre.
+        devices: names of the devices of such a run.
+        raw: raw numbers of some devices: a name, a count and "int64" or "float64" for each.
+        predicted: indices of the objects whose split needs the centre that the implicit integrator predicts.
         absent: names of columns that a recording of an earlier format does not have.
         omitted: names of columns that the scene's `record` leaves out.
     """
@@ -257,7 +264,7 @@ class Layout:
     omitted: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pass to another process what it was made of; views of columns are made there."""
+        """Pickle the constructor's arguments only; the other process builds the views of columns."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
@@ -279,22 +286,22 @@ class Layout:
 
     @property
     def bytes_on_disk(self) -> int:
-        """Bytes that a row takes when a run ends: in the part, and in the file with the two forces and the time."""
+        """Bytes per row at the end of a run: in the part, and in the file with both forces and the time."""
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
     @cached_property
     def derived(self) -> tuple[Column, ...]:
-        """Variables that follow from a row: the displayed force where it is no column, `forces`, and displacements."""
+        """Variables computed from a row: the displayed force if it is not a column, `forces`, and displacements."""
         columns = (self._column(each) for each in DERIVED if self._has(each))
         return tuple(each for each in columns if set(self.omitted).isdisjoint(self.sources_of(each.name)))
 
     @property
     def forces(self) -> tuple[Column, ...]:
-        """Variables that follow from a row and stand in a file too: the parts of forces and moments."""
+        """Variables computed from a row that a file also stores: internal and external forces and moments."""
         return tuple(each for each in self.derived if each.name in FORCES)
 
     def sources_of(self, name: str) -> tuple[str, ...]:
-        """List the columns, as far as the scene has them, that a variable follows from."""
+        """List the columns of the scene from which a variable is computed."""
         if name == "displayed_force":
             return ("finger_force",)
         if name == "grip_margin":
@@ -306,13 +313,13 @@ class Layout:
         return tuple(each.name for each in self._all_columns() if each.name in names)
 
     def is_essential(self, name: str) -> bool:
-        """Tell whether no recording can lack a column."""
+        """Tell whether every recording must have a column."""
         table, own = (OF_OBJECTS, name.split("/", 2)[-1]) if name.startswith("objects/") else (OF_FINGERS, name)
         return any(each.when == "always" for each in table if each.name == own)
 
     @property
     def scales(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the entries along each dimension that a layout has, time apart."""
+        """Names of the entries along each dimension of a layout, except time."""
         used = {name for column in self.columns.values() for name in column.dimensions}
         return {name: entries for name, entries in self._entries.items() if name in used}
 
@@ -361,7 +368,7 @@ class Layout:
         return not each.when or bool(getattr(self, each.when))
 
     def _all_columns(self) -> Iterator[Column]:
-        """List the columns that the scene has, recorded or not, in the order of a row; their places are empty."""
+        """List the scene's columns, recorded or not, in the order of a row; their positions are not set yet."""
         for each in OF_FINGERS:
             if each.name == "raw/":
                 for name, _, kind in self.raw if self.timed else ():
@@ -381,12 +388,12 @@ class Layout:
 
 @dataclass(frozen=True)
 class Selection:
-    """Cuts rows of all columns and ticks down to those that are recorded.
+    """Selects the recorded columns and ticks from complete rows.
 
     Args:
-        whole: the layout of all columns.
-        layout: of those that are recorded.
-        every: ticks from one row to the next.
+        whole: layout of all columns.
+        layout: layout of the recorded columns.
+        every: number of ticks from one row to the next.
     """
 
     whole: Layout
@@ -395,7 +402,7 @@ class Selection:
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
-        """Places in a whole row of the numbers of a recorded one."""
+        """Indices in a complete row of the recorded numbers."""
         places = np.arange(self.whole.width)
         return np.concatenate([places[:0], *(places[self.whole.columns[name].where] for name in self.layout.columns)])
 
@@ -405,20 +412,20 @@ class Selection:
         return self.every == 1 and self.layout == self.whole
 
     def cut(self, rows: FloatArray, tick: int = 0) -> FloatArray:
-        """Copy what is recorded of whole rows (r, width) of ticks from `tick` on."""
+        """Copy the recorded part of complete rows (r, width), whose first tick is `tick`."""
         if self.is_whole:
             return rows
         return np.asarray(rows[-tick % self.every :: self.every][:, self.numbers])
 
 
 def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
-    """Lay out the columns of these names alone; all where there is no name.
+    """Lay out only the columns of these names, or all columns if no names are given.
 
-    A name is that of a column, of a group of them (`objects/bar`, `objects/bar/energy`), or of a variable that follows
-    from columns (`internal_force`), which are recorded then.
+    A name denotes a column, a group of columns (`objects/bar`, `objects/bar/energy`), or a variable computed from
+    columns (`internal_force`), which are then recorded.
 
     Raises:
-        UnknownNameError: with the names that come close.
+        UnknownNameError: an unknown name; the message lists close matches.
     """
     if not names:
         return whole
@@ -433,7 +440,7 @@ def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
 
 
 def columns_of(whole: Layout, name: str) -> list[str]:
-    """List the columns that a name stands for; none for a name that nothing has."""
+    """List the columns that a name denotes; none for an unknown name."""
     group = name.rstrip("/") + "/"
     inside = [column for column in whole.columns if column == name or column.startswith(group)]
     if not inside and name in [column.name for column in whole.derived]:

@@ -1,4 +1,4 @@
-"""The device protocol: what a driver tells, reads and writes."""
+"""The device protocol: features, reading and writing."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ class Features(Carded):
 
     fingers: int  # k, the number of channels
     dimensions: int  # d
-    workspace: tuple[FloatArray, FloatArray] | None = None  # lower, upper corner, (d,) each [m]
+    workspace: tuple[FloatArray, FloatArray] | None = None  # lower and upper corner, (d,) each [m]
     continuous_force: float | None = None  # [N]; 0: it displays no force
-    peak_force: float | None = None  # largest at a fingertip in every direction [N]; unless `LimitedDevice` says more
-    stiffness: float | None = None  # largest stiffness it displays stably at its rate [N/m]
+    peak_force: float | None = None  # largest force in every direction [N]; a `LimitedDevice` may report more
+    stiffness: float | None = None  # largest stiffness that it displays stably at its rate [N/m]
     damping: float | None = None  # largest virtual damping at its rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
-    watchdog: float | None = None  # after the last `write`, hardware drops its force [s]; None: never
-    rate: float | None = None  # most exchanges of reading and writing in a second [Hz]
+    watchdog: float | None = None  # time after the last `write` until the hardware drops its force [s]; None: never
+    rate: float | None = None  # largest rate of reading and writing [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
-    lateness: float | None = None  # from a tick's reading to its force besides `delay` samples, any time [s]
-    switches: int = 0  # count of switches, whose state a `SwitchedDevice` tells
+    lateness: float | None = None  # time from a tick's reading to its force, in addition to `delay` samples [s]
+    switches: int = 0  # number of switches, whose state a `SwitchedDevice` reports
 
     def _card(self) -> Card:
         figures = {name: getattr(self, name) for name in UNITS}
@@ -73,43 +73,43 @@ class Features(Carded):
 class Device(Protocol):
     """One piece of hardware, or its simulation, that moves `features.fingers` fingertips.
 
-    A driver is a module with `connect(**settings) -> Device`. To connect has no effect: hardware is not touched before
-    `open`, since checking a scene connects every device of it, for its features and for what is wrong with its
-    settings (an InputError by the setting's name). `read` and `write` neither wait nor allocate more
-    than they must; the arrays that `read` returns belong to the device and are overwritten by the next `read`.
+    A driver is a module with `connect(**settings) -> Device`. `connect` does not touch the hardware; `open` does.
+    Checking a scene connects all of its devices to learn their features and to find wrong settings (an InputError that
+    names the setting). `read` and `write` wait and allocate as little as possible. The arrays that `read` returns
+    belong to the device, and the next `read` overwrites them.
 
-    A device that answers requests may offer `ask` too (`AskedDevice`); a driver whose hardware keeps its force when
-    nobody writes any more offers `quench` (`QuenchableDriver`).
+    A device that answers requests may also offer `ask` (`AskedDevice`). A driver whose hardware keeps its force after
+    the last `write` offers `quench` (`QuenchableDriver`).
     """
 
     @property
     def features(self) -> Features:
-        """Figures that the device tells of itself."""
+        """Features that the device reports."""
 
     def open(self, period: float) -> None:
-        """Make ready for one `read` and one `write` every `period` seconds."""
+        """Prepare for one `read` and one `write` every `period` seconds."""
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken.
 
-        A time that is that of the reading before says that there is no new sample: it is the last one again, which is
-        no error. Hardware that is gone is a DeviceError. A failed reading is never a position of zero.
+        An unchanged time means that there is no new sample: the last one is returned again, which is not an error. Lost
+        hardware raises DeviceError. A failed reading never returns a position of zero.
         """
         ...
 
     def write(self, forces: FloatArray) -> None:
         """Display forces (k, d) [N] to the operator until the next `write`.
 
-        The device's own limit is applied here, last: forces that keep within `features.peak_force`, or within the
-        `largest_force` that was read, are displayed as they are, and what is cut off here nobody else knows of. A
-        force that is not finite is displayed as zero and raises DeviceError.
+        The device applies its own limit here, after all others. Forces within `features.peak_force`, or within the last
+        `largest_force`, are displayed unchanged. A reduction made here is not recorded. A non-finite force is displayed
+        as zero and raises DeviceError.
         """
 
     def stop(self) -> None:
         """Display zero force, now."""
 
     def close(self) -> None:
-        """Display zero force and close the hardware; returns also with the hardware gone, and twice."""
+        """Display zero force and close the hardware. It also returns if the hardware is lost or already closed."""
 
     def __enter__(self) -> Self: ...
 
@@ -117,81 +117,81 @@ class Device(Protocol):
 
 
 def lacking(device: object) -> list[str]:
-    """List the methods of a `Device` that an object lacks; `with` looks for its two on the class."""
+    """List the `Device` methods that an object lacks; `with` requires its two methods on the class."""
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
 
 @runtime_checkable
 class AskedDevice(Protocol):
-    """A device that answers requests: all are asked before the first is read, so that n round trips cost one."""
+    """A device that answers requests. All devices are asked before the first is read: n round trips take one's time."""
 
     def ask(self) -> None:
-        """Send the request that the next `read` takes the answer of; `read` without it asks by itself.
+        """Send the request that the next `read` receives the answer to. Without it, `read` sends the request itself.
 
-        DeviceError if the hardware is gone.
+        Raises DeviceError if the hardware is lost.
         """
 
 
 @runtime_checkable
 class QuenchableDriver(Protocol):
-    """A driver that can take the force from hardware whose program has died.
+    """A driver that can remove the force from hardware whose program has died.
 
-    A driver whose hardware has no watchdog (`features.watchdog` is None) must have it.
+    It is required of a driver whose hardware has no watchdog (`features.watchdog` is None).
     """
 
     def quench(self, **settings: object) -> None:
-        """Reach the hardware afresh, set its force to zero and let go of it.
+        """Connect to the hardware anew, set its force to zero and disconnect.
 
-        It is called in another process than the one that opened the device, once that one is gone.
+        It is called from another process, after the process that opened the device has ended.
 
         Args:
-            settings: those of `connect`.
+            settings: settings of `connect`.
 
         Raises:
-            DeviceError: the hardware cannot be reached, so that its force may still be there.
+            DeviceError: the hardware cannot be reached, and its force may persist.
         """
 
 
 @runtime_checkable
 class LimitedDevice(Protocol):
-    """A device whose largest force depends on where it stands."""
+    """A device whose largest force depends on its position."""
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that each fingertip can display in every direction at the last reading, (k,), above zero [N].
+        """Largest force of each fingertip in every direction at the last reading, (k,), above zero [N].
 
-        Of a `FusedDevice` it is a piece of its block, which `reading` keeps up to date.
+        For a `FusedDevice` it is a view of its block, which `reading` updates.
         """
         ...
 
 
 @runtime_checkable
 class RangedDevice(Protocol):
-    """A device whose fingers reach less than the box of `features.workspace`."""
+    """A device whose fingers reach only a part of the box `features.workspace`."""
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Give the place (d,) nearest to another one that a finger reaches, `room` inside the end of its reach [m]."""
+        """Return the position (d,) nearest to `place` that lies `room` [m] inside the finger's reach."""
         ...
 
 
 @runtime_checkable
 class SwitchedDevice(Protocol):
-    """A device with switches: buttons, pedals, a switch that its user's hand closes."""
+    """A device with switches: buttons, pedals, a switch that closes when it is held."""
 
     @property
     def switches(self) -> int:
-        """Switches at the last reading as bits: bit i is 1 while switch i of `features.switches` is closed."""
+        """Switch states at the last reading as bits: bit i is 1 if switch i of `features.switches` is closed."""
         ...
 
 
 @runtime_checkable
 class RawDevice(Protocol):
-    """A device that shows what came over the wire, such as counts of encoders: a recording keeps it."""
+    """A device that offers its raw readings, such as encoder counts, to the recording."""
 
     @property
     def raw(self) -> NDArray[np.int64] | NDArray[np.float64]:
-        """Raw numbers of the last reading, (m,), m at least 1: the same array for the device's life.
+        """Raw numbers of the last reading, (m,) with m >= 1; the same array for the device's lifetime.
 
         Whole numbers are recorded exactly up to 2^53.
         """
@@ -200,113 +200,112 @@ class RawDevice(Protocol):
 
 @runtime_checkable
 class SimulatedDevice(Protocol):
-    """A simulated device: it shows its effort, so that a plant can move it."""
+    """A simulated device, whose effort moves a plant."""
 
     @property
     def effort(self) -> FloatArray:
-        """Effort that its actuators hold until the next sample, (k, d): after delay and limit, in the plant's units."""
+        """Effort of its actuators until the next sample, after delay and limit, (k, d), in the plant's units."""
         ...
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Plant:
-        """Make the plant that moves all channels of these devices together, in their order."""
+        """Make the plant that moves all channels of these devices, in their order."""
         ...
 
 
 @runtime_checkable
 class OperatedDevice(Protocol):
-    """A simulated device that an operator may hold who is more than a spring and a damper."""
+    """A simulated device that supports operator models beyond a spring and a damper."""
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
-        """Make the plant of `plant` for a hand with this `operator`, or one whose reactions come no later."""
+        """Make the plant for a hand with this `operator`, or with one whose reactions are no later."""
         ...
 
 
 def is_hardware(device: object) -> bool:
-    """Tell whether a device is no simulation: its clock is the wall's, and a person may hold it."""
+    """Tell whether a device is real hardware, which follows the wall clock and which a person may hold."""
     return not isinstance(device, SimulatedDevice)
 
 
 class DevicePorts(NamedTuple):
-    """Where a device's block takes its inputs and shows what comes of them: the first of their entries."""
+    """First entries of the inputs and outputs in a device's block."""
 
-    sensed: int  # what its sensors see, copied from its plant's block before `reading`
+    sensed: int  # values that its sensors measure, copied from its plant's block before `reading`
     position: int  # (k, d) [m] after `reading`
     velocity: int  # (k, d) [m/s] after `reading`
     command: int  # (k, d) [N], the forces to display, before `writing`
-    effort: int  # (k, d) what the actuators hold after `writing`, in the plant's units
+    effort: int  # (k, d) effort of the actuators after `writing`, in the plant's units
 
 
 @runtime_checkable
 class FusedDevice(SimulatedDevice, Protocol):
-    """A simulated device that shows its block and its kernels, so that a run may read and write it without calling it.
+    """A simulated device that exposes its block and its kernels: a run reads and writes it without Python calls.
 
-    After `open`, and once its plant is made and placed, each sample: its plant's entries `sensed` copied to its block
-    at `ports.sensed`, `reading(S, 0)` once, forces written at `ports.command`, `writing(S, 0)`, efforts read at
-    `ports.effort`. `read`, `write` and `stop` do nothing else.
+    After `open`, and after its plant has been made and placed, each sample copies the entries `sensed` of its plant to
+    its block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`, calls `writing(S, 0)`
+    and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
     """
 
     @property
     def state(self) -> FloatArray:
-        """S, flat, the same array for the device's life."""
+        """Block S, flat; the same array for the device's lifetime."""
         ...
 
     @property
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that do not change after `open` and pick what the kernels do."""
+        """Entries of the block, whole numbers, that are fixed after `open` and select what the kernels compute."""
         ...
 
     @property
     def ports(self) -> DevicePorts:
-        """Where in the block the caller writes and reads, counted from its beginning."""
+        """Entries where the caller writes and reads, counted from the block's beginning."""
         ...
 
     @property
     def sensed(self) -> Index:
-        """Entries of its plant's block that its sensors see, in their order; none before it has a plant."""
+        """Entries of its plant's block that its sensors measure, in order; none before it has a plant."""
         ...
 
     @property
     def reading(self) -> Kernel:
-        """reading(S, o), for the block that starts at S[o], gives 0 or why there is no reading."""
+        """Kernel reading(S, o) for the block that starts at S[o]. It returns 0, or the code of a failed reading."""
         ...
 
     @property
     def writing(self) -> Kernel:
-        """writing(S, o) gives 0, or why the forces are not displayed: then it has stopped."""
+        """Kernel writing(S, o). It returns 0, or the code of the fault for which it has stopped."""
         ...
 
     @property
     def stopping(self) -> Kernel:
-        """stopping(S, o): zero force now, and none on its way."""
+        """Kernel stopping(S, o); it sets zero force and discards delayed forces."""
         ...
 
     def fault_text(self, code: int) -> str:
-        """Say what a number other than 0 means, by the figures in the block."""
+        """Explain a code other than 0 with the values in the block."""
         ...
 
 
 def limit_port(device: FusedDevice) -> int | None:
-    """Find where in its block a device has its largest forces; None for one whose never change.
+    """Find the entry of a device's block that holds its largest forces; None if they are constant.
 
     Raises:
-        InputError: `largest_force` is no piece of the block.
+        InputError: `largest_force` is not a view of the block.
     """
     if not isinstance(device, LimitedDevice):
         return None
     piece, block = device.largest_force, device.state
     start = (piece.ctypes.data - block.ctypes.data) // block.itemsize
     if not (piece.flags.c_contiguous and np.shares_memory(piece, block) and 0 <= start <= block.size - piece.size):
-        raise InputError("largest_force", type(device).__qualname__, "a piece of the device's own block, `state`")
+        raise InputError("largest_force", type(device).__qualname__, "a view of the device's own block, `state`")
     return start
 
 
 def fused(device: Device) -> FusedDevice | None:
-    """Give the device, if its kernels do all that its methods do.
+    """Return the device if its kernels do everything that its methods do.
 
-    None for one that lacks them, or whose class has a `read`, `write` or `stop` of its own over the kernels of one it
-    is made from.
+    None if it has no kernels, or if its class overrides the `read`, `write` or `stop` of a class with kernels.
     """
     if isinstance(device, FusedDevice) and unaltered(
         device, ("read", "write", "stop"), ("reading", "writing", "stopping")
@@ -316,10 +315,10 @@ def fused(device: Device) -> FusedDevice | None:
 
 
 def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Let a driver's `connect` take settings under former names too, with a FutureWarning.
+    """Let a driver's `connect` accept settings under former names, with a FutureWarning.
 
     Args:
-        names: the name now, by the former one.
+        names: present name of each former name.
     """
 
     def wrap(connect: Callable[..., T]) -> Callable[..., T]:

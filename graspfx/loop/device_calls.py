@@ -1,25 +1,25 @@
-"""C functions of a device, for loops in which no Python runs."""
+"""C functions of a device, for loops without Python."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-FRESH, REPEAT = 0, 1  # what the functions return; less than zero is a fault
+FRESH, REPEAT = 0, 1  # return values; less than zero is a fault
 
 
 class Calls(NamedTuple):
     """Addresses of C functions `int64 f(void *context, double *block)`: 0 fresh, 1 held, less than zero a fault.
 
-    The block of `ask` and `read` has room for positions (k, d) [m], then velocities (k, d) [m/s]: a `read` that returns
-    0 has filled both, and any other number than these is a fault. That of `write` and `stop` has the forces (k, d) [N];
-    `write` is told finite ones within `features.peak_force` only. `stop` is zero force, whatever stands in the block. A
-    function that waits makes the loop wait.
+    The block of `ask` and `read` holds positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0 has
+    filled both. Any other return value is a fault. The block of `write` and `stop` holds forces (k, d) [N]; `write`
+    receives only finite forces within `features.peak_force`. `stop` sets zero force, whatever the block holds. A
+    function that waits delays the loop.
 
     Attributes:
-        ask: sends the request that the next `read` takes the answer of; 0 for a device that is not asked.
-        read, write, stop: as the methods of these names do.
-        context: the first argument of each.
-        keep: whatever has to live as long as somebody may call.
+        ask: function that sends the request for the next `read`; 0 for a device without requests.
+        read, write, stop: functions that do the same as the methods of these names.
+        context: first argument of each function.
+        keep: objects that must stay alive as long as the functions may be called.
     """
 
     ask: int
@@ -32,38 +32,38 @@ class Calls(NamedTuple):
 
 @runtime_checkable
 class CallsDevice(Protocol):
-    """A device that offers C functions once it is open, so that no Python runs in its loop.
+    """A device that offers C functions while it is open, for a loop without Python.
 
-    It has all methods of a `Device` too: they are what opens it, reads it before the run and stops it afterwards, and
-    they go on where the C functions stop.
+    It also has all methods of a `Device`, which open it, read it before the run and stop it afterwards. They take over
+    where the C functions stop.
     """
 
     @property
     def calls(self) -> Calls | None:
-        """The functions, as long as the device is open; None before."""
+        """C functions while the device is open; None before."""
         ...
 
 
 @runtime_checkable
 class DrivingDevice(Protocol):
-    """A device whose maker's thread has the clock: it calls once a period, and its functions may be called only there.
+    """A device driven by its vendor's thread, which calls once per period; its functions may be called only there.
 
-    Devices that share such a thread are driven by one of them.
+    Devices that share such a thread are driven through one of them.
     """
 
     @property
     def thread(self) -> object:
-        """Owner of the thread, known before `open`: equal for devices that share it."""
+        """Owner of the thread, known before `open`; equal for devices that share the thread."""
         ...
 
     def drive(self, function: int, context: int) -> None:
-        """Let the thread call `unsigned function(void *context)` from now on: 1 for a tick, 0 for none."""
+        """Let the thread call `unsigned function(void *context)`, which returns 1 for a tick and 0 for none."""
 
     def release(self, wait: float) -> bool:
-        """Let the thread call the function no more; tell whether it has come back from it within so long [s]."""
+        """Stop the thread's calls; tell whether the last call returned within `wait` [s]."""
         ...
 
     @property
     def drives(self) -> bool:
-        """Whether the thread goes on to call."""
+        """Whether the thread still calls the function."""
         ...

@@ -1,4 +1,4 @@
-"""Exchange with devices in plain Python: ask, read, write, stop; whatever they raise is a sentence with a name."""
+"""Exchange with devices in plain Python: ask, read, write, stop. Exceptions become messages that name the device."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from graspfx.loop.safety.trust import CAUSES, DEADMAN
 FloatArray = NDArray[np.float64]
 
 ZERO = "all forces are zero"
-DRIVERS = Exception, SystemExit  # what a driver may raise: a run with hardware does not end by `sys.exit` of a library
+DRIVERS = Exception, SystemExit  # includes SystemExit, so that a library's `sys.exit` does not end a run with hardware
 READ_TIME, WRITE_TIME = start_of(LoopState, "io_read"), start_of(LoopState, "io_write")
-CALLS = "ask", "read", "write", "stop"  # of a device that may hang while a force is there
+CALLS = "ask", "read", "write", "stop"  # message for a device that may hang while it exerts a force
 
 
 @dataclass
 class Port:
-    """The memory through which a device that is no kernel is read and written."""
+    """The memory through which a Python device is read and written."""
 
     station: int
     position: FloatArray
@@ -46,19 +46,19 @@ class Port:
     cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
 
     def let_go(self, cause: int) -> bool:
-        """Let forces decay for a cause of this device's, unless they do already; False without a safety chain."""
+        """Let forces decay because of this device, unless they already do; False without a safety chain."""
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
 
     def begin(self, periods: int) -> None:
-        """Begin a tick so many periods after the last one: nothing is read yet."""
+        """Begin a tick `periods` periods after the last one; nothing is read yet."""
         self.memory[0] = 0.0
         if self.elapsed is not None:
             self.elapsed[0] = periods
 
     def note(self, time: float) -> None:
-        """Note the time of a reading: one that is not new is a sample without a new reading."""
+        """Record the time of a reading; an unchanged time means no new sample."""
         if self.misses is not None:
             self.misses[0] = self.misses[0] + 1.0 if time == self.time else 0.0
             self.time = time
@@ -75,26 +75,26 @@ def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
 
 
 class DevicePort:
-    """A device in plain Python at its port: each call gives what is wrong in words, or nothing.
+    """A Python device at its port. Each call returns a message if something is wrong, or an empty string.
 
     Args:
-        port: where it is read and written.
-        station: the device and its fingers.
+        port: memory through which it is read and written.
+        station: device and its fingers.
         fingers: names of the scene's fingers.
-        period: T [s].
-        guards: of hardware.
+        period: sampling period T [s].
+        guards: guards of hardware.
 
     Attributes:
-        name: in messages.
-        channels: the finger that each channel is, -1 for none.
-        workspace: lower and upper corner in the device's own axes [m], None where it tells none.
-        fitting: to the scene.
-        readings: of it, and what is known of it in its run.
-        log: of what it tells besides, where that is recorded; None without.
-        place: the number of its first call among those of all devices, from 1 on (`call_of`).
-        is_unstopped: whether it did not let itself be stopped when it was last told to.
-        is_up: whether its deadman was up at the last reading.
-        watches: whether a deadman that is up takes the force away; before a run there is none to take.
+        name: name of the device in messages.
+        channels: finger of each channel, -1 for none.
+        workspace: lower and upper corner in the device's axes [m]; None if it reports none.
+        fitting: relation of the device to the scene.
+        readings: state and statistics of its readings in the run.
+        log: recording of its further readings; None if they are not recorded.
+        place: number of its first call among those of all devices, from 1 (`call_of`).
+        is_unstopped: whether the last attempt to stop it failed.
+        is_up: whether its deadman switch was open at the last reading.
+        watches: whether an open deadman switch removes the force; before a run there is no force.
     """
 
     def __init__(
@@ -116,12 +116,12 @@ class DevicePort:
 
     @property
     def fingers(self) -> list[int]:
-        """Numbers of the fingers that it moves."""
+        """Indices of the fingers that it moves."""
         return [finger for finger in self.channels if finger >= 0]
 
     @property
     def is_gone(self) -> bool:
-        """Whether a call of it has failed: it is not read again."""
+        """Whether one of its calls has failed; it is then not read again."""
         return self.readings.is_gone
 
     @is_gone.setter
@@ -129,7 +129,7 @@ class DevicePort:
         self.readings.is_gone = is_it
 
     def open(self, period: float) -> str:
-        """Make ready for a reading and a writing every period."""
+        """Prepare for one reading and one writing per period."""
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
@@ -139,7 +139,7 @@ class DevicePort:
         return ""
 
     def ask(self) -> str:
-        """Ask for the sample that is read next."""
+        """Request the next sample."""
         try:
             if self._ask is not None and self._since + 1 >= self.fitting.every:
                 self._ask()
@@ -148,7 +148,7 @@ class DevicePort:
         return ""
 
     def read(self, periods: int) -> str:
-        """Read into the port, so many periods after the last time; what is not called in this tick stays there."""
+        """Read into the port, `periods` periods after the last time, if the device is called in this tick."""
         port, readings = self.port, self.readings
         port.begin(periods)
         if self.log is not None:
@@ -182,7 +182,7 @@ class DevicePort:
         return ""
 
     def write(self) -> str:
-        """Display the forces at the port, in a tick in which the device is called."""
+        """Display the forces at the port, if the device is called in this tick."""
         if self._since:
             return ""
         frame = self.fitting.frame
@@ -198,12 +198,12 @@ class DevicePort:
         try:
             self.device.stop()
             self.is_unstopped = False
-        except DRIVERS as error:  # one that is gone cannot be stopped, and the others must be
+        except DRIVERS as error:  # a lost device cannot be stopped, but the others must be
             return self._failure("cannot be stopped, and may keep its force: switch it off", error)
         return ""
 
     def close(self) -> str:
-        """Let go of the hardware."""
+        """Release the hardware."""
         try:
             self.device.__exit__(None, None, None)
         except DRIVERS as error:
@@ -217,22 +217,22 @@ class DevicePort:
         return own if frame is None else frame.place(own)
 
     def _watch(self, device: Any, deadman: int) -> str:
-        """Look at the deadman; where a chain can take the force away, it does so, and then says why."""
+        """Check the deadman switch. If it is open, let the safety chain remove the force and return the reason."""
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
-            return f"told {abbreviate(switches)} for its switches, expected a whole number, a bit for each"
+            return f"returned {abbreviate(switches)} for its switches, expected a whole number with one bit per switch"
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
             return ""
         return "" if self.port.let_go(DEADMAN) else f"has its deadman, switch {deadman}, up"
 
     def _fault(self, text: str) -> str:
-        """Say what is wrong with a reading: the last one."""
+        """Describe a fault of the last reading."""
         self.is_gone = True
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Say that a call has failed; a simulation's own words for it stand alone."""
+        """Describe a failed call; the message of a simulation is used unchanged."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)
@@ -240,11 +240,11 @@ class DevicePort:
 
 
 class DeviceExchange:
-    """Some devices in plain Python, in their order.
+    """Python devices in their order.
 
     Attributes:
-        exits: told while a driver has the thread, so that a signal can take it back.
-        call: which call of which device has the thread, 0 for none; one whole number, which another process may see.
+        exits: marks when a driver's call runs, so that a signal can interrupt it.
+        call: number of the device call that is running, 0 for none; another process may read it.
     """
 
     def __init__(self, ports: Iterable[DevicePort]) -> None:
@@ -254,23 +254,23 @@ class DeviceExchange:
 
     @property
     def hardware(self) -> DeviceExchange:
-        """Those devices that are no simulations."""
+        """The real devices among them."""
         part = DeviceExchange(each for each in self.ports if each.hardware)
         part.exits, part.call = self.exits, self.call
         return part
 
     @property
     def repeats(self) -> int:
-        """Readings so far that brought no new sample."""
+        """Number of readings so far without a new sample."""
         return sum(each.readings.repeats for each in self.ports)
 
     @property
     def has_unstopped(self) -> bool:
-        """Whether the force of one may still be there, as it did not let itself be stopped."""
+        """Whether a device could not be stopped, so that its force may persist."""
         return any(each.is_unstopped for each in self.ports)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Read every device that is not gone, all of them asked before the first is read; list what is wrong."""
+        """Ask all devices that are not lost, then read them; list the faults."""
         call, faults = self.call, list[str]()
         self.exits.inside = True
         try:
@@ -288,7 +288,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def write(self) -> str:
-        """Hand the devices their forces, up to the first that does not take them; return what is wrong.
+        """Write the forces to the devices, up to the first failure; return its message.
 
         Raises:
             Interruption: a signal has come while a driver let no exception pass, or a second one: no force comes after.
@@ -308,7 +308,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, those first that still answer; list which of these do not."""
+        """Set the force of every device to zero, first those that still respond; list those of them that fail."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:

@@ -1,4 +1,4 @@
-"""Engines of `steps`: compiled, one machine code for all scenes, or interpreted, the same source."""
+"""Engines that run `steps`: compiled (one machine code for all scenes) or interpreted (the same source)."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
 
-FIRST = 16  # ticks with kernels of others that are interpreted before machine code computes without looking
+FIRST = 16  # number of ticks for which third-party kernels are interpreted and checked before machine code takes over
 
 
 class Engine(Protocol):
-    """Ticks that can be called."""
+    """Runs ticks."""
 
     @property
     def name(self) -> str:
-        """Which it is, as a recording says it."""
+        """Name of the engine, as recorded."""
         ...
 
     @property
     def patience(self) -> int:
-        """Ticks of one call for which whoever wants to stop a run has to wait."""
+        """Largest number of ticks per call, which bounds the wait for a stop."""
         ...
 
     def write_to(self, rows: FloatArray) -> None:
-        """Set the block of rows (r, width) that the coming ticks are recorded in."""
+        """Set the block of rows (r, width) for the following ticks."""
 
     def run(self, k: int, count: int, row: int) -> int:
-        """Run ticks k, ..., k + count - 1, recorded from a row on, as `steps` does; return how many were done."""
+        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
         ...
 
 
 class Interpreted:
-    """`steps` run by Python; each index of a kernel of others is checked.
+    """`steps` run by Python; every index of a third-party kernel is checked.
 
     Args:
         arena: of the scene.
@@ -114,10 +114,10 @@ class Compiled:
         first = Interpreted(arena) if arena.foreign else None
         self._first = first if first is not None and first.is_checked else None
         self._left = FIRST if self._first is not None else 0  # ticks that are checked
-        self._machine = machine_codes(arena)  # kept as long as it may be called
+        self._machine = machine_codes(arena)  # keeps the code alive while it may be called
         self._bound: Bound | None = None
         self._rows: FloatArray | None = None
-        self.keep: list[Any] = []  # what the arena's addresses lead to
+        self.keep: list[Any] = []  # keeps the memory behind the arena's addresses alive
         self._addressed = False
 
     def write_to(self, rows: FloatArray) -> None:
@@ -144,19 +144,19 @@ class Compiled:
 
     @property
     def is_checking(self) -> bool:
-        """Whether the coming ticks are interpreted, as kernels of others are checked."""
+        """Whether the following ticks are interpreted to check third-party kernels."""
         return self._left > 0
 
     @property
     def entry(self) -> int:
-        """Address of the code, i64 (arena, rows, world, k, count, r), for other machine code."""
+        """Address of the code, i64 (arena, rows, world, k, count, r), for calls from other machine code."""
         if not self._addressed:
             self._address()
         assert self._program.arrays == ["arena", "rows"]
         return self._program.entry
 
     def _address(self) -> None:
-        """Write the addresses of kernels that the program has not into the world."""
+        """Write the addresses of third-party kernels into the world."""
         for each, native in self._machine:
             for entry in each.entries:
                 self._arena.world.buffer[entry] = float(native.entry)
@@ -164,7 +164,7 @@ class Compiled:
 
 
 def engine_for(kind: str, arena: Arena) -> Engine:
-    """Make the engine of a name: "interpreted", "compiled", or "auto", compiled where it can be.
+    """Make an engine: "interpreted", "compiled", or "auto" (compiled where possible).
 
     Raises:
         MissingPackageError: "compiled" without LLVM.
@@ -186,7 +186,7 @@ def engine_for(kind: str, arena: Arena) -> Engine:
 
 @cache
 def program() -> Native:
-    """Load the program of all scenes, or compile it: once per version and machine."""
+    """Load the program of all scenes, or compile it once per version and machine."""
     from graspfx.compile.native import compiled
 
     kept = kept_program()
@@ -194,14 +194,14 @@ def program() -> Native:
         return kept
     text = "compiling kernels, once per version and machine"
     if not is_heard() and sys.stderr is not None and sys.stderr.isatty():
-        print(f"{text} ...", file=sys.stderr, flush=True)  # a person waits at Python itself
+        print(f"{text} ...", file=sys.stderr, flush=True)  # compiling at the first use makes the user wait
     with waiting(text), alone(lock_folder(), "kernels") as waited:
         kept = kept_program() if waited else None  # another process has compiled it meanwhile
         return kept or compiled(source())
 
 
 def kept_program() -> Native | None:
-    """Load the program of all scenes if it has been compiled, ahead of time or before."""
+    """Load the program of all scenes if it has been compiled, in advance or by an earlier run."""
     from graspfx.compile import library
 
     if (shipped := library.find(program_key())) is not None:
@@ -217,14 +217,14 @@ def kept_program() -> Native | None:
 
 
 def is_machine_code() -> bool:
-    """Tell whether ticks can be machine code here: it came with the installation, or LLVM can compile it."""
+    """Tell whether compiled ticks are available: the code was installed, or LLVM can compile it."""
     from graspfx.compile import library
 
     return find_spec("llvmlite") is not None or library.has(program_key())
 
 
 def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
-    """Compile the kernels of a scene that the program of all scenes has not.
+    """Compile the kernels of a scene that the common program lacks.
 
     Raises:
         InputError: one that cannot be compiled.
@@ -233,7 +233,7 @@ def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
 
 
 def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel:
-    """Make a kernel of others count in its own blocks, which may stand apart."""
+    """Make a third-party kernel index its own blocks, which may be separate."""
     views = [memoryview(each) for each in foreign.blocks]
     starts = [arena.place(each) for each in foreign.blocks]
 
@@ -247,14 +247,14 @@ def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel
 
 
 def _machine_code(foreign: ForeignKernel) -> Native:
-    """Compile a kernel that the program of all scenes has not, as a function of its block's place and numbers."""
+    """Compile a kernel that the common program lacks, as a function of its block's index and numbers."""
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source
     from graspfx.compile.specialise.definitions import definition
 
     parameters = ", ".join(["place", *foreign.parameters])
     call = f"kernel(arena, {parameters})".replace("beside", "arena, beside")
-    touch = "arena[place] = arena[place]"  # the buffer comes first also where a kernel leaves it alone
+    touch = "arena[place] = arena[place]"  # the buffer is the first argument even if the kernel does not use it
     tree = definition(cast("FunctionType", written(foreign.kernel)))
     gives = any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
     text = f"def run({parameters}):\n    {touch}\n    " + (f"return int({call})" if gives else f"{call}\n    return 0")

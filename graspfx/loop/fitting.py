@@ -1,4 +1,4 @@
-"""The fitting of a device to its scene: its frame, its deadman, and how often it is called."""
+"""The relation of a device to its scene: its frame, its deadman switch and its call interval."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from graspfx.loop.device_frame import Frame
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """How a device is fitted to its scene.
+    """Relation of a device to its scene.
 
     Attributes:
-        frame: in which it stands; None for the scene's own axes.
-        deadman: number of the switch without which there is no force; None for none.
-        every: ticks from one reading and writing of it to the next.
-        measures: features of one's own device, which stand before those that its driver tells.
-        jitter: least and largest lateness, but for one sample in a hundred each [s]; None where it is not known.
-        round_trip: part of the lateness that a reading and a writing take [s].
+        frame: frame of the device in the scene; None for the scene's axes.
+        deadman: number of the switch that must be held for a force; None without one.
+        every: number of ticks between exchanges with the device.
+        measures: measured features of this unit, which override those that its driver reports.
+        jitter: smallest and largest lateness, each ignoring 1 % of the samples [s]; None if unknown.
+        round_trip: part of the lateness due to reading and writing [s].
     """
 
     frame: Frame | None = None
@@ -32,11 +32,11 @@ class Fitting:
 
     @property
     def scale(self) -> float:
-        """Metres of the scene for a metre of the device."""
+        """Metres in the scene per metre of the device."""
         return 1.0 if self.frame is None else self.frame.scale
 
     def features(self, own: Features) -> Features:
-        """Give what a device's features are in the scene; one called every m ticks is m - 1 samples later."""
+        """Convert a device's features to the scene. A device called every m ticks has m - 1 more samples of delay."""
         if self.measures:
             own = replace(own, **self.measures)
         if self.every > 1:

@@ -1,4 +1,4 @@
-"""A follower: smooth motion behind an input that comes in steps, such as the events of a mouse or a screen."""
+"""A follower, which smooths a stepwise input such as mouse or touch events."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FloatArray = NDArray[np.float64]
 
 
 def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -> tuple[Any, Any]:
-    """Compute value and rate of a critically damped follower a time h later: numbers, or arrays of them.
+    """Compute value and rate of a critically damped follower after a time h, for numbers or arrays.
 
     Args:
-        w: 1/tau [1/s].
-        h: the time [s].
-        share: exp(-w h).
-        goal: u, the same all along.
-        value, rate: at the beginning, r and r'.
+        w: inverse time constant 1/tau [1/s].
+        h: elapsed time [s].
+        share: decay factor exp(-w h).
+        goal: target u, constant over the step.
+        value, rate: r and r' at the beginning of the step.
     """
     e = value - goal
     c = rate + w * e
@@ -30,22 +30,23 @@ def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -
 
 
 class Follower:
-    """A critically damped follower of a target u that holds between its events.
+    """A critically damped follower of a target u that is constant between events.
 
         r'' = w^2 (u - r) - 2 w r',   w = 1/tau
 
-    solved exactly over each step, whatever its length: with e = r - u and c = r' + w e at its beginning
+    The solution over a step of any length is exact. With e = r - u and c = r' + w e at its beginning,
 
         e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
 
-    It never overshoots from rest, is continuous with its velocity, and is 2 tau behind a target that moves steadily.
+    From rest it never overshoots. Its position and velocity are continuous. It lags a target of constant velocity by
+    2 tau.
 
     Args:
-        lag: tau, above zero [s].
-        position: where it is at first, at rest.
+        lag: time constant tau, above zero [s].
+        position: initial position, at rest.
 
     Attributes:
-        position, velocity: of the follower, in arrays of its own [m, m/s].
+        position, velocity: state of the follower, in its own arrays [m, m/s].
     """
 
     def __init__(self, lag: float, position: ArrayLike) -> None:
@@ -56,11 +57,11 @@ class Follower:
         self.velocity: FloatArray = np.zeros_like(self.position)
 
     def place(self, position: ArrayLike) -> None:
-        """Put it at a position, at rest."""
+        """Set it to a position, at rest."""
         self.position[...], self.velocity[...] = position, 0.0
 
     def follow(self, target: ArrayLike, duration: float) -> None:
-        """Follow a target that has stood for a time [s], which was the same all along."""
+        """Follow a target that was constant for a duration [s]."""
         w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
         share = elementary.exp(-w * duration)
         self.position[...], self.velocity[...] = follow(w, duration, share, goal, self.position, self.velocity)

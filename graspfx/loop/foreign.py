@@ -1,4 +1,4 @@
-"""List parts of a servo that are Python code, or wait for other software between calls."""
+"""List the parts of a servo that run as Python code or wait for other software between calls."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.loop.servo import Servo
 
 
 def foreign(servo: Servo) -> list[str]:
-    """List devices, plants and bodies that run by their own methods, between the calls of each tick."""
+    """List devices, plants and bodies whose Python methods run between the calls of each tick."""
     return list(_foreign(servo))
 
 
@@ -21,7 +21,7 @@ def guests(servo: Servo) -> list[str]:
 
 
 def looked_ahead(servo: Servo) -> list[str]:
-    """List hands in plain Python: they are asked for many ticks at once."""
+    """List hands in plain Python, which are asked for many ticks at once."""
     wirings = [table.wiring for table in servo.arena.tables]
     return [part_name("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 

@@ -10,11 +10,11 @@ from graspfx.loop.parts import BodyGroup
 from graspfx.loop.world import MOVER, ServoState, latch
 from graspfx.objects.guest import CallingGuest, Guest
 
-TURN = 64  # ticks after which the interpreter may see to signals and other threads
+TURN = 64  # number of ticks after which the interpreter may handle signals and other threads
 
 
 def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
-    """Let `steps` exchange with all guests by machine code, if that can be; give what has to live as long as that."""
+    """Let `steps` exchange with all guests by machine code, if possible; return the objects that must stay alive."""
     from graspfx.compile.exchange import MachineExchange
 
     if not all(isinstance(guest, CallingGuest) and guest.calls for guest in guests):
@@ -30,13 +30,13 @@ def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
 
 
 def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
-    """Settle what guests were told in the last tick: a fault is one of the tick that would follow.
+    """Complete the last tick's exchange with guests; a fault is assigned to the following tick.
 
     Args:
-        guests: numbers of their movers.
-        movers: of the scene.
+        guests: indices of their movers.
+        movers: movers of the scene.
         servo: memory of the tick.
-        k: the tick that would follow.
+        k: the following tick.
     """
     for i in guests:
         code = 0 if servo.stuck_bodies[i] else movers[i].body.take()

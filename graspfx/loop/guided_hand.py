@@ -1,4 +1,4 @@
-"""A hand that is guided: goals that change in mid-run lead its targets aside, each behind a follower."""
+"""A guided hand: goals that change during a run offset its targets, each smoothed by a follower."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ FloatArray = NDArray[np.float64]
 
 
 class GuidedHand:
-    """A hand whose intended positions are those of another one, led aside by goals:
+    """A hand whose intended positions are those of another hand plus offsets that follow goals:
 
         r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
 
-    g follows the goal of the squeeze, and o_i that of finger i's offset, each critically damped (`Follower`): a goal
-    that jumps moves no target at once, and none overshoots.
+    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset. Each is critically damped
+    (`Follower`), so a target neither jumps with its goal nor overshoots it.
 
     Args:
-        hand: with motions of this package alone.
-        lag: tau of the followers, above zero [s].
+        hand: hand with motions of this package only.
+        lag: time constant tau of the followers, above zero [s].
         offset: goal of the offsets, (d,) for all fingers or (n, d) [m].
         squeeze: goal of the squeeze [m].
-        settled: whether the followers begin at their goals; else at zero, at rest.
+        settled: whether the followers start at their goals; otherwise they start at rest at zero.
     """
 
     declaration = GuidedHandState
@@ -42,7 +42,7 @@ class GuidedHand:
         self, hand: Hand, lag: float, offset: ArrayLike = 0.0, squeeze: float = 0.0, *, settled: bool = False
     ) -> None:
         if not isinstance(hand, plant.FusedHand) or type(hand) is not Hand:
-            raise InputError("hand", hand, "a hand whose motions are all of this package")
+            raise InputError("hand", hand, "a hand with motions of this package only")
         if not (math.isfinite(lag) and lag > 0.0):
             raise InputError("lag", lag, "a finite time above zero [s]")
         if not math.isfinite(squeeze):
@@ -78,7 +78,7 @@ class GuidedHand:
 
     @property
     def operator(self) -> Operator | None:
-        """Hold on the fingers besides; nothing but spring and damper if None."""
+        """Operator model in addition to spring and damper; None without one."""
         return self._hand.operator
 
     @property
@@ -88,22 +88,22 @@ class GuidedHand:
 
     @property
     def still(self) -> bool:
-        """Whether its targets never change: they follow goals that may."""
+        """Whether its targets never change; always False, because goals may change."""
         return False
 
     def adopt(self, other: GuidedHand) -> None:
-        """Take over gains, rest, motions and goals of another hand of the same structure; the followers go on."""
+        """Adopt gains, rest, motions and goals of a hand of the same structure; the followers keep their state."""
         adopt_block(self, other)
         self._hand = other._hand
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then take hold of the hand again."""
         self._hand.regain(stiffness, damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to.
+        """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s].
 
-        The followers go on to that time; they never go back.
+        The followers advance to that time; they never go back.
         """
         guided_target(GuidedHandState(self.state.data), time)
         return targets_of(self.state, self.ports, self.stiffness)

@@ -1,4 +1,4 @@
-"""Hands: springs and dampers that pull fingertips to where an operator means them to be."""
+"""Hands: springs and dampers that pull fingertips towards the operator's intended positions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.loop.operator import Operator, joined
 
 FloatArray = NDArray[np.float64]
 
-SYMMETRY = 1e-12  # relative; rounding of a matrix that was meant to be symmetric
+SYMMETRY = 1e-12  # relative tolerance for rounding of a symmetric matrix
 GAIN = "one finite number of zero or more, or one per axis (d,)"
 
 
@@ -29,24 +29,24 @@ class Hand:
 
         r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
 
-    x the motion, R the turns about c, one after another, s the squeeze and u_i the unit vector along `inward`: one
-    number s closes all fingers, a synergy, and its directions turn with the hand. With nothing that moves this is a
-    plain spring and damper to `rest`; with zero gains it is no hand at all.
+    x is the motion, R the product of the turns about c, s the squeeze and u_i the unit vector along `inward`. The one
+    number s closes all fingers (a synergy), and its directions turn with the hand. Without motion, turns and squeeze
+    the hand is a spring and damper to `rest`; with zero gains it exerts no force.
 
-    Made of motions of this package it is a `FusedHand`: one that is given a motion of another has no `kernel`.
+    With motions of this package it is a `FusedHand`; with a third-party motion it has no `kernel`.
 
     Args:
-        rest: (n, d), where the fingers rest [m].
-        stiffness: K [N/m]: a number or one per axis (d,), the same for each finger by itself; or matrices (d, n, n),
-            symmetric and positive semidefinite, over the fingers for each axis.
+        rest: rest positions of the fingers, (n, d) [m].
+        stiffness: K [N/m]: a number or one per axis (d,), the same for each finger; or one symmetric positive
+            semidefinite matrix over the fingers per axis, (d, n, n).
         damping: B [N s/m], in the same forms.
-        motion: x, of all fingers together; the centres of the turns go along with it.
-        squeeze: s, how far each finger's target goes along `inward` [m]: a number, taken up by one minimum-jerk step
-            over `squeeze_ramp` from time zero, or a motion of one dimension, as `graspfx.loop.motion.Levels` is.
-        inward: (n, d) directions of the squeeze, of any length; a row of zeros is a finger that stays out of it.
-        squeeze_ramp: [s].
-        share: of the squeeze, a number or one per finger (n,).
-        turns: R and c; each turns what the ones before it give, about an axis that stays.
+        motion: x, translation of all fingers; the centres of the turns move with it.
+        squeeze: s, displacement of each finger's target along `inward` [m]: a number, reached by one minimum-jerk step
+            over `squeeze_ramp` from time zero, or a one-dimensional motion such as `graspfx.loop.motion.Levels`.
+        inward: directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze.
+        squeeze_ramp: duration of the minimum-jerk step [s].
+        share: factor on the squeeze, a number or one per finger (n,).
+        turns: rotations R and centres c, applied in order; each turns about a fixed axis.
     """
 
     declaration = HandState
@@ -76,7 +76,7 @@ class Hand:
         if any(turn.dimensions != d for turn in turns):
             raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, as rest has")
         if any(getattr(type(turn), "turned", None) is not Turn.turned for turn in turns):
-            raise InputError("turns", turns, "turns that are a Turn", "another course in time is a motion of its angle")
+            raise InputError("turns", turns, "instances of Turn", "another course in time is a motion of its angle")
         closing = _squeeze(squeeze, squeeze_ramp)
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
@@ -102,7 +102,7 @@ class Hand:
         numbers = entries_of(HandState, *whole, "turns")
         self.structure = np.concatenate([numbers, *(at + course.structure for at, course in placed)])
         self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
-        self._plain_parts = [each for each in placed if each[1].others]  # others' motions, which no kernel knows
+        self._plain_parts = [each for each in placed if each[1].others]  # third-party motions, which have no kernel
         if not self._plain_parts and type(self).target is Hand.target:
             self.kernel: plant.HandKernel = target  # makes it a FusedHand
 
@@ -124,9 +124,9 @@ class Hand:
 
             K = k_arm 11'/n + k_grip (I - 11'/n), B alike, on each axis
 
-        so that on the mean x_e the fingers' forces add up to n (k_arm x_e + b_arm x_e'), Z+ of Kawai and Yoshikawa,
-        fig. 9, and on the deviations x_i each finger feels k_grip and b_grip, their Z- (eqs. 13-19). A rotation of the
-        fingers about their mean is part of the deviations: the grip holds it.
+        For the mean x_e, the fingers' forces add up to n (k_arm x_e + b_arm x_e'), Z+ of Kawai and Yoshikawa, fig. 9.
+        For the deviations x_i, each finger has k_grip and b_grip, their Z- (eqs. 13-19). A rotation of the fingers
+        about their mean is part of the deviations, so the grip resists it.
 
         Args:
             arm: stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
@@ -160,7 +160,7 @@ class Hand:
         return type(self).target is Hand.target and not moves
 
     def adopt(self, other: Hand) -> None:
-        """Take over gains, rest and motions of another hand of the same structure."""
+        """Adopt gains, rest and motions of another hand of the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
@@ -181,7 +181,7 @@ class JoinedHands:
 
     Args:
         hands: in any order.
-        order: the place of each finger of the whole among the hands' fingers, one after another; as they come if None.
+        order: index of each finger of the joined hand among the hands' concatenated fingers; their own order if None.
     """
 
     declaration = JoinedHandsState
@@ -191,7 +191,7 @@ class JoinedHands:
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
             raise InputError("hands", hands, "one hand at least")
-        self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # hands without a kernel, where r and r' are written
+        self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # entries for r and r' of hands without a kernel
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
             raise InputError("order", order, f"each of the {n} fingers once")
@@ -254,7 +254,7 @@ class JoinedHands:
         return type(self).target is JoinedHands.target and not self._plain_parts and self._still
 
     def adopt(self, other: JoinedHands) -> None:
-        """Take over gains, rests and motions of other hands of the same structure."""
+        """Adopt gains, rests and motions of other hands of the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
@@ -273,17 +273,17 @@ class JoinedHands:
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
-    """Join hands to one, for a plant that several of them share; `order` as in JoinedHands."""
+    """Join several hands that share a plant into one; `order` as in JoinedHands."""
     if len(hands) == 1 and (order is None or list(order) == sorted(order)):
         return hands[0]
     return JoinedHands(hands, order)
 
 
 def adopt_block(hand: Any, other: Any) -> None:
-    """Copy the block of another hand: targets are worked out from it at every time anew.
+    """Copy the block of another hand, from which targets are computed at each time.
 
     Raises:
-        InputError: a hand of another structure, or one with motions that are no kernels.
+        InputError: a hand of another structure, or one with motions without kernels.
     """
     followers: Sequence[int] = hand.followers
     same = type(other) is type(hand) and other.state.shape == hand.state.shape
@@ -291,7 +291,7 @@ def adopt_block(hand: Any, other: Any) -> None:
     if not same or not np.array_equal(other.state[other.structure], hand.state[hand.structure]):
         raise InputError("other", other, "a hand with as many motions and turns, of the same kinds")
     if not isinstance(hand, plant.FusedHand):
-        raise InputError("hand", hand, "a hand whose motions are all of this package")
+        raise InputError("hand", hand, "a hand with motions of this package only")
     places = np.array(followers, dtype=np.intp)
     following = hand.state[places]
     hand.state[:] = other.state
@@ -308,7 +308,7 @@ def _rest(rest: ArrayLike) -> FloatArray:
 def _squeeze(squeeze: float | Motion, ramp: float) -> Motion:
     if not isinstance(squeeze, int | float | np.integer | np.floating):
         if getattr(squeeze, "dimensions", None) != 1:
-            raise InputError("squeeze", squeeze, "a distance [m], or a motion of one dimension")
+            raise InputError("squeeze", squeeze, "a distance [m], or a one-dimensional motion")
         return squeeze
     if not np.isfinite(squeeze):
         raise InputError("squeeze", squeeze, "a finite distance [m]")
@@ -345,7 +345,7 @@ def _gains(name: str, value: ArrayLike, n: int, d: int) -> FloatArray:
         raise InputError(name, value, f"{GAIN}, or finite matrices ({d}, {n}, {n})")
     largest = np.abs(K).max()
     if np.abs(K - np.swapaxes(K, 1, 2)).max() > SYMMETRY * largest:
-        raise InputError(name, value, "symmetric matrices", "a hand that is not symmetric makes energy")
+        raise InputError(name, value, "symmetric matrices", "an unsymmetric matrix generates energy")
     K = 0.5 * (K + np.swapaxes(K, 1, 2))
     least = np.linalg.eigvalsh(K).min()
     if least < -SYMMETRY * max(n, 1) * largest:

@@ -1,4 +1,4 @@
-"""Faults of a tick's kernels in words."""
+"""Messages for faults of a tick's kernels."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from graspfx.loop.world import MOVER, OBJECT_, SAFETY, STATION
 
 
 def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
-    """Explain a code of a kernel's.
+    """Explain the fault code of a kernel.
 
     Args:
-        parts: of the scene.
-        kind: of what could not go on, as a tick latches it.
-        index: which of its kind.
-        code: why.
+        parts: parts of the scene.
+        kind: kind of the part that failed, as latched by the tick.
+        index: index of the part among its kind.
+        code: fault code of its kernel.
     """
     fingers = parts.layout.fingers
     if kind == SAFETY and parts.safety is not None:

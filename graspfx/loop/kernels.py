@@ -1,7 +1,7 @@
-"""Kernels of a scene's parts by their numbers.
+"""Kernels of a scene's parts, by number.
 
-A number below `len(KERNELS)` is one of the package's, which the program calls; any other is that of a kernel of
-others: the address of its machine code, or, interpreted, the number under which its function was announced.
+A number below `len(KERNELS)` denotes a kernel of this package, which the program calls. Any other number denotes a
+third-party kernel: the address of its machine code, or in interpreted ticks the number of its announced function.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ BODIES = (  # block, block beside it, period
 )
 KERNELS = ("", *PARTS, *HANDS, *BODIES)  # number 0 is none
 
-_ANNOUNCED: dict[int, Kernel] = {}  # kernels of others, for interpreted ticks
+_ANNOUNCED: dict[int, Kernel] = {}  # third-party kernels, for interpreted ticks
 
 
 def number_of(kernel: Kernel) -> int | None:
-    """Give the number of a kernel of the package; None for one of others."""
+    """Return the number of a kernel of this package; None for a third-party kernel."""
     return _numbers().get(f"{kernel.__module__}.{kernel.__qualname__}")
 
 
@@ -58,7 +58,7 @@ def _numbers() -> dict[str, int]:
 
 @cache
 def _kernel(number: int) -> Kernel:
-    """Import a kernel of the package, as the function on numbers and entries."""
+    """Import a kernel of this package as a function of numbers and entries."""
     return source_function(_written(number))
 
 
@@ -69,12 +69,12 @@ def _written(number: int) -> Kernel:
 
 
 def kernel_of(number: int) -> Kernel:
-    """Give the kernel of the package that has a number."""
+    """Return the kernel of this package with this number."""
     return _written(number)
 
 
 def announce(kernel: Kernel) -> int:
-    """Give the number under which interpreted ticks find a kernel of others."""
+    """Return the number by which interpreted ticks find a third-party kernel."""
     number = len(KERNELS) + id(kernel)
     _ANNOUNCED[number] = kernel
     return number
@@ -106,7 +106,7 @@ def invoke_beside(buffer: Any, kernel: int, place: int, beside: int, T: float) -
 
 @bound_late
 def call(buffer: Any, address: int, place: int) -> int:
-    """Call machine code by its address; interpreted ticks have none."""
+    """Call machine code at an address; unavailable in interpreted ticks."""
     raise NotImplementedError
 
 

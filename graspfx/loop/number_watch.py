@@ -1,4 +1,4 @@
-"""Numbers that nothing but an update may write, watched bit by bit: a recording goes by them."""
+"""Detection of direct writes to numbers that only an update may change, because a recording depends on them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ DO = "name its key in gx.open(scene, live=[...]) and use session.set"
 class Watch:
     """Watched entries of a run's memories, and their expected bits.
 
-    These are what a grasp's P and the gains are made of, and what chooses what is computed. All are read at once, in a
-    microsecond or two.
+    They determine a grasp's P and gains and select what is computed. Reading them all takes a microsecond or two.
 
     Args:
         objects: whose grasps are watched.
@@ -40,14 +39,14 @@ class Watch:
             self._add(part.grasped.block, [*part.grasped.watched_entries, *structure])
 
     def note(self) -> None:
-        """Note the bits that stand there now."""
+        """Store the present bits."""
         self._bits = b"".join(self._views)
 
     def require(self) -> None:
-        """Require that every entry holds its bits; gains may be others as long as the switches of a block fit them.
+        """Require that every entry is unchanged; gains may differ if they agree with the switches of their block.
 
         Raises:
-            InputError: an entry that was written to, by its name.
+            InputError: an entry was written to; the message names it.
         """
         if b"".join(self._views) == self._bits:
             return
@@ -56,15 +55,15 @@ class Watch:
             if switch:
                 raise InputError(
                     f"{part.name}: {switch}", getattr(part.grasped.state, switch),
-                    "a switch that follows from the gains in the block",
-                    "a gain was written into it by itself; name it in gx.open(scene, live=[...]) and use session.set",
+                    "a switch that agrees with the gains in the block",
+                    "a gain was written directly; name it in gx.open(scene, live=[...]) and use session.set",
                 )  # fmt: skip
         for array, k, value in self._intrusions():
             self._require_free(array, k, value)
         self.note()
 
     def _add(self, array: FloatArray, entries: Sequence[int]) -> None:
-        """Watch entries with the bits that they have now, and those of before with the bits that they had."""
+        """Watch entries with their present bits, in addition to the entries watched before."""
         left = sorted({k for k in map(int, entries) if (id(array), k) not in self._seen})
         if not left:
             return
@@ -76,7 +75,7 @@ class Watch:
             self._bits += bytes(self._views[-1])
 
     def _intrusions(self) -> Iterator[tuple[FloatArray, int, float]]:
-        """List the entries that do not hold their bits, with the values that they had."""
+        """List the changed entries with their former values."""
         at = 0
         for array, first, end in self._stretches:
             values = np.frombuffer(self._bits, np.float64, end - first, at)
@@ -85,7 +84,7 @@ class Watch:
             yield from ((array, first + int(i), float(values[i])) for i in np.flatnonzero(~same))
 
     def _require_free(self, array: FloatArray, k: int, value: float) -> None:
-        """Require that an entry may have another value than it had."""
+        """Require that an entry may differ from its former value."""
         if (id(array), k) not in self._free:
             part = next(part for part in self._objects if part.grasped.block is array)
             name = f"{part.name}: {name_of(GraspState, k, array)}"

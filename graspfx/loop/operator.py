@@ -1,4 +1,4 @@
-"""An operator who is not a spring: what holds each finger besides the stiffness and the damping of its hand."""
+"""Operator model in addition to the hand's springs and dampers: limb, stiffening, reaction and noise."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ NOISE = 3  # last word of the seed of noise: those of a tremor's axes are 0 to 2
 
 
 class FingerOperator(Record):
-    """Hold on one finger besides its hand's spring and damper; zeros where there is nothing."""
+    """Operator model of one finger in addition to its hand's spring and damper; zeros disable each term."""
 
     limb_mass: float  # M [kg]
     limb_stiffness: Vector  # K_l, per axis [N/m]
     limb_damping: Vector  # B_l [N s/m]
-    rise: float  # of the stiffness with the grip force [N/m per N]
+    rise: float  # slope of the stiffness over the grip force [N/m per N]
     damping_rise: float  # [N s/m per N]
-    grip_lag: float  # with which the grip force follows the displayed one [s]
+    grip_lag: float  # time constant by which the grip force follows the displayed force [s]
     delay: float  # of the voluntary force [s]
     pull: float  # its stiffness k [N/m]
     pull_damping: float  # b [N s/m]
@@ -38,26 +38,26 @@ class FingerOperator(Record):
 
 
 class Operator:
-    """Hold on n fingers besides the springs and dampers of their hand: a limb, stiffening, a reaction, noise.
+    """Operator model of n fingers in addition to their hand: a limb, stiffening, a reaction and noise.
 
         m p'' + b p' = u + F (+ h where there is no limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
         F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
         h(t) = (k (r - p) + b (r' - p') - g u)(t - delay) + share x(t) F_m
 
-    y is r where there is no limb, F_m the muscle's force behind its lag, and x noise of mean 0 and variance 1.
+    Without a limb y = r. F_m is the lagged muscle force, and x is noise of mean 0 and variance 1.
 
     Args:
-        fingers: n.
+        fingers: number of fingers n.
 
     Attributes:
-        numbers: (n, entries), a `FingerOperator` in each row; zeros at first.
+        numbers: one `FingerOperator` per row, (n, entries); initially zeros.
     """
 
     def __init__(self, fingers: int) -> None:
         self.numbers: FloatArray = np.zeros((fingers, size_of(FingerOperator)))
 
     def finger(self, i: int) -> FingerOperator:
-        """Give the record of one finger, to be read and written."""
+        """Return the writable record of one finger."""
         return FingerOperator(self.numbers.reshape(-1), i * self.numbers.shape[1])
 
     def set_limb(self, mass: float, stiffness: FloatArray, damping: FloatArray) -> None:
@@ -80,7 +80,7 @@ class Operator:
             finger.delay, finger.pull, finger.pull_damping, finger.counter = delay, stiffness, damping, force
 
     def set_noise(self, share: float, cutoff: float, lag: float, seeds: Sequence[Sequence[int]]) -> None:
-        """Set the share, the cutoff [Hz] and the lag [s]; of each finger the seed of its random numbers."""
+        """Set the share, the cutoff [Hz], the lag [s] and the seed of each finger's random numbers."""
         for i, seed in enumerate(seeds):
             finger = self.finger(i)
             finger.share, finger.command_lag = share, lag
@@ -104,18 +104,18 @@ class Operator:
         return max(self.finger(i).delay for i in range(len(self.numbers)))
 
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
-        """Compute what the hand's stiffness K (d, n, n) comes to at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
+        """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
 
-        Stiffened by the grip forces |f|, in series with the limb, the reaction added.
+        It is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
-            stiffness: K.
-            force: f, that the fingers exert at rest (n, d) [N].
+            stiffness: stiffness K of the hand (d, n, n) [N/m].
+            force: force f of the fingers at rest (n, d) [N].
         """
         return self._rest(stiffness, force)[0]
 
     def stretch_at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
-        """Compute y - p, or r - p where there is no limb, of a hand that rests with these forces, (n, d) [m].
+        """Compute y - p, or r - p without a limb, of a hand at rest under these forces, (n, d) [m].
 
         The arguments are those of `at_rest`.
         """
@@ -162,12 +162,12 @@ def _with_limb(
 
 
 def joined(operators: Sequence[Operator | None], fingers: Sequence[int], order: Sequence[int]) -> Operator | None:
-    """Join the operators of several hands to one; None where none of them has one.
+    """Join the operators of several hands; None if no hand has one.
 
     Args:
-        operators: of each hand, None for a hand that is spring and damper alone.
-        fingers: of each hand, how many.
-        order: the place of each finger of the whole among the hands' fingers, one after another.
+        operators: operator of each hand; None for a hand with spring and damper only.
+        fingers: number of fingers of each hand.
+        order: index of each finger of the joined hand among the hands' concatenated fingers.
     """
     if all(operator is None for operator in operators):
         return None

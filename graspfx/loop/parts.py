@@ -33,7 +33,7 @@ class GraspedPart:
 
 @dataclass(frozen=True)
 class BodyGroup:
-    """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
+    """A body, or a world of bodies in mutual contact, and the indices of the objects that it moves."""
 
     body: Any
     objects: Sequence[int]
@@ -41,7 +41,7 @@ class BodyGroup:
 
 @dataclass(frozen=True)
 class DeviceWiring:
-    """A device, the finger that each channel is (-1: one that the scene does not use), and its fitting to the scene."""
+    """A device, the finger of each channel (-1 for an unused one), and its fitting to the scene."""
 
     device: Device
     fingers: Index
@@ -50,7 +50,7 @@ class DeviceWiring:
 
 @dataclass(frozen=True)
 class PlantWiring:
-    """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
+    """A plant, the hand that holds it, the devices that drive it and the fingers that it moves."""
 
     plant: Plant
     hand: Hand
@@ -60,7 +60,7 @@ class PlantWiring:
 
 @dataclass(frozen=True)
 class Parts:
-    """All that a servo runs."""
+    """All parts that a servo runs."""
 
     period: float
     layout: Layout
@@ -75,7 +75,7 @@ class Parts:
 
 
 def guest_of(body: object) -> Guest | None:
-    """Give the body, if its kernels and `exchange` do all that its `step` does."""
+    """Return the body if its kernels and `exchange` do everything that its `step` does."""
     if isinstance(body, Guest) and unaltered(body, ("step",), ("exchange", "handing", "taking")):
         return body
     return None

@@ -1,4 +1,4 @@
-"""The plant protocol: how simulated devices move together with the hand that holds them."""
+"""The plant protocol: the joint motion of simulated devices and the hand that holds them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Kernel = Callable[[Any, int], int]
-"""Kernel of a part, called with its state and structure; it returns zero, or the number of a fault."""
+"""Kernel of a part, called with its state and structure; it returns zero or a fault code."""
 HandKernel = Callable[..., None]
 """Kernel of a hand, called with a record, or with a buffer and an offset, and with a time."""
 
 
 class Hand(Protocol):
-    """A hand that holds fingertips: springs and dampers to intended positions that move.
+    """A hand that holds fingertips by springs and dampers to moving intended positions.
 
     Force on the fingertips, per axis a: K[a] (r(t) - p[:, a]) + B[a] (r'(t) - v[:, a]).
     """
@@ -38,7 +38,7 @@ class Hand(Protocol):
 
 
 class HandPorts(NamedTuple):
-    """Where a hand's block shows its targets: the first of their entries, finger by finger."""
+    """First entries of the targets in a hand's block, finger by finger."""
 
     position: int  # r, (n, d) [m]
     velocity: int  # r', (n, d) [m/s]
@@ -46,9 +46,9 @@ class HandPorts(NamedTuple):
 
 @runtime_checkable
 class FusedHand(Hand, Protocol):
-    """A hand that shows its block and its kernel, so that a run may ask for its targets without calling it.
+    """A hand that exposes its block and its kernel: a run computes its targets without Python calls.
 
-    With S the block, `kernel(S, 0, t)` leaves at `ports` what `target(t)` gives.
+    With the block S, `kernel(S, 0, t)` writes the result of `target(t)` at `ports`.
     """
 
     @property
@@ -58,17 +58,17 @@ class FusedHand(Hand, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that never change and pick what the kernel does."""
+        """Constant entries of the block, whole numbers, that select what the kernel computes."""
         ...
 
     @property
     def ports(self) -> HandPorts:
-        """Where in the block the targets are, counted from its beginning."""
+        """Entries of the targets, counted from the block's beginning."""
         ...
 
     @property
     def kernel(self) -> HandKernel:
-        """kernel(S, o, t) works out the targets at a time t [s] of the hand whose block starts at S[o].
+        """kernel(S, o, t) computes the targets at time t [s] of the hand whose block starts at S[o].
 
         A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it.
         """
@@ -76,9 +76,9 @@ class FusedHand(Hand, Protocol):
 
 
 class Plant(Protocol):
-    """The mechanics of one or several simulated devices, all fingers that one hand moves together.
+    """The mechanics of one or more simulated devices: all fingers that one hand moves.
 
-    The plant owns the true motion; the devices read it through their sensors. It starts at time zero.
+    The plant holds the true motion, which the devices read through their sensors. It starts at time zero.
     """
 
     @property
@@ -92,16 +92,16 @@ class Plant(Protocol):
         ...
 
     def place(self, position: FloatArray) -> None:
-        """Put the fingertips at these positions (n, d) [m], at rest, at time zero."""
+        """Set the fingertips to positions (n, d) [m], at rest, at time zero."""
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        """Move for T seconds under the devices' efforts (n, d), held, and the hand."""
+        """Advance by T seconds under constant efforts (n, d) of the devices and under the hand."""
 
 
 class Ports(NamedTuple):
-    """Where a plant's block takes its inputs and shows its motion: the first of their entries, finger by finger."""
+    """First entries of the inputs and of the motion in a plant's block, finger by finger."""
 
-    effort: int  # u, (n, d), held over the coming sample
+    effort: int  # u, (n, d), held over the next sample
     middle: int | None  # the hand's r, (n, d), then r', (n, d), in the middle of it, if the plant asks for them
     end: int  # r and r' at its end
     position: int  # (n, d) [m]
@@ -110,12 +110,12 @@ class Ports(NamedTuple):
 
 @runtime_checkable
 class FusedPlant(Plant, Protocol):
-    """A plant that shows its block and its kernel, so that a run may move it without calling it.
+    """A plant that exposes its block and its kernel: a run moves it without Python calls.
 
-    `hold` comes first: after `place`, and when the hand, its gains or T change. Then, with S the block, each sample:
-    efforts and targets written to S at `ports`, `kernel(S, 0)`, positions and velocities read from S. `advance` does
-    nothing else. The kernel carries the plant's time and the targets' beginning along in the block. In sample k after
-    `place` the end is at (k + 1) T, the middle at 0.5 (k T + (k + 1) T).
+    Call `hold` after `place`, and when the hand, its gains or T change. With the block S, each sample then writes
+    efforts and targets to S at `ports`, calls `kernel(S, 0)`, and reads positions and velocities from S. `advance` does
+    nothing else. The block also holds the plant's time and the targets at the sample's beginning. Sample k after
+    `place` ends at (k + 1) T; its middle is at 0.5 (k T + (k + 1) T).
     """
 
     @property
@@ -125,12 +125,12 @@ class FusedPlant(Plant, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that do not change after `hold` and pick what the kernel does."""
+        """Entries of the block, whole numbers, that are fixed after `hold` and select what the kernel computes."""
         ...
 
     @property
     def ports(self) -> Ports:
-        """Where in the block the caller writes and reads, counted from its beginning."""
+        """Entries where the caller writes and reads, counted from the block's beginning."""
         ...
 
     @property
@@ -138,27 +138,27 @@ class FusedPlant(Plant, Protocol):
         """kernel(S, o) moves the plant whose block starts at S[o] by one sample.
 
         A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it. It
-        gives 0, or another number if it cannot go on: then nothing has moved.
+        returns 0, or a fault code if it cannot continue; then nothing has moved.
         """
         ...
 
     def hold(self, hand: Hand, T: float) -> None:
-        """Put the hand's gains, its targets at the plant's time and samples of T seconds into the block."""
+        """Write the hand's gains, its targets at the plant's time and the period T [s] into the block."""
 
     def fault_text(self, code: int) -> str:
-        """Say why the kernel gave this number instead of 0."""
+        """Explain a fault code of the kernel."""
         ...
 
 
 def is_still(hand: Hand) -> bool:
-    """Tell whether a hand says, as `still`, that its targets never change and have no velocity."""
+    """Tell whether a hand declares by `still` that its targets are constant with zero velocity."""
     return bool(getattr(hand, "still", False))
 
 
 def fused(plant: Plant) -> FusedPlant | None:
-    """Give the plant, if its kernel does all that `advance` does.
+    """Return the plant if its kernel does everything that `advance` does.
 
-    None for one that lacks it, or whose class has an `advance` of its own over the kernel of one it is made from.
+    None if it has no kernel, or if its class overrides the `advance` of a class with a kernel.
     """
     if isinstance(plant, FusedPlant) and unaltered(plant, ("advance",), ("kernel",)):
         return plant
@@ -166,7 +166,7 @@ def fused(plant: Plant) -> FusedPlant | None:
 
 
 def unaltered(component: object, methods: Sequence[str], kernels: Sequence[str]) -> bool:
-    """Tell whether no class has these methods of its own over these kernels of a class that it is made from."""
+    """Tell whether no subclass overrides these methods without also overriding these kernels."""
 
     def nearest(names: Sequence[str]) -> int:
         order = type(component).__mro__

@@ -1,4 +1,4 @@
-"""Devices that are played from a recording: its readings come again, and what they are told is not displayed."""
+"""Devices played back from a recording: they repeat its readings and display no forces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PHASES: tuple[Phase, ...] = ("write", "read", "after")
 
 
 class Played(Protocol):
-    """Rows of a run that can be played: a `Recording`."""
+    """Rows of a run for playback, such as a `Recording`."""
 
     @property
     def layout(self) -> Layout: ...
@@ -35,16 +35,16 @@ class Played(Protocol):
     def __len__(self) -> int: ...
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Give a column of the layout in the rows from one up to another."""
+        """Return a column in the rows `first` to `stop` - 1."""
         ...
 
 
 class PlayedDevice:
-    """A device in the place of a recorded one, with its features; `Playback` reads for it.
+    """A stand-in for a recorded device, with its features; `Playback` supplies its readings.
 
     Args:
-        features: of the device that was recorded.
-        d: dimensions.
+        features: features of the recorded device.
+        d: number of dimensions.
     """
 
     def __init__(self, features: Features, d: int) -> None:
@@ -53,11 +53,11 @@ class PlayedDevice:
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Any:
-        """Make no plant: what moves it was recorded."""
+        """Return no plant, because the motion was recorded."""
         raise NotImplementedError
 
     def open(self, period: float) -> None:
-        """Make ready, of which nothing is to be done."""
+        """Do nothing: no preparation is needed."""
 
     def read(self) -> Any:
         """Read nothing by itself."""
@@ -79,7 +79,7 @@ class PlayedDevice:
 
 
 class LimitedPlayedDevice(PlayedDevice):
-    """One whose largest force depends on where it stands."""
+    """A played device whose largest force depends on its position."""
 
     def __init__(self, features: Features, d: int) -> None:
         super().__init__(features, d)
@@ -87,26 +87,26 @@ class LimitedPlayedDevice(PlayedDevice):
 
 
 class PlayedPlant:
-    """Fingertips that are where the recording has them, whatever holds or drives them."""
+    """Fingertips at their recorded positions, whatever holds or drives them."""
 
     def __init__(self, n: int, d: int) -> None:
         self.position: FloatArray = np.zeros((n, d))
         self.velocity: FloatArray = np.zeros((n, d))
 
     def place(self, position: FloatArray, hand: Any) -> None:
-        """Put the fingertips nowhere else."""
+        """Do nothing: positions come from the recording."""
 
     def advance(self, effort: FloatArray, hand: Any, period: float) -> None:
-        """Move nothing: the next reading does."""
+        """Do nothing: the next reading moves the fingertips."""
 
 
 class Playback:
-    """Reads rows of a recording in the place of devices, tick by tick, and has their fault when they had it.
+    """Reads rows of a recording instead of devices, tick by tick, and repeats their faults.
 
     Args:
-        recording: of every tick.
-        largest: where a device tells its largest force and the recording does not, another one that does.
-        phase: of the tick of the first fault in which it is enacted, if the replay has none by then.
+        recording: recording of every tick.
+        largest: second recording, with the largest force of a device if the first lacks it.
+        phase: phase of the tick in which the first fault is repeated, if the replay has no fault by then.
     """
 
     def __init__(self, recording: Played, largest: Played | None, phase: Phase) -> None:
@@ -124,7 +124,7 @@ class Playback:
         self._tips: FloatArray | None = None
 
     def wirings(self, wired: Sequence[DeviceWiring]) -> tuple[list[DeviceWiring], list[PlantWiring]]:
-        """Put played devices in the places of others, and one plant under them where their fingertips are recorded."""
+        """Replace devices by played devices, and add one plant if their true fingertip positions are recorded."""
         layout = self._recording.layout
         n, d = len(layout.fingers), layout.dimensions
         stations = [DeviceWiring(_played(each.device, d), each.fingers, _calls(each.fitting)) for each in wired]
@@ -137,7 +137,7 @@ class Playback:
         return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]
 
     def attach(self, ports: Sequence[Port], stations: Sequence[DeviceWiring]) -> None:
-        """Read into these ports from now on."""
+        """Set the ports for the readings."""
         for port in ports:
             fingers = stations[port.station].fingers
             channels = np.flatnonzero(fingers >= 0)
@@ -147,7 +147,7 @@ class Playback:
             self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Take the next tick's readings; list the fault that a device had before it was read."""
+        """Take the next tick's readings; list device faults that occurred before the reading."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]
@@ -169,7 +169,7 @@ class Playback:
         return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
 
     def write(self) -> str:
-        """Display nothing; return the fault that a device had when it was written."""
+        """Display nothing; return the device fault that occurred in writing."""
         return next(self._faults(0), "") if self._phase == "write" else ""
 
     def _faults(self, delay: int) -> Iterator[str]:
@@ -191,7 +191,7 @@ class _Misses:
         self._every, self._since = every, 0
 
     def count(self, misses: float, periods: int, *, is_fresh: bool) -> float:
-        """Count on, so many periods after the last tick."""
+        """Update the count `periods` periods after the last tick."""
         self._since = 0 if is_fresh else self._since + periods
         if is_fresh:
             return 0.0
@@ -202,12 +202,12 @@ class _Misses:
 
 
 def _calls(fitting: Fitting) -> Fitting:
-    """Keep of a fitting when a device is called, and not its frame: rows are in the scene's axes."""
+    """Keep a fitting's call interval but not its frame, since rows are in the scene's axes."""
     return Fitting(None, fitting.deadman, fitting.every)
 
 
 def _played(device: Device, d: int) -> PlayedDevice:
-    """Put a played device in the place of another one, whose class it has in messages."""
+    """Make a played device that replaces another one and has its class name in messages."""
     base = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
     kind: type[PlayedDevice] = type(type(device).__qualname__, (base,), {})
     return kind(device.features, d)

@@ -1,4 +1,4 @@
-"""The servo: runs the ticks of a scene, as many in a call as parts that are no kernels allow, and takes new numbers."""
+"""The servo: runs the ticks of a scene, in one call where all parts are kernels, and takes new parameter values."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ Stop = Callable[[], bool]
 
 @runtime_checkable
 class Steerable(Protocol):
-    """A plant or a hand whose parameters may change in mid-run."""
+    """A plant or a hand whose parameters may change during a run."""
 
     def adopt(self, other: Any) -> None:
-        """Take over the parameters of another one of the same structure; what it is doing goes on."""
+        """Adopt the parameters of another one of the same structure and keep the present motion."""
 
 
 @runtime_checkable
 class SteerablePlant(Steerable, Protocol):
-    """A plant whose mechanics and hand may change in mid-run.
+    """A plant whose mechanics and hand may change during a run.
 
     Attributes:
-        live: whether they may: then its `structure` is only what never changes.
+        live: whether they may change; then its `structure` lists only constant entries.
     """
 
     live: bool
@@ -62,10 +62,10 @@ class SteerablePlant(Steerable, Protocol):
 
 @runtime_checkable
 class CarriedPlant(Steerable, Protocol):
-    """A plant whose mechanics are numbers that may come from another process.
+    """A plant whose mechanics may be set by another process.
 
     Attributes:
-        mechanics: (2, n), masses [kg] and dampings [N s/m]; the plant takes hold anew after they were set.
+        mechanics: masses [kg] and dampings [N s/m], (2, n); call the plant's `hold` after setting them.
     """
 
     mechanics: FloatArray
@@ -76,10 +76,10 @@ class Update:
     """New values of keys of a scene, as numbers.
 
     Attributes:
-        values: of the keys.
-        entries: memories, entries of them and their new numbers.
-        parts: plants and hands, and others that have the new parameters.
-        plants: numbers of the plants that take hold of their hands anew.
+        values: new values of the keys.
+        entries: memories, their entries and the new numbers.
+        parts: plants and hands, each with a part that has the new parameters.
+        plants: indices of the plants that must take hold of their hands again.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -91,21 +91,21 @@ class Update:
 class Servo:
     """Runs a scene that has been built.
 
-    A motion that is not finite, a device, body or plant that raises one of our errors, or a projection that does not
-    settle latches a fault: from that tick on every force is zero, and what had been computed in it is not displayed.
+    A non-finite motion, an error of this package from a device, body or plant, or a projection that does not converge
+    latches a fault. From that tick on every force is zero; forces computed in that tick are not displayed.
 
-    Where all parts are kernels any number of ticks is one call; a device, body or plant that is none takes one call a
-    tick (two for a device) and its own methods between. The recording is the same, bit by bit. What a guest is told
-    after a tick the next one takes, and after the last one `run` itself.
+    If all parts are kernels, any number of ticks is one call. A Python body or plant needs one call per tick, a Python
+    device two, with its own methods in between. The recording is identical bit by bit. The exchange with a guest after
+    a tick is completed by the next tick, and after the last tick by `run`.
 
     Args:
         engine: "auto", "compiled" or "interpreted".
-        record: whether ticks are recorded; else `run` takes no recorder.
-        every: ticks from one recorded row to the next.
-        safety: the chain between law and devices, if the scene has one.
-        host: another program that has the object, if the scene has one.
-        guards: of devices that are no simulations.
-        memory: in which the parts' blocks stand.
+        record: whether ticks are recorded; otherwise `run` takes no recorder.
+        every: number of ticks from one recorded row to the next.
+        safety: safety chain between law and devices, if the scene has one.
+        host: other program that simulates the object, if the scene has one.
+        guards: guards of real devices.
+        memory: memory of the parts' blocks.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class Servo:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout, self.every, self.guards = period, layout, every, guards
         self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
-        self.observers = observers  # one for each object, or none at all
+        self.observers = observers  # one for each object, or none
         self.safety, self.host = safety, host
         self.fault: RunFault | None = None
         self._nowhere = np.empty((1, layout.width))
@@ -146,7 +146,7 @@ class Servo:
 
     @property
     def coupling(self) -> dict[str, Any]:
-        """Report of the objects' couplings on the run so far, as entries of an `Outcome`."""
+        """Report of the objects' couplings on the run so far, as items of an `Outcome`."""
         grasps = [part.grasped for part in self.objects]
         return {
             "fade_shortfall": max(each.shortfall for each in grasps),
@@ -160,7 +160,7 @@ class Servo:
 
     @property
     def hang(self) -> str:
-        """Which C function of a device did not return, in words; empty without."""
+        """Description of the C function of a device that did not return; empty if all did."""
         return "" if self.native is None else self.native.hang
 
     @property
@@ -170,7 +170,7 @@ class Servo:
 
     @property
     def engine_name(self) -> str:
-        """Name of the engine of its ticks; empty before the first one."""
+        """Name of the engine; empty before the first tick."""
         return "" if self._engine is None else self._engine.name
 
     @property
@@ -183,12 +183,12 @@ class Servo:
 
     @property
     def arena(self) -> Arena:
-        """Its parts as the tick has them."""
+        """Memory layout of its parts."""
         self._ready()
         return self._arena
 
     def prepare(self) -> DeviceExchange:
-        """Make ready all that takes time, before hardware is opened; give the devices in Python."""
+        """Do all slow preparations before hardware is opened; return the devices in Python."""
         engine = self._ready()
         self._rehearse(engine)
         if self.hardware and isinstance(engine, Compiled):
@@ -202,7 +202,7 @@ class Servo:
         return self._devices
 
     def start(self) -> FloatArray | None:
-        """Copy its memory before the first tick, for `begin_again`; None where a run changes more than that."""
+        """Copy its memory before the first tick, for `begin_again`; None if a run changes more than this memory."""
         self._ready()
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
@@ -217,12 +217,12 @@ class Servo:
         self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
 
     def forget_rows(self) -> None:
-        """Let go of the rows that its last ticks wrote."""
+        """Release the rows that its last ticks wrote."""
         self.engine.write_to(self._nowhere)
         self.row = self._nowhere[0]
 
     def _rehearse(self, engine: Engine) -> None:
-        """Run a tick, and one after a fault, and put all memories back: what is done only once is done by then."""
+        """Run one tick and one faulted tick, then restore all memories: one-time work is done afterwards."""
         arrays = self._arena.arrays
         copies = [array.copy() for array in arrays]
         engine.write_to(np.empty((1, self.layout.width)))
@@ -238,7 +238,7 @@ class Servo:
 
     @property
     def why_python(self) -> str:
-        """Why Python runs between two ticks on the wall's clock; empty if it does not."""
+        """Reason why Python runs between two wall-clock ticks; empty if it does not."""
         return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.arena)
 
     def run(
@@ -248,21 +248,20 @@ class Servo:
         stop: Stop | None = None,
         pacer: Pacer | None = None,
     ) -> None:
-        """Run that many ticks, each recorded; fewer if `stop` says so.
+        """Run and record a number of ticks, or fewer if `stop` returns true.
 
-        It is asked before each call of the engine: before every tick as it stands, or where parts are no kernels, and
-        before every 64 that are compiled.
+        `stop` is called before each call of the engine: before every interpreted tick and every tick with Python parts,
+        otherwise before every 64 compiled ticks.
 
         Args:
-            ticks: to run.
-            recorder: of what happens.
-            stop: tells whether to stop.
-            pacer: that each tick waits for, on the wall's clock; without one ticks follow one another at once.
+            ticks: number of ticks to run.
+            recorder: recorder of the rows, faults and changes.
+            stop: function that tells whether to stop.
+            pacer: wall-clock pacer that each tick waits for; without one, ticks run without waiting.
 
         Raises:
-            InputError: no recorder for a servo that records, or one for a servo that does not; a number was written
-                into a block that the program has folded in, on which a switch of the block depends, or by which the
-                recording divides forces; hardware without a pacer.
+            InputError: the recorder is missing or superfluous; a block was written directly where the program, a switch
+                    of the block or the split of forces in the recording depends on it; or hardware has no pacer.
         """
         if pacer is None:
             require_simulations(self.hardware)
@@ -288,14 +287,14 @@ class Servo:
         self.run(1, recorder)
 
     def write(self, update: Update, recorder: RowTaker | None = None) -> None:
-        """Write new numbers into the parts, between two ticks: the next tick computes with them.
+        """Write new numbers into the parts between two ticks; the next tick uses them.
 
         Args:
-            update: of this servo's parts.
-            recorder: which notes the tick and the values.
+            update: update of this servo's parts.
+            recorder: recorder of the tick and the values.
 
         Raises:
-            InputError: a number was written into a block by another way, as of `run`; nothing has changed then.
+            InputError: a block was written directly, as in `run`; nothing is changed.
         """
         self.watch.require()
         for memory, entries, numbers in update.entries:
@@ -350,7 +349,7 @@ class Servo:
                 recorder.drain()
 
     def _several(self, engine: Engine, recorder: RowTaker | None, count: int, row: int) -> None:
-        """Run ticks in which all is machine code, up to the first fault."""
+        """Run ticks in machine code only, up to the first fault."""
         try:
             done = engine.run(self.ticks, count, row)
         except BaseException:  # raised by other software: the ticks before are kept
@@ -363,7 +362,7 @@ class Servo:
             self._exchange()  # that of the tick with the fault, which says how things stood before
 
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
-        """Run ticks, each at its deadline; hardware that waits too long has a fault; forces decay at the end."""
+        """Run ticks, each at its deadline. Hardware that waits too long is a fault; forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         pacer.most = self.guards.late
         if self._arena.loop is not None:
@@ -385,7 +384,7 @@ class Servo:
             self._run(1, recorder, None)
 
     def _run_native(self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Stop | None, pacer: Pacer) -> None:
-        """Run ticks on the wall's clock by machine code alone, which Python looks at from time to time."""
+        """Run wall-clock ticks in machine code only, which Python monitors periodically."""
 
         def look(done: int) -> None:
             self.ticks = done
@@ -404,7 +403,7 @@ class Servo:
                 self.movers[i].body.exchange()
 
     def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
-        """Run one tick with parts that are no kernels, so many periods after the one before."""
+        """Run one tick with Python parts, `periods` periods after the previous one."""
         tick, k = self._arena, self.ticks
         self._look_ahead(1)
         for i in tick.bodies:
@@ -443,10 +442,10 @@ class Servo:
             recorder.take(count)
         self._notice(recorder)
 
-    # What is no kernel --------------------------------------------------------------------------------------------
+    # Python parts -------------------------------------------------------------------------------------------------
 
     def _display(self, k: int) -> None:
-        """Hand the devices their forces; where there is a fault all are stopped, before it is told."""
+        """Write the forces to the devices; on a fault, stop all devices before reporting it."""
         text = "" if self._own.faulted else self._io.write()
         if text or self._own.faulted:
             self._stop()
@@ -454,23 +453,23 @@ class Servo:
             self._tell(k, text)
 
     def _stop(self) -> None:
-        """Set the force of every device in plain Python to zero, now; nothing comes between a fault and this."""
+        """Set the force of every Python device to zero immediately after a fault."""
         self._stop_faults += self._devices.stop()
 
     def show_calls(self, word: memoryview) -> None:
-        """Show in a word which call of a device in Python has the thread, as `call_of` reads it; before a run."""
+        """Before a run, choose the word that shows which Python device call is running, as `call_of` reads it."""
         self._ready()
         self._devices.call = word
 
     def rest(self, recorder: RowTaker | None = None) -> None:
-        """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
+        """Set the force of every Python device to zero now; a device that does not respond is a fault."""
         try:
             self._stop()
         finally:
             self._notice(recorder)
 
     def _step(self, k: int, i: int) -> None:
-        """Step a body to the end of the sample; one that cannot go on stays where it is."""
+        """Step a body to the end of the sample; on a fault it stays at its position."""
         if not self._own.stuck_bodies[i]:
             try:
                 self.movers[i].body.step(self.period)
@@ -488,7 +487,7 @@ class Servo:
                 self._tell(k + 1, f"{finger_names(self.parts, j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
-        """Ask hands that are no kernels where they mean to be over the coming ticks."""
+        """Compute the targets of Python hands for the following ticks."""
         if not self._arena.tables:
             return
         self._own.table_start = self.ticks
@@ -503,7 +502,7 @@ class Servo:
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
-        """Note faults that were not noted yet, with others beside those of the tick."""
+        """Record new faults of the tick, together with others."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._arena.own))
             if recorder is not None:
@@ -516,7 +515,7 @@ class Servo:
                 recorder.fault(*fault)
 
     def why(self, own: FloatArray) -> str:
-        """Explain the fault that is latched in the memory of a tick, `Arena.own`."""
+        """Explain the fault latched in the memory of a tick, `Arena.own`."""
         servo = ServoState(own)
         if servo.kind == FOREIGN:
             return self._foreign_faults[servo.code]

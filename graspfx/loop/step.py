@@ -1,7 +1,7 @@
 """The tick of every scene: take, read, predict, couple, add work, display; stop, record, move, advance.
 
-`steps` runs ticks of any scene: it loops over the records of its `World`. The same source runs interpreted, compiled
-as one function for all scenes. What it does in one scene, `graspfx check SCENE --tick` shows.
+`steps` runs ticks of any scene by looping over the records of its `World`. The same source runs interpreted or
+compiled, as one function for all scenes. `graspfx check SCENE --tick` shows what it does in one scene.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from graspfx.loop.world import (
 
 @kernel
 def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
-    """Run ticks k, ..., k + count - 1, tick k recorded in row r; give how many were done.
+    """Run ticks k, ..., k + count - 1 and record tick k in row r; return the number of completed ticks.
 
-    Where devices are in plain Python the caller has read them before a tick begins, and `steps` returns twice a tick:
-    when they are to be written (`world.phase` is WRITE) and at its end. Where bodies or plants are, it returns at the
-    end of each tick. The tick of the first fault is the last of a call.
+    With Python devices, the caller reads them before a tick, and `steps` returns twice per tick: when they must be
+    written (`world.phase` is WRITE) and at its end. With Python bodies or plants, it returns at the end of each tick.
+    The tick of the first fault is the last one of a call.
     """
     servo = ServoState(world.buffer, world.servo)
     i = 0
@@ -157,7 +157,7 @@ def read(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def predict(world: World, servo: ServoState) -> None:
-    """Tell couplings under the implicit integrator where their bodies would be without them."""
+    """Predict the motion of bodies without coupling forces, for couplings under the implicit integrator."""
     for body in world.bodies:
         if body.predicting != NONE:
             invoke_beside(world.buffer, body.predicting, body.state, body.beside, servo.period)
@@ -211,7 +211,7 @@ def couple_safely(world: World, grasp: Grasp) -> int:
 
 @kernel
 def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int:
-    """Give the fingers the forces of another program, through soft start and trust like the law's; or none."""
+    """Apply the forces of another program, if any, with the same soft start and trust factors as the law's."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)
@@ -266,7 +266,7 @@ def release(world: World) -> None:
 
 @kernel
 def display(world: World, servo: ServoState, k: int) -> None:
-    """Hand each device the forces on its operator."""
+    """Write to each device the forces on its operator."""
     memory, channels, fingers = Floats(world.buffer, 0), world.channels, world.fingers
     d = world.dimensions
     for finger in fingers:
@@ -315,8 +315,8 @@ def record(world: World, k: int, r: int, rows: Floats) -> None:
 def move(world: World, servo: ServoState, k: int) -> None:
     """Move the bodies; tell other software the wrenches on those that it moves.
 
-    The force of tick k is displayed and recorded by now: a body that cannot go on is a fault of tick k + 1, the first
-    one without force, and so is a plant.
+    The force of tick k has already been displayed and recorded. A fault of a body or plant is therefore a fault of tick
+    k + 1, the first one without force.
     """
     memory = Floats(world.buffer, 0)
     for body in world.bodies:

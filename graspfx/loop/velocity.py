@@ -1,4 +1,4 @@
-"""Velocity from sampled positions, by a window that is as long as the sensor's resolution asks for and no longer."""
+"""Velocity from sampled positions, by a window whose length adapts to the sensor's resolution."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 WINDOW = 16
-"""Number of samples back to which an estimate of velocity reaches at most."""
+"""Largest window of a velocity estimate [samples]."""
 
 SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exactly, up to rounding
 
@@ -38,15 +38,15 @@ def estimate_size(window: int) -> int:
 
 @kernel
 def estimate(state: VelocityEstimate, x: float) -> float:
-    """Take the next position x of a component and give its velocity.
+    """Take the next position x of a component and return its velocity.
 
-    v_k = (x_k - x_(k-n)) / (n T), n the longest window up to which every line from x_k to x_(k-j), j = 2 ... n, passes
-    within the noise bound of the positions between its ends (`VelocityEstimator`). A line of slope s does so
+    v_k = (x_k - x_(k-n)) / (n T), where n is the longest window for which every line from x_k to x_(k-j), j = 2 ... n,
+    passes within the noise bound of the positions between its ends (`VelocityEstimator`). A line of slope s does so
     when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
     """
     length = state.length
     positions = state.positions
-    if length == 1:  # the plain difference, without a walk through the ring
+    if length == 1:  # the backward difference needs no search in the ring buffer
         before, first = positions[0], state.filled == 0
         positions[0] = x
         state.filled = 1
@@ -93,11 +93,11 @@ def estimate(state: VelocityEstimate, x: float) -> float:
 
 @kernel
 def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: float) -> float:
-    """Take the next position x of a component, sampled at a time, and give its velocity.
+    """Take the next position x of a component, sampled at `time`, and return its velocity.
 
     v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)): as `estimate`, with the time in the place of the count of samples. A slope
     is in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j. `times` is a
-    ring like that of the positions.
+    ring buffer like that of the positions.
     """
     length = state.length
     positions = state.positions
@@ -136,9 +136,9 @@ def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: flo
 
 @kernel
 def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
-    """Take the next position x of a component after some that were missed, and give its velocity.
+    """Take the next position x of a component after `missed` lost samples, and return its velocity.
 
-    Those lie on a line between the last one and x.
+    The lost samples are interpolated linearly between the last position and x.
     """
     if missed > 0 and state.filled > 0:
         before = state.positions[0]
@@ -163,20 +163,21 @@ class VelocityEstimator:
     |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
     while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
 
-    Of samples that come when they will, `update` is told the times: each interval is the true one, and a time that has
-    not moved on leaves the velocity as it is. Of samples that come every T or not at all, `miss` is told each that did
-    not come: those before the next one lie on a line.
+    For samples at irregular times, pass the times to `update`. It then uses the true intervals, and an unchanged time
+    leaves the velocity unchanged. For regular samples of which some are lost, call `miss` for each lost one: lost
+        samples
+    are interpolated linearly.
 
-    The first position gives zero. A position that is not finite gives velocities that are not finite until
-    two finite ones have followed.
+    The first velocity is zero. A non-finite position gives non-finite velocities until two finite positions have
+    followed.
 
     Args:
-        period: T, between positions [s].
-        shape: of a position, any.
-        noise: the sensor's largest error, half its resolution [m or rad]; 0 means the plain backward difference over
-            one sample, whatever the window.
-        window: the longest window [samples].
-        memory: where its state is to stand, `estimate_size(window)` entries for each component; its own if None.
+        period: sampling period T [s].
+        shape: shape of a position.
+        noise: largest error of the sensor, half its resolution [m or rad]; 0 gives the backward difference over one
+            sample, whatever the window.
+        window: longest window [samples].
+        memory: array for its state, `estimate_size(window)` entries per component; a new one if None.
     """
 
     def __init__(
@@ -210,27 +211,27 @@ class VelocityEstimator:
         self._missed = np.zeros(1, dtype=np.int64)  # samples since the last one
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
-        # Plain floats from a view cost half of what array items do.
+        # Floats from a memoryview cost half as much as array items.
         self._entries: Any = self._state.data
         self._x: Any = self._position.reshape(-1).data
         self._v: Any = self._velocity.reshape(-1).data
 
     @property
     def window(self) -> NDArray[np.intp]:
-        """Samples spanned by the last estimate of each component, in the shape of a position; 0 for none."""
+        """Number of samples in the last estimate of each component, in the shape of a position; 0 for none."""
         return self._used.astype(np.intp).reshape(self._velocity.shape)
 
     @property
     def memory(self) -> tuple[FloatArray, int, NDArray[np.int64]]:
-        """State of all components, entries of each, and the count of missed samples, for machine code to go on from."""
+        """State of all components, entries per component, and number of missed samples, for machine code."""
         return self._state, self._size, self._missed
 
     def miss(self) -> None:
-        """Note that a sample did not come."""
+        """Record a lost sample."""
         self._missed[0] += 1
 
     def reset(self, position: ArrayLike | None = None) -> None:
-        """Forget every position; then take this one as the first, if it is given."""
+        """Forget all positions. If a position is given, it becomes the first."""
         self._memory[...] = 0.0
         self._velocity[...] = 0.0
         self._time = -np.inf
@@ -239,14 +240,14 @@ class VelocityEstimator:
             self.update(position)
 
     def update(self, position: ArrayLike, time: float | None = None) -> FloatArray:
-        """Update the velocity by the next position; the array belongs to the estimator and is overwritten.
+        """Update the velocity with the next position. The returned array is overwritten by the next call.
 
         Args:
-            position: in the estimator's shape.
-            time: at which it was taken [s]; a period after the last one if not given. All are given one, or none.
+            position: position in the estimator's shape.
+            time: time of the sample [s]; one period after the last if None. Give it for all samples or for none.
 
         Raises:
-            InputError: a time before the last one's, or one that is not finite.
+            InputError: the time is before the last one, or not finite.
         """
         if time is not None:
             return self._update_at(position, time)
@@ -268,7 +269,7 @@ class VelocityEstimator:
         if not self._time <= time < np.inf:
             raise InputError("time", time, f"a finite time, {self._time:.9g} s or later")
         if self._time == -np.inf:
-            self._memory[...] = 0.0  # positions without a time lead nowhere
+            self._memory[...] = 0.0  # earlier positions without times cannot be used
         if time > self._time:
             self._time = time
             self._position[...] = position

@@ -1,7 +1,7 @@
-"""A scene as a tick sees it: records of its fingers, devices, objects, bodies and plants, and where their blocks stand.
+"""Memory layout of a scene: records of its fingers, devices, objects, bodies and plants, and the places of blocks.
 
-All memory of a scene is one array of float64, the arena. `World` says what there is; its records hold *places*, the
-entries of the arena at which a part's block, or a quantity in it, begins. Place 0 is nobody's: `NONE`.
+All memory of a scene is one float64 array, the arena. `World` lists the parts. Its records hold *places*: the
+entries of the arena where a part's block, or a quantity in it, begins. Place 0, `NONE`, is unused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STILL, KERNEL, TABLE = 0, 1, 2  # hands: one that keeps still, a kernel, one in 
 
 
 class ServoState(Record):
-    """The memory of a tick: the first fault, what cannot go on, and each finger's force, place and energy."""
+    """The memory of a tick: the first fault, the failed part, and each finger's force, position and energy."""
 
     faulted: bool
     tick: int  # of the first fault
@@ -36,7 +36,7 @@ class ServoState(Record):
     stuck_bodies: Floats = floats("bodies")  # 1 for one that cannot go on
     stuck_plants: Floats = floats("plants")
     displayed: Table = table("fingers", "dimensions")  # force on each operator [N]
-    before: Table = table("fingers", "dimensions")  # where each fingertip was one sample ago [m]
+    before: Table = table("fingers", "dimensions")  # position of each fingertip one sample ago [m]
     energy: Floats = floats("fingers")  # work that each device did [J]
 
 
@@ -73,7 +73,7 @@ class Finger(Record):
 
 
 class Channel(Record):
-    """One channel of a device: places where it shows what it reads of a finger, and takes the force to display."""
+    """One channel of a device: places of a finger's readings and of the force to display."""
 
     finger: int  # its number
     position: int

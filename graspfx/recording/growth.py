@@ -1,4 +1,4 @@
-"""Loss of stability in a recording: motions of a grasp that grow by themselves, or ring without end."""
+"""Loss of stability in a recording: motions of a grasp that grow by themselves or oscillate permanently."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from graspfx.recording.octaves import (
 FloatArray = NDArray[np.float64]
 
 LEAST_SIZE = 1e-9  # [m]
-MOST_GROWTH = 600.0  # of log amplitude: numbers go no further
-LASTING = 8  # windows in which what has grown goes on
+MOST_GROWTH = 600.0  # largest log amplitude, bounded by the range of numbers
+LASTING = 8  # number of windows in which a grown motion continues
 ALIKE = 0.2  # of a frequency
 MOST_OF_IT = 0.6  # of the largest growth
-SHAKEN_ROWS = 1 << 16  # in which the content of tremor and noise is sought
+SHAKEN_ROWS = 1 << 16  # rows in which the content of tremor and noise is analysed
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class Growth:
     """One loss of stability.
 
     Attributes:
-        object: its name.
-        mode: as certificates name it: "internal", "external", "external translation", "external rotation" or "pushing
-            with ...".
-        rate: of log amplitude [1/s]; zero for what rings at full size from the start.
-        frequency: [Hz]; zero for what runs away without swinging.
-        begin, end: between which it was seen [s].
-        first, last: largest amplitude of a fingertip against the object then [m].
-        sustained: whether the oscillation goes on at its size, as contacts that let go limit it.
+        object: name of the object.
+        mode: name of the mode as in certificates: "internal", "external", "external translation", "external rotation"
+            or "pushing with ...".
+        rate: growth rate of the log amplitude [1/s]; zero for an oscillation of constant size.
+        frequency: frequency [Hz]; zero for a divergence without oscillation.
+        begin, end: interval of the observation [s].
+        first, last: largest amplitude of a fingertip relative to the object at its ends [m].
+        sustained: whether the oscillation continues at a size limited by releasing contacts.
     """
 
     object: str
@@ -70,11 +70,11 @@ class Growth:
 
     @property
     def growth(self) -> float:
-        """Growth of the log amplitude, in all."""
+        """Total growth of the log amplitude."""
         return math.log(self.last / self.first)
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the numbers for summaries and JSON, SI units."""
+        """Return the numbers for summaries and JSON, in SI units."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -82,17 +82,17 @@ class Growth:
         swing = f" at {self.frequency:.3g} Hz" if self.frequency else " without swinging"
         how = f"{self.mode} of {self.object} grows by itself, {self.rate:.2g} 1/s{swing}"
         if self.sustained and not self.rate:
-            how = f"{self.mode} of {self.object} rings without end, {_length(self.last)} at {self.frequency:.3g} Hz"
-            return f"NOT STABLE: {how}, {where}: contacts let go in every cycle"
+            how = f"{self.mode} of {self.object} does not decay, {_length(self.last)} at {self.frequency:.3g} Hz"
+            return f"NOT STABLE: {how}, {where}: contacts release in every cycle"
         size = f"{_length(self.first)} to {_length(self.last)} at a fingertip"
         more = ", and goes on" if self.sustained else ""
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
 def losses(recording: History) -> list[dict[str, Any]]:
-    """List the growths of a recording for its summary: numbers, the certificate's word if there is one, and a sentence.
+    """List the growths of a recording for its summary: numbers, result of the certificate if any, and a sentence.
 
-    Nothing is certified unless something grows.
+    Certificates are computed only if something grows.
     """
     tables = []
     for each in growths(recording):
@@ -103,13 +103,14 @@ def losses(recording: History) -> list[dict[str, Any]]:
 
 
 def growths(recording: History) -> list[Growth]:
-    """Find the strongest loss of stability of each object that fingers touch; none where a run looks stable.
+    """Find the strongest loss of stability of each touched object; none for a run that appears stable.
 
-    A stretch of a run counts as growth if, in an octave of frequency, the fingers' displacement against the object
-    grows by e^2 along an exponential for eight cycles, one pole explains it, and the hands do not mean it. Operators'
-    motions, touching, sliding and noise fail one or the other. It is judged by what is recorded alone.
+    An interval of a run counts as growth if, in one octave of frequency, the fingers' displacement relative to the
+    object grows exponentially by e^2 over eight cycles, one pole explains it, and the hands do not intend it.
+    Operators' motions, contact changes, sliding and noise fail at least one of these criteria. Only recorded data are
+    used.
     """
-    with np.errstate(all="ignore"):  # positions may be anything; what is not finite is no growth
+    with np.errstate(all="ignore"):  # non-finite positions are not growth
         both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
     return [each for each in both if each is not None]
 
@@ -142,24 +143,24 @@ def _grown(grasp: GraspView) -> Growth | None:
                 candidates.append(growth)
                 steady.append(growth)
         above = octave
-    # of a motion whose frequency changes as arms move, a shorter stretch is steady
+    # if the frequency changes with the arms' posture, a shorter interval is steady
     candidates = [each for each in candidates if any(_is_alike(each, other) for other in steady)]
     if not candidates:
         return None
-    # an alias or a harmonic of a motion is smaller than itself, and what comes of contacts that let go grows less
+    # aliases and harmonics are smaller than their motion, and effects of releasing contacts grow less
     strongest = max(candidates, key=lambda each: math.log(each.last) + each.growth)
     least = MOST_OF_IT * strongest.growth
     alike = [each for each in candidates if each.growth > least and _is_alike(each, strongest)]
-    return max(alike, key=lambda each: each.rate)  # a stretch that reaches into the end of growth is slower
+    return max(alike, key=lambda each: each.rate)  # an interval that includes the end of the growth is slower
 
 
 def _is_alike(growth: Growth, other: Growth) -> bool:
-    """Tell whether two growths may be of one mode."""
+    """Tell whether two growths may belong to one mode."""
     return abs(growth.frequency - other.frequency) <= ALIKE * other.frequency
 
 
 def _rung(grasp: GraspView) -> Growth | None:
-    """Find oscillations that grew too fast to be seen growing, and ring."""
+    """Find sustained oscillations that grew too fast for the growth to be observed."""
     layout = grasp.recording.layout
     period = grasp.recording.row_period
     hands: Drive | None = None
@@ -183,10 +184,10 @@ def _rung(grasp: GraspView) -> Growth | None:
 
 
 def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
-    """Tell whether tremor or noise of the hands may do it, by the size in the end, however little it grew from.
+    """Tell whether tremor or noise of the hands may cause the growth, by its final size.
 
-    A grasp answers a tremor, behind the hand's spring, as it does what hands mean. Noise is force at the fingertip: in
-    N cycles an oscillation without damping, driven at its own frequency, grows by pi N times its drive.
+    A grasp responds to a tremor, through the hand's spring, as to intended motion. Noise is a force at the fingertip:
+    an undamped oscillation driven at its own frequency grows by pi N times its drive in N cycles.
     """
     turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
     tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))
@@ -194,14 +195,14 @@ def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
 
 
 def _shaking(grasp: GraspView, hands: Drive, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """Compute tremor and noise of the hands from row to row, (r, c) each [m]; of a long time its end."""
+    """Compute tremor and noise of the hands by row, (r, c) each [m]; for a long interval, only its end."""
     period = grasp.recording.row_period
     times = (begin + period * np.arange(max(math.ceil((end - begin) / period), 1)))[-SHAKEN_ROWS:]
     return hands.tremor(times), hands.noise(times, grasp.depth(0, grasp.rows))
 
 
 def _content(x: FloatArray, turn: float) -> float:
-    """Find the largest amplitude of a frequency, in cycles a sample, in columns (M, c)."""
+    """Find the largest amplitude at a frequency, in cycles per sample, in columns (M, c)."""
     taper = np.hanning(len(x))
     phase = np.exp(-2j * np.pi * turn * np.arange(len(x)))
     return float(np.abs(((x - x.mean(axis=0)) * (taper * phase)[:, None]).sum(axis=0)).max() * 2.0 / taper.sum())
@@ -218,14 +219,14 @@ def _divergence(grasp: GraspView, away: Divergence) -> Growth:
 
 
 def _led(grasp: GraspView, away: Divergence, hands: Drive) -> bool:
-    """Tell whether the hands may mean it, or shake so much."""
+    """Tell whether intended motion or tremor of the hands may cause the divergence."""
     step = away.octave.step
     times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
     intent = np.diff(hands.at(times), 2, axis=0)
     largest = float(np.abs(intent).max())
     shaking = np.concatenate(_shaking(grasp, hands, away.begin, away.end), axis=1)
     for octave in octaves(lambda first, stop: shaking[first:stop], len(shaking), grasp.recording.row_period):
-        if octave.step == step:  # without what is faster, as the motion is
+        if octave.step == step:  # low-pass filtered like the motion
             largest = max(largest, float(np.abs(np.diff(octave.samples(), 2, axis=0)).max()))
     return float(np.abs(away.last).max()) < OVER_DRIVE * largest
 
@@ -271,9 +272,9 @@ class GraspView:
     """One object's part of a recording, with its fingers.
 
     Attributes:
-        name: of the object.
-        fingers: theirs.
-        rows: how many count: up to a fault.
+        name: name of the object.
+        fingers: indices of its fingers.
+        rows: number of valid rows, before a fault.
     """
 
     recording: History
@@ -283,7 +284,7 @@ class GraspView:
     rows: int
 
     def displacement(self, first: int, stop: int) -> FloatArray:
-        """Compute e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
+        """Compute e = p - c of touching fingers, zero for others, (r, n d) [m]."""
         e = self._position(first, stop) - self._read("contact_position", first, stop)
         e *= np.not_equal(self._read("touching", first, stop), 0.0)[:, :, None]
         return e.reshape(len(e), -1)
@@ -303,20 +304,20 @@ class GraspView:
         return float(np.linalg.norm(mean, axis=1).max())
 
     def noise(self, first: int, stop: int) -> float:
-        """Estimate the RMS noise of the measured positions [m]; zero where nothing is known of it."""
+        """Estimate the RMS noise of the measured positions [m]; zero if unknown."""
         if "true_position" not in self.recording.layout.columns:
             return 0.0
         off = self._read("finger_position", first, stop) - self._read("true_position", first, stop)
         return float(np.sqrt((off**2).mean()))
 
     def drive(self) -> Drive:
-        """Read what hands mean to do with the object."""
+        """Read the intended motion of the hands at the object."""
         header = self.recording.header
         centre = self.recording.read(f"objects/{self.name}/position", 0, 1)[0]
         return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
 
     def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
-        """Name a swing (n d,) in these rows."""
+        """Name the mode of an oscillation (n d,) in these rows."""
         layout, table = self.recording.layout, self.recording.header.scene_table
         things = table.get("object") or [{}]
         free = (things[self.number] if self.number < len(things) else {}).get("free")
@@ -360,20 +361,20 @@ def mode_name(
     names: Sequence[str],
     gains: tuple[float, float] = (1.0, 1.0),
 ) -> str:
-    """Name the part of a swing with most energy: internal, external translation or rotation; or who pushes alone.
+    """Name the mode with most energy of an oscillation: internal, external translation or rotation, or pushing fingers.
 
-    The split is eq. (3) of hard fingers, the best fit of a motion of the free object to the swing of those that touch.
+    The split is eq. (3) for hard fingers, the best fit of a free object's motion to that of the touching fingers.
 
     Args:
         swing: amplitudes of e = p - c, (n, d).
-        arms: of the fingers from the object's centre (n, d) [m].
-        free: which of the object's freedoms move (w,).
-        touching: (n,).
-        names: of the fingers.
-        gains: kep and kip, by which parts are weighed.
+        arms: arms of the fingers from the object's centre (n, d) [m].
+        free: mask of the object's free degrees of freedom (w,).
+        touching: mask of touching fingers (n,).
+        names: names of the fingers.
+        gains: kep and kip, which weight the parts.
 
     Returns:
-        A name as certificates have it.
+        Name of the mode as in certificates.
     """
     if not touching.any():
         touching = np.ones_like(touching)
@@ -395,7 +396,7 @@ def mode_name(
 
 
 def _turns(arms: FloatArray) -> FloatArray:
-    """Compute how fingers move as the object turns, (n d, 0), (n d, 1) or (n d, 3)."""
+    """Compute the fingers' motions under rotations of the object, (n d, 0), (n d, 1) or (n d, 3)."""
     n, d = arms.shape
     if d == 1:
         return np.zeros((n, 0))
@@ -405,7 +406,7 @@ def _turns(arms: FloatArray) -> FloatArray:
 
 
 def _fit(basis: FloatArray, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Fit the nearest combination of columns."""
+    """Fit the closest linear combination of columns."""
     if not basis.shape[1]:
         return np.zeros_like(x)
     return np.asarray(basis @ np.linalg.lstsq(basis, x, rcond=None)[0], dtype=np.complex128)
@@ -418,24 +419,24 @@ def _square(x: NDArray[np.complex128]) -> float:
 # Evidence that a stretch of an octave grows by itself: one pole, enough cycles, no alias, no noise, and no hand -----
 
 LEAST_CYCLES = 8.0  # a transient has fewer
-LEAST_SHARE = 0.8  # of a stretch without its growth that one oscillation explains
+LEAST_SHARE = 0.8  # fraction of an interval, after removal of growth, that one oscillation must explain
 LEAST_SHARE_OF_TWO = 0.97
-INSIDE = 0.4  # of half the sampling rate: an octave begins at 0.5
-AGREEMENT = (0.6, 1.6)  # of the pole's rate with the growth that the windows show
+INSIDE = 0.4  # fraction of half the sampling rate; an octave begins at 0.5
+AGREEMENT = (0.6, 1.6)  # relative agreement of the pole's rate with the growth of the windows
 FAR = 20.0  # of log amplitude
-NEW = 1.0  # of log amplitude, above all that was before
-CERTAIN = 4.5  # of log amplitude: noise takes a mode so far once in 1e4 independent windows, not along a line
+NEW = 1.0  # required excess of log amplitude over all earlier windows
+CERTAIN = 4.5  # log amplitude that noise gives a mode once in 1e4 independent windows, and not along a line
 SMALL = 0.1  # of the displacement at rest
-FLAGGING = 0.6  # of the first half's rate that the second half keeps; t^k exp(-s t) that rises by e^2 keeps less
-BENDING = 0.6  # rad: second difference of the phases of three thirds, which one frequency has none of
-OVER_DRIVE = 30.0  # times what the hands mean at the pole: a resonance that is driven stays below
+FLAGGING = 0.6  # fraction of the first half's rate that the second half must keep; a transient t^k exp(-s t) keeps less
+BENDING = 0.6  # largest second difference of the phases of three thirds, zero for a single frequency [rad]
+OVER_DRIVE = 30.0  # required ratio to the hands' motion at the pole; a driven resonance stays below
 DRIVE_SAMPLES = 2048
 
 
 def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
-    """Find the pole of a stretch; None where it is no oscillation that grows for long enough, of one phase.
+    """Find the pole of an interval; None if it is not a coherent oscillation that grows for long enough.
 
-    Where one oscillation does not explain it two may, of which the larger one in the end has to be what grows.
+    If one oscillation does not explain it, two may, of which the larger one at the end must be the growing one.
     """
     y = octave.windows(stretch.first, stretch.length)
     growth = stretch.growth / len(y)
@@ -444,7 +445,7 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
         upper = [complex(z) for z in z_i if z.imag > 0.0]
         if not upper and octave.is_highest:  # it alternates
             upper = [complex(z_i[np.argmax(np.abs(z_i))])]
-        # what is so much larger or smaller at one end is not in the stretch
+        # a component that is much larger or smaller at one end is outside the interval
         upper = [z for z in upper if abs(math.log(max(abs(z), TINY)) - growth) * len(y) < FAR]
         growing = [z for z in upper if _grows(z, growth, len(y))]
         if share >= least and growing:
@@ -462,7 +463,7 @@ def _size_at_end(y: FloatArray, z: complex, others: list[complex]) -> float:
 
 
 def _grows(z: complex, growth: float, count: int) -> bool:
-    """Tell whether a pole lies in the octave, turns often enough in so many samples and grows as the windows do."""
+    """Tell whether a pole lies in the octave, has enough cycles in `count` samples, and grows like the windows."""
     turn = abs(float(np.angle(z)))
     low, high = AGREEMENT
     agrees = low * growth < math.log(max(abs(z), TINY)) < high * growth
@@ -470,11 +471,11 @@ def _grows(z: complex, growth: float, count: int) -> bool:
 
 
 def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> bool:
-    """Tell whether a stretch keeps its rate and its frequency.
+    """Tell whether an interval has a constant rate and frequency.
 
-    A transient t^k exp(-s t) grows ever slower, and the frequency of a chirp through a resonance goes on.
+    The growth of a transient t^k exp(-s t) slows down, and the frequency of a chirp through a resonance changes.
     """
-    if stretch.growth > 2.0 * CERTAIN:  # no resonance is passed so slowly, and two modes that grow may beat
+    if stretch.growth > 2.0 * CERTAIN:  # a resonance is passed faster, and two growing modes may beat
         return True
     part = logs[stretch.first : stretch.first + stretch.length]
     half = len(part) // 2
@@ -489,19 +490,19 @@ def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) ->
 
 
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
-    """Tell whether growth is faster than half the octave's samples can tell: it is as large in the octave above.
+    """Tell whether growth is an alias from above the octave: it is then as large in the octave above.
 
-    What is at half the octave's samples passes twice as large to it as to the one above.
+    A motion at half the octave's sampling rate appears twice as large in it as in the octave above.
     """
     end = octave.time(stretch.first + stretch.length)
     return 2.0 * above.size_before(end) > octave.size_before(end)
 
 
 def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
-    """Tell whether the growth ends above everything before, or exceeds what noise does to a mode with little damping.
+    """Tell whether the growth ends above all earlier values, or exceeds noise in a lightly damped mode.
 
-    The amplitude of such a mode wanders: it comes back from near zero, along any curve and of one phase, to no more
-    than it was before.
+    The amplitude of such a mode fluctuates: it returns from near zero, on any curve and with constant phase, to no more
+    than its earlier values.
     """
     before = float(logs[: stretch.first].max(initial=-math.inf))
     end = float(logs[stretch.first + stretch.length - 1])
@@ -509,9 +510,9 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Tell whether a motion that has grown a little stops although nothing limits it.
+    """Tell whether a motion that has grown a little stops without a limit.
 
-    It stops at a small size, as noise lets it, or it dies away again, as a transient does.
+    It stops at a small size, like noise, or decays again, like a transient.
 
     Args:
         grasp: Moving grasp.
@@ -532,7 +533,7 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
 
 
 def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
-    """Tell whether fingers that have rung hold on as long afterwards, and their motion is smaller in the end.
+    """Tell whether fingers keep contact for as long after an oscillation, with a smaller motion at the end.
 
     Args:
         grasp: Moving grasp.
@@ -549,7 +550,7 @@ def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
-    """Tell whether the hands may mean it."""
+    """Tell whether the hands' intended motion may explain it."""
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     y = octave.windows(stretch.first, stretch.length)
     if hands.swings(frequency, 1.5 / (len(y) * octave.step)):

@@ -1,4 +1,4 @@
-"""What a recording says of its run: scene, versions and machine before it, faults, changes and outcome after it."""
+"""Metadata of a recording: scene, versions and machine before the run; faults, changes and outcome after it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ import numpy as np
 
 from graspfx.loop.columns import REST, Layout, RunFault
 
-FORMAT = 6  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
-# fields that are written where they are not empty only, so that other recordings are as they were
+FORMAT = 6  # incremented by each change that older readers cannot read; see docs/how-to/recording.md
+# fields that are written only if not empty, so that other recordings are unchanged
 RARE = ("settled", "round_trip", "scheduling", "replays")
 RARE_OF_LAYOUT = ("guarded", "timed", "varying", "switched", "devices", "raw")
 RARE_OF_OUTCOME = ("ticks", "changes", "cause", "skipped", "repeats", "lost", "late")
@@ -25,31 +25,32 @@ RARE_OF_OUTCOME = ("ticks", "changes", "cause", "skipped", "repeats", "lost", "l
 
 @dataclass(frozen=True)
 class Header:
-    """The facts of a run that are known before it starts.
+    """Facts about a run that are known before it starts.
 
     Attributes:
-        period: T [s].
-        scene: its name.
-        scene_text: the scene file verbatim, or the scene as JSON when it has none.
-        scene_table: the scene as it was run, overrides applied, as nested tables.
-        scene_folder: where relative paths in the scene start; empty for the current folder.
-        overrides: by dotted key, those of a preset among them.
-        preset: the name of the scene's preset in force; empty for none.
-        title: of the scene.
-        created: UTC, ISO 8601.
-        versions: of what the run stands on.
-        machine: platform, processor, python.
-        frames: by object with a mesh, the pose of the mesh file's frame in the recorded one, which is at the centre of
-            mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
-        split: by object, what P of its grasp is made of besides the columns: a `SplitRule` as a table. Empty in a
-            recording of formats 1 and 2.
-        every: ticks from one row to the next; row k is of tick k `every`.
-        settled: of a run with hardware, where each of its fingers met its object, by name: `position` (d,) [m], and
-            `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
-        round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
-        replays: of a replay, what was recorded and when; empty for any other recording.
-        scheduling: of a run with hardware, what its loop had: `loop` ("process" or "inline"), `policy` ("fifo 80" or
-            "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's `governor`.
+        period: sampling period T [s].
+        scene: name of the scene.
+        scene_text: text of the scene's file, or the scene as JSON if it has no file.
+        scene_table: scene with overrides, as nested tables.
+        scene_folder: folder of relative paths in the scene; empty for the current folder.
+        overrides: overrides by dotted key, including those of a preset.
+        preset: name of the active preset; empty for none.
+        title: title of the scene.
+        created: time of the run, UTC, ISO 8601.
+        versions: versions of the software used.
+        machine: platform, processor and Python.
+        frames: pose of the mesh file's frame for each object with a mesh, in the recorded frame at the centre of mass
+            along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
+        split: data of P of each object's grasp in addition to the columns, a `SplitRule` as a table. Empty in
+            recordings of formats 1 and 2.
+        every: number of ticks from one row to the next; row k belongs to tick k `every`.
+        settled: for a run with hardware, contact data of each finger by name at the start: `position` (d,) [m], and
+            `offset`, its depth below the contact, which fades out in the recorded positions (d,) [m].
+        round_trip: median time of a reading and a writing of all hardware before the run [s]; 0 without hardware.
+        replays: for a replay, name and time of the original; empty for other recordings.
+        scheduling: for a run with hardware, properties of its loop: `loop` ("process" or "inline"), `policy` ("fifo 80"
+            or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's
+            `governor`.
     """
 
     period: float
@@ -72,17 +73,17 @@ class Header:
     scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:
-        """Count the rows of the ticks before one: the number of the first row from that tick on."""
+        """Count the rows before a tick, which is the index of the first row from that tick on."""
         return -(-tick // self.every)
 
 
-SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
-MARK = "mark"  # as the key of a change: a text of the user's at a tick
-OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are none of the scene's
+SPLIT = "split"  # key of a change: split rule from its tick on, which depends on other keys
+MARK = "mark"  # key of a change: a user's text at a tick
+OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are not keys of the scene
 
 
 class KeyChange(NamedTuple):
-    """A value of the scene that was replaced in mid-run: the first tick that it holds in, its key and the value."""
+    """A value of the scene that was replaced during the run: its first tick, its key and the value."""
 
     tick: int
     key: str
@@ -94,35 +95,35 @@ class KeyChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run went: what its header could not know."""
+    """Outcome of a run, which its header cannot contain."""
 
     faults: tuple[RunFault, ...] = ()
     wall_time: float | None = None  # [s]
     complete: bool = True
-    fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
+    fade_shortfall: float = 0.0  # largest distance by which free fingers began to fade too close to the surface [m]
     engine: str = (
-        ""  # that ran the ticks: generic, compiled, compiled after some of them, or interpreted; empty if not known
+        ""  # engine of the ticks: generic, compiled, compiled after some of them, or interpreted; empty if unknown
     )
-    fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
-    blended: int = 0  # samples with a rotation in the blend's band, of the object with most
-    ticks: int = 0  # that were run, where not each has a row; else as many as rows
-    changes: tuple[KeyChange, ...] = ()  # of keys, and OF_THE_RUN; the header's tables are the start's
-    cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
-    skipped: int = 0  # periods that a run on the wall's clock left out
-    repeats: int = 0  # readings of hardware that brought no new sample
-    lost: int = 0  # rows that were not recorded in time, and are NaN
-    late: Mapping[str, float] = field(default_factory=dict)  # after the deadline, by quantile: p50, ..., max [s]
+    fade_needed: float = 0.0  # required start of the fade [m]; 0 if it was sufficient
+    blended: int = 0  # samples with a rotation in the blend's band, for the object with most
+    ticks: int = 0  # number of ticks, if not each has a row; otherwise the number of rows
+    changes: tuple[KeyChange, ...] = ()  # changes of keys, and OF_THE_RUN; the header has the tables at the start
+    cause: str = ""  # cause of an early end: a signal's name, or an exception; empty if unknown
+    skipped: int = 0  # periods that a wall-clock run skipped
+    repeats: int = 0  # readings of hardware without a new sample
+    lost: int = 0  # rows that were not recorded in time and are NaN
+    late: Mapping[str, float] = field(default_factory=dict)  # lateness by quantile: p50, ..., max [s]
 
 
 def now() -> str:
-    """Give the time of day, UTC, ISO 8601."""
+    """Return the current time, UTC, ISO 8601."""
     from datetime import UTC, datetime
 
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """List the versions of Python, GraspFX, numpy and the other packages named that are installed."""
+    """Return the versions of Python, GraspFX, numpy and those of the named packages that are installed."""
     import numpy as np
 
     import graspfx
@@ -134,7 +135,7 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def machine() -> dict[str, str]:
-    """Describe platform, processor and interpreter."""
+    """Return platform, processor and interpreter."""
     return {
         "platform": _platform(),
         "processor": platform.machine() if sys.platform == "linux" else platform.processor() or platform.machine(),
@@ -143,7 +144,7 @@ def machine() -> dict[str, str]:
 
 
 def _platform() -> str:
-    """Describe the platform like `platform.platform`, which on Linux waits 20 ms for a process that says `unknown`."""
+    """Return the platform like `platform.platform`, without its 20 ms wait for a process on Linux."""
     if sys.platform != "linux":
         return platform.platform()
     here, library = os.uname(), "".join(platform.libc_ver())
@@ -154,7 +155,7 @@ def _platform() -> str:
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
-    """Describe a recording before its first row."""
+    """Return the attributes of a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
         if value or key not in RARE:
@@ -164,7 +165,7 @@ def description(layout: Layout, header: Header) -> dict[str, str | float]:
 
 
 def conclusion(outcome: Outcome) -> dict[str, str | float]:
-    """Describe how a run went, its faults apart."""
+    """Return the attributes of a run's outcome, except faults."""
     values: dict[str, Any] = {each.name: getattr(outcome, each.name) for each in fields(outcome)}
     values["wall_time"] = math.nan if outcome.wall_time is None else float(outcome.wall_time)
     values["complete"] = int(outcome.complete)
@@ -177,27 +178,27 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
 
 
 def as_stored(value: Any) -> Any:
-    """Write a value as it comes back from a file: tuples and arrays as lists."""
+    """Convert a value to the form that is read back from a file, with tuples and arrays as lists."""
     return json.loads(_json(value))
 
 
 def changes_of(text: str | bytes) -> list[KeyChange]:
-    """Read changes of keys from JSON: a list of tick, key and value each."""
+    """Read changes of keys from JSON lists of tick, key and value."""
     return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]
 
 
 def format_of(attributes: Mapping[str, Any]) -> int:
-    """Read the number of a recording's format, which this reader knows.
+    """Read the format of a recording and require that it is supported.
 
     Raises:
-        ValueError: no recording, or one of a later GraspFX.
+        ValueError: the file is not a recording, or has a later format.
     """
     match = re.fullmatch(r"graspfx recording (\d{1,9})", str(attributes.get("format")))
     if match is None:
         raise ValueError("it is not a GraspFX recording")
     number = int(match[1])
     if not 1 <= number <= FORMAT:
-        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: it is a later one's")
+        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: it is newer")
     return number
 
 
@@ -212,7 +213,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 
 
 def header_of(attributes: Mapping[str, Any]) -> Header:
-    """Read the header; a field that came later than the recording has its default."""
+    """Read the header; fields that are newer than the recording have their defaults."""
     header = Header(**_fields(Header, attributes))
     if header.every < 1:
         raise ValueError(f"a row every {header.every} ticks")
@@ -222,7 +223,7 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
 
 
 def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
-    """Read the outcome; what is not there came later than the recording."""
+    """Read the outcome; fields that are newer than the recording have their defaults."""
     values = _fields(Outcome, attributes)
     wall_time = float(attributes["wall_time"])
     values["wall_time"] = None if math.isnan(wall_time) else wall_time
@@ -232,7 +233,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
 
 
 def _fields(record: type[Header | Outcome], attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the fields that attributes have of a record, each as the type of its default."""
+    """Read the fields of a record that exist in attributes, converted to the types of their defaults."""
     values: dict[str, Any] = {}
     for each in fields(record):
         if each.name not in attributes:

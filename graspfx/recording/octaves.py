@@ -1,4 +1,4 @@
-"""A motion in octaves of frequency: where one of them grows as an exponential, runs away without swinging, or rings."""
+"""Analysis of a motion in octaves of frequency: exponential growth, divergence, and sustained oscillation."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from graspfx.recording.vibration import roughness
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Rows = Callable[[int, int], FloatArray]  # rows from one number up to another, (r, c)
+Rows = Callable[[int, int], FloatArray]  # function that returns rows `first` to `stop` - 1, (r, c)
 
 ORDER = 6  # of the differences: what is two octaves lower passes by 1e-5
 HALVING = 4  # of the sums that the octave below is made of
-WINDOW = 4  # samples of an octave: one to two cycles
-SHORTEST = 6  # windows in which growth shows
-BLOCK = 4096  # rows that are taken at a time: they stay in the processor's cache
+WINDOW = 4  # samples per window, one to two cycles
+SHORTEST = 6  # smallest number of windows for growth
+BLOCK = 4096  # rows per block, which fit into the processor's cache
 LEAST_GROWTH = 2.0  # of log amplitude
-STRAIGHT = 0.12  # of the growth: what log amplitude may stray from a straight line, RMS
-MOST_ASTRAY = 0.4  # of log amplitude: more is a jump
+STRAIGHT = 0.12  # largest RMS deviation of log amplitude from a line, relative to the growth
+MOST_ASTRAY = 0.4  # largest step of log amplitude; more is a jump
 LENGTHENING = 1.5
-STRIDES = 6  # starts of a stretch within its length
+STRIDES = 6  # number of starts per length of an interval
 END = 16  # samples
 TINY = 1e-300
 
 
 class Stretch(NamedTuple):
-    """Windows of an octave in which log amplitude rises along a line: the first, how many, growth in all."""
+    """Windows of an octave with linearly growing log amplitude: the first, their number, and the total growth."""
 
     first: int
     length: int
@@ -38,15 +38,15 @@ class Stretch(NamedTuple):
 
 
 class Octave:
-    """A motion with half the samples of the octave above it, and the sizes of what is fastest in it.
+    """A motion at half the sampling rate of the octave above, with the amplitudes of its fastest part.
 
     Attributes:
-        step: time between its samples [s].
-        size: samples.
-        begin: the time of the first [s].
-        is_highest: whether its samples are the motion's own.
-        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which for an
-            oscillation has no ripple; of the highest octave also by squares, for what alternates.
+        step: sampling period [s].
+        size: number of samples.
+        begin: time of the first sample [s].
+        is_highest: whether its samples are those of the motion.
+        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which has no
+            ripple for an oscillation; for the highest octave also by squares, for alternating motions.
     """
 
     def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
@@ -56,7 +56,7 @@ class Octave:
         self.logs = self._sizes(highest)
 
     def fast(self, first: int, stop: int) -> FloatArray:
-        """Take sixth differences over 64 about the samples from `first` up to `stop`, as far as there are any."""
+        """Compute sixth differences over 64 at the samples `first` to `stop` - 1, as far as they exist."""
         x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
         return np.diff(x, ORDER, axis=0) / 2.0**ORDER
 
@@ -70,16 +70,16 @@ class Octave:
         return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
 
     def windows(self, first: int, count: int) -> FloatArray:
-        """Take the fast part of these windows."""
+        """Return the fast part of these windows."""
         begin = ORDER // 2 + 1 + first * WINDOW
         return self.fast(begin, begin + count * WINDOW)
 
     def time(self, window: int) -> float:
-        """Give the time at which a window begins [s]."""
+        """Return the start time of a window [s]."""
         return self.begin + (ORDER // 2 + 1 + window * WINDOW) * self.step
 
     def below(self) -> Octave | None:
-        """Make the octave below; None where it would be too short to show growth."""
+        """Make the octave below; None if it would be too short for growth."""
         x = np.concatenate(self._lower) if self._lower else np.empty((0, 0))
         if len(x) < WINDOW * SHORTEST + ORDER + 2:
             return None
@@ -87,7 +87,7 @@ class Octave:
         return Octave(lambda a, b: x[a:b], len(x), 2.0 * self.step, self.begin + HALVING / 2 * self.step)
 
     def _sizes(self, highest: bool) -> list[FloatArray]:
-        """Measure in overlapping blocks, so that little more than the half is in memory."""
+        """Compute amplitudes in overlapping blocks, with little more than half of the samples in memory."""
         sizes: list[list[FloatArray]] = [[], []]
         for begin in range(0, self.size, BLOCK):
             stop = min(begin + BLOCK, self.size)
@@ -110,12 +110,12 @@ class Octave:
 
 
 def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
-    """Yield octaves from the one that ends at half the sampling rate downwards.
+    """Yield octaves downwards from the one that ends at half the sampling rate.
 
     Args:
-        rows: of the motion, (r, c) for rows from one number up to another; asked for in blocks.
-        size: how many there are.
-        step: between them [s].
+        rows: function that returns rows of the motion, (r, c); it is called in blocks.
+        size: number of rows.
+        step: sampling period [s].
     """
     if size < WINDOW * SHORTEST + ORDER + 2:
         return
@@ -126,10 +126,10 @@ def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
 
 
 def rises(logs: FloatArray) -> list[Stretch]:
-    """Find stretches of growth by e^2 and more along a line; of each length the one that grows most.
+    """Find intervals of growth by e^2 or more along a line; for each length, the one with most growth.
 
-    Lines are fitted by least squares, for lengths that grow by 1.5 and starts a sixth of them apart, from sums that are
-    made once.
+    Lines are fitted by least squares from precomputed sums, for lengths that increase by a factor of 1.5 and starts one
+    sixth of the length apart.
     """
     n, stretches = len(logs), []
     level = logs - (logs.mean() if n else 0.0)
@@ -151,15 +151,15 @@ def rises(logs: FloatArray) -> list[Stretch]:
 
 
 def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
-    """Fit the poles z_i of y_k = sum_i c_i z_i^k, and the share of y, without its growth, that they explain.
+    """Fit the poles z_i of y_k = sum_i c_i z_i^k; return them and the explained fraction of y after removal of growth.
 
-    ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), in which the beginning
-    counts as much as the end: what changes its phase by itself, as noise does, is not explained.
+    The method is ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), which
+    gives beginning and end equal weight. Signals with a wandering phase, such as noise, are not explained.
 
     Args:
-        y: (M, c).
-        growth: of log amplitude per sample.
-        rank: how many poles; two for one oscillation.
+        y: signals (M, c).
+        growth: growth of the log amplitude per sample.
+        rank: number of poles; two for one oscillation.
     """
     d = y * np.exp(-growth * np.arange(len(y)))[:, None]
     rows = min(10, len(d) // 2)
@@ -194,14 +194,14 @@ def gain(frequency: float, octave: Octave, step: float) -> float:
 
 # Motions that run away without swinging, as a grasp does that is squeezed more than it can bear ---------------------
 
-MOST_SAMPLES = 600  # of an octave in which it is looked for: more are looked at in those below
+MOST_SAMPLES = 600  # largest number of samples of a searched octave; longer motions are searched in lower octaves
 GROWTH_AWAY = 4.5  # of log amplitude, at least
-SHARE_AWAY = 0.99  # of a stretch without its growth that one real pole explains
-AGREEMENT_AWAY = 0.2  # of the pole's rate with the growth that the windows show
+SHARE_AWAY = 0.99  # fraction of an interval, after removal of growth, that one real pole must explain
+AGREEMENT_AWAY = 0.2  # relative agreement of the pole's rate with the growth of the windows
 
 
 class Divergence(NamedTuple):
-    """A stretch of an octave that grows by z a sample, and its second differences in the end (c,)."""
+    """An interval of an octave that grows by z per sample, and its second differences at the end (c,)."""
 
     octave: Octave
     stretch: Stretch
@@ -220,12 +220,12 @@ class Divergence(NamedTuple):
 
     @property
     def swing(self) -> FloatArray:
-        """The motion in the end: z^k has second differences of z - 2 + 1/z times itself."""
+        """Motion at the end; the second differences of z^k are z - 2 + 1/z times z^k."""
         return self.last / (self.z - 2.0 + 1.0 / self.z)
 
 
 def divergences(octave: Octave) -> list[Divergence]:
-    """Find stretches of an octave in which a motion grows along one exponential; none in one of many samples."""
+    """Find intervals of an octave in which a motion grows exponentially; none in an octave of many samples."""
     if octave.size > MOST_SAMPLES:
         return []
     y = np.diff(octave.samples(), 2, axis=0)
@@ -246,16 +246,16 @@ def divergences(octave: Octave) -> list[Divergence]:
 
 # Fingers that let go and touch again in every cycle of an oscillation that does not die away ------------------------
 
-LEAST_TOUCHES = 12  # of a finger, one after another
-LONGEST_PAUSE = 3.0  # times the middle pause between two touches
-STEADY = 0.7  # of the first half's size that the second half keeps
+LEAST_TOUCHES = 12  # smallest number of successive touches of a finger
+LONGEST_PAUSE = 3.0  # longest pause between touches, as a multiple of the median
+STEADY = 0.7  # fraction of the first half's amplitude that the second half must keep
 MOST_ROWS = 4096  # of them a frequency is found
-CYCLES = 8  # of touches, the longest that a motion's cycle is taken to be
-SLOWEST = 0.03  # 2 sin(pi f) of f cycles a row: below it the smoother's equations are singular to rounding
+CYCLES = 8  # longest assumed cycle of a motion, in touches
+SLOWEST = 0.03  # 2 sin(pi f) for f cycles per row, below which the smoother's equations are singular up to rounding
 
 
 class Ringing(NamedTuple):
-    """Rows from `first` up to `stop` in which contacts ring, cycles a tick, and the amplitudes of the motion (c,)."""
+    """Rows `first` to `stop` - 1 of a contact oscillation, cycles per tick, and amplitudes of the motion (c,)."""
 
     first: int
     stop: int
@@ -264,7 +264,7 @@ class Ringing(NamedTuple):
 
 
 def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
-    """Find each finger's longest row of touches without a long pause: (first, stop) of ticks, count; none of a few."""
+    """Find each finger's longest sequence of touches without a long pause, as (first, stop, count); none if few."""
     spans = []
     for column in touching.T:
         onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
@@ -281,14 +281,14 @@ def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
 
 
 def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> Ringing | None:
-    """Find the oscillation of a motion that keeps its size and stands above the noise of sensors; None without one.
+    """Find a sustained oscillation above the sensor noise; None without one.
 
-    Rows are first averaged in groups where cycles are long.
+    Rows are first averaged in groups if cycles are long.
 
     Args:
-        displacement: (M, c), rows from `first` on.
-        count: of touches in them.
-        noise: of the measured positions, RMS.
+        displacement: displacement (M, c) in the rows from `first` on.
+        count: number of touches in them.
+        noise: RMS noise of the measured positions.
     """
     x = displacement[-MOST_ROWS:]
     slow = _slow(len(x), count * len(x) / len(displacement))
@@ -308,5 +308,5 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
 
 
 def _slow(rows: int, count: float) -> float:
-    """Compute 2 sin(pi f) of the slowest cycles that may ring: of the fewest touches, or of `CYCLES` of them."""
+    """Compute 2 sin(pi f) of the slowest possible cycles, from the smallest number of touches or `CYCLES`."""
     return float(2.0 * np.sin(np.pi * min(max(LEAST_TOUCHES / 2, count / CYCLES) / rows, 0.25)))

@@ -1,7 +1,7 @@
-"""The part of a recording that a run writes: rows and faults at the end of a file, each block with a digest.
+"""The part of a recording that a run writes: rows and faults in blocks of a file, each with a digest.
 
-What was written is never changed, so that a run that is killed, or a disk that is full, leaves every block before the
-last as it was. Each block's digest is over the digest before it, too: none can be changed, moved or left out unnoticed.
+Written blocks are never changed, so a killed run or a full disk leaves every block before the last intact. Each digest
+includes the previous one, so a changed, moved or missing block is detected.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from graspfx.recording.rows import NUMBER, BlockRows, MemoryRows, Piece, RowStor
 FloatArray = NDArray[np.float64]
 
 HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"blck", b"flts", b"chgs", b"done"
-OLD_ROWS = b"rows"  # of formats 1 to 3: a digest of every byte, and no numbers that follow from a row
-HEAD = struct.Struct("<4sQ16s")  # kind, bytes that follow, digest over the digest before and what follows
+OLD_ROWS = b"rows"  # formats 1 to 3: digest of every byte, and no computed variables
+HEAD = struct.Struct("<4sQ16s")  # kind, size of the content, digest of the previous digest and the content
 CHECK = struct.Struct("<I")  # of the head itself
 HEADS = HEAD.size + CHECK.size
-SYNC = 1.0  # [s] between two times that the disk is told to keep what it has
-SECTOR = 512  # bytes that a disk writes at once: as many zeros at a file's end were never written
+SYNC = 1.0  # interval of flushes to disk [s]
+SECTOR = 512  # sector size; as many zeros at a file's end were never written
 
 
 class Content(NamedTuple):
-    """A recording that was opened: its rows, and what it says of them."""
+    """An open recording: rows and metadata."""
 
     rows: RowStore
     layout: Layout
@@ -60,12 +60,12 @@ class Content(NamedTuple):
 
 
 class PartWriter:
-    """Appends blocks to a part, under a lock that ends with the process.
+    """Appends blocks to a part, with a lock for the lifetime of the process.
 
     Args:
-        path: of the part; one of a run that was killed is replaced.
-        layout: the columns.
-        header: of the recording.
+        path: path of the part; the part of a killed run is replaced.
+        layout: layout of the columns.
+        header: header of the recording.
 
     Raises:
         RecordingError: another run writes it, or it cannot be written.
@@ -75,11 +75,11 @@ class PartWriter:
         self.path, self.wide, self.rows = path, layout.width, 0
         self._end, self._digest = 0, b""
         self._pieces: list[Piece] = []
-        self.is_synced, self._sync_time = False, time.monotonic()  # the disk may not have its name yet
+        self.is_synced, self._sync_time = False, time.monotonic()  # flush its name to disk
         text = json.dumps(description(layout, header) | {"wide": self.wide}).encode()
         try:
             self.file = claim(path)
-            while os.fstat(self.file.fileno()).st_size > 0:  # of a run that was killed: to empty it would take longer
+            while os.fstat(self.file.fileno()).st_size > 0:  # part of a killed run; truncating it would take longer
                 release(self.file, path)
                 self.file = claim(path)
             try:
@@ -91,14 +91,14 @@ class PartWriter:
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
 
     def stored(self) -> BlockRows:
-        """Give the rows written so far, each block to be compared with its check."""
+        """Return the rows written so far; blocks are verified on reading."""
         return BlockRows(self.path, os.dup(self.file.fileno()), self.wide, self._pieces)
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
-        """Append rows (r, wide), the faults and the changes since the last ones; the disk gets them once a second.
+        """Append rows (r, wide), and faults and changes since the last call; they are flushed once a second.
 
         Raises:
-            OSError: they do not fit; as many of the rows as do, and all that was there before, stay.
+            OSError: they do not fit; as many rows as fit, and all earlier blocks, are kept.
         """
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
@@ -125,14 +125,14 @@ class PartWriter:
             self.sync()
 
     def sync(self) -> None:
-        """Make the disk keep what was written so far."""
+        """Flush the written data to disk."""
         os.fsync(self.file.fileno())
         if not self.is_synced:
             sync_folder(self.path.parent)
         self.is_synced, self._sync_time = True, time.monotonic()
 
     def _append_rows(self, rows: FloatArray) -> None:
-        """Append rows behind as many bytes as some rows take, so that those of all blocks stand at places of rows."""
+        """Append rows after a head whose size is a multiple of a row, so that all rows are aligned."""
         fill, total = bytes(_lead(self.wide) - HEADS), rows_sum(rows)
         head, digest = self._head(ROWS, len(fill) + rows.nbytes, fill + total)
         piece = Piece(self.rows, len(rows), self._end, len(head + fill), check_of(head + fill, total))
@@ -141,7 +141,7 @@ class PartWriter:
         self._pieces.append(piece)
 
     def _append_some(self, rows: FloatArray) -> None:
-        """Append as many of the rows as fit, by halves."""
+        """Append as many rows as fit, by halving."""
         while len(rows) > 1:
             rows = rows[: len(rows) // 2]
             with suppress(OSError):
@@ -159,7 +159,7 @@ class PartWriter:
         return head + CHECK.pack(crc32(head)), digest
 
     def _put(self, parts: Sequence[bytes | memoryview]) -> None:
-        """Write at the end; nothing is left of what does not fit."""
+        """Write at the end; remove incomplete data that does not fit."""
         try:
             self.file.seek(self._end)
             for part in parts:
@@ -174,23 +174,23 @@ class PartWriter:
 
 
 def _lead(wide: int) -> int:
-    """Count the bytes of a block before its rows: as many as some rows take."""
+    """Return the size of a block's head, a multiple of a row's size."""
     size = NUMBER.itemsize * max(wide, 1)
     return -(-HEADS // size) * size
 
 
 def is_part_file(path: Path) -> bool:
-    """Say whether a file begins as a part does, or is empty, as a part is at first."""
+    """Tell whether a file begins like a part, or is empty like a new part."""
     with path.open("rb") as file:
         return file.read(len(HEADER)) in (HEADER, b"")
 
 
 def read_part(path: Path) -> Content:
-    """Read all whole blocks of a part, of rows where they are.
+    """Read all complete blocks of a part; rows stay in the file.
 
     Raises:
-        RecordingError: there is none, or one was changed.
-        ValueError: it is of a later GraspFX.
+        RecordingError: there are no blocks, or a block was changed.
+        ValueError: a later version of GraspFX has written it.
     """
     attributes: dict[str, Any] = {}
     ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}
@@ -215,7 +215,7 @@ def read_part(path: Path) -> Content:
             elif kind == OUTCOME:
                 ending = json.loads(content)
     if not attributes:
-        raise RecordingError(f"{path}: holds nothing; its run ended before the first row")
+        raise RecordingError(f"{path}: is empty; its run ended before the first row")
     layout = layout_of(attributes)
     outcome = replace(outcome_of(ending, faults), changes=tuple(changes))
     if "wide" in attributes:
@@ -227,7 +227,7 @@ def read_part(path: Path) -> Content:
 
 
 def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
-    """Read each block's kind, content and place, as far as they are whole: the last one may have been cut short.
+    """Yield kind, content and place of each complete block; the last block may be incomplete.
 
     Raises:
         RecordingError: a block was changed.
@@ -240,7 +240,7 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
         is_whole = CHECK.pack(crc32(head[: HEAD.size])) == head[HEAD.size :]
         end = start + HEADS + length
         if is_whole and end > size:
-            return  # cut short, as by a kill in the middle of a write
+            return  # incomplete, for example after a kill during a write
         content = _read(file, length) if is_whole else b""
         if not is_whole or _digest(digest, kind, _digested(kind, content, wide)) != next_digest:
             if _ends_in_zeros(file, start):
@@ -250,12 +250,12 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
             wide = int(json.loads(content).get("wide", 0))
         yield kind, content, start
         if kind == OUTCOME:
-            return  # behind it GraspFX before format 5 wrote what makes the part HDF5
+            return  # before format 5, GraspFX appended data that make the part an HDF5 file
         start, digest = end, next_digest
 
 
 def _digested(kind: bytes, content: bytes, wide: int) -> bytes:
-    """Give what a block's digest is of: its content, or what fills up its head and the sum of its rows."""
+    """Return the input of a block's digest: its content, or the padding of its head and the sum of its rows."""
     if kind != ROWS or not wide:
         return content
     fill = _lead(wide) - HEADS
@@ -275,7 +275,7 @@ def _read(file: FileIO, count: int) -> bytes:
 
 
 def _ends_in_zeros(file: FileIO, start: int) -> bool:
-    """Say whether a file ends in zeros from there on, where power failed before the disk had all of it."""
+    """Tell whether a file has only zeros from a position on, as after a power failure."""
     file.seek(start)
     rest = file.readall()
     return len(rest) - len(rest.rstrip(b"\0")) >= SECTOR

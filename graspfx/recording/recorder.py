@@ -1,4 +1,4 @@
-"""Rows of a run on their way out: taken tick by tick into blocks, then into a part, and into a file at the end."""
+"""Recording of a run: rows are collected in blocks, written to a part, and converted to a file at the end."""
 
 from __future__ import annotations
 
@@ -19,36 +19,38 @@ from graspfx.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 
-BLOCK = 1 << 20  # bytes that go to the sinks at once
-WAITING = 2  # blocks that may wait for the thread that writes: then the ticks wait
-SECOND = 1.0  # after which a block goes out that is not full [s]: a clock decides when rows are written, never which
+BLOCK = 1 << 20  # size of a block for the sinks [bytes]
+WAITING = 2  # largest number of blocks that wait for the writing thread before ticks wait
+SECOND = 1.0  # time after which an incomplete block is sent [s]; the clock affects the time of writing only
 
 
 class Sink(Protocol):
-    """Where blocks of rows go."""
+    """Receives blocks of rows."""
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange]) -> None:
-        """Write rows (r, width), and the faults and changes since the last write; the array holds others afterwards."""
+        """Write rows (r, width), and faults and changes since the last write; the array is reused afterwards."""
 
     def close(self, outcome: Outcome) -> None: ...
 
 
 class Recorder:
-    """Takes rows into blocks allocated beforehand; blocks leave for the sinks between ticks, in a thread of their own.
+    """Collects rows in preallocated blocks, which a separate thread passes to the sinks.
 
-    `space()` tells where the next ticks write; once they have, `take(count)` keeps them, and `drain()` sends off what
-    is full, or a second old. Used as a context manager it closes the sinks also when the run breaks off.
+    `space()` returns the rows for the next ticks, `take(count)` accepts them, and `drain()` sends blocks that are full
+    or a second old. As a context manager it also closes the sinks after an error.
 
     Args:
-        layout: the columns of a row that ticks write.
-        header: of the recording.
-        sinks: where blocks go besides memory.
-        block: rows in a block; all of a run in memory whose length is known, else about 1 MB if not given.
-        keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
-        ticks: of the whole run, if that is known.
-        real_time: whether ticks never wait for the sinks: what they cannot take yet is in memory meanwhile.
-        selection: what is recorded of rows that ticks write whole, one for each; if not given, they write what is
-            recorded, every `header.every` ticks.
+        layout: layout of the rows that ticks write.
+        header: header of the recording.
+        sinks: receivers of blocks.
+        block: number of rows per block. By default a run of known length in memory is one block; others have about 1
+            MB.
+        keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get
+            them.
+        ticks: number of ticks of the whole run, if known.
+        real_time: whether ticks never wait for the sinks; pending blocks stay in memory.
+        selection: selection of recorded data from complete rows of every tick. By default ticks write the recorded
+            data, one row every `header.every` ticks.
     """
 
     def __init__(
@@ -79,18 +81,18 @@ class Recorder:
         self._spares: list[FloatArray] = []
         self._faults_sent = self._changes_sent = 0
         self._block = np.empty((self._size, layout.width))
-        self._first = self._sent = 0  # numbers of the block's first row, and of the first that was not sent off yet
+        self._first = self._sent = 0  # indices of the block's first row, and of the first unsent row
         self._time = time.monotonic()  # of the last sending
         self._outcome: Outcome | None = None
 
     @property
     def recorded(self) -> Layout:
-        """Columns of what is recorded."""
+        """Layout of the recorded columns."""
         return self._selection.layout
 
     @property
     def used(self) -> int:
-        """Rows of the block so far."""
+        """Number of rows in the present block."""
         return -(-self.ticks // self._every) - self._first
 
     @property
@@ -101,13 +103,13 @@ class Recorder:
 
     @property
     def backlog(self) -> int:
-        """Bytes of rows that wait for the sinks, at most."""
+        """Upper bound on the bytes that wait for the sinks."""
         return 8 * self.layout.width * self._size * self._courier.waiting
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Give a block of rows (r, width), the place in it of the next tick, and for how many ticks there is room.
+        """Return a block of rows (r, width), the index in it of the next tick, and the number of ticks that still fit.
 
-        The tick at place r writes row r; with a row every m ticks, row r / m if m divides r.
+        The tick at index r writes row r. With one row every m ticks it writes row r / m, if m divides r.
 
         Raises:
             RecordingError: a sink cannot take rows before.
@@ -122,18 +124,18 @@ class Recorder:
         return self._block, place, self._size * self._every - place
 
     def take(self, count: int) -> None:
-        """Keep what that many ticks more have written."""
+        """Accept the rows that the next `count` ticks have written."""
         self.ticks += count
 
     def fault(self, k: int, message: str) -> None:
         self.faults.append(RunFault(k, message))
 
     def change(self, k: int, values: Mapping[str, Any]) -> None:
-        """Note that keys of the scene have these values from tick k on."""
+        """Record that keys of the scene have these values from tick k on."""
         self.changes += [KeyChange(k, key, as_stored(value)) for key, value in values.items()]
 
     def drain(self) -> None:
-        """Send off what is full, or a second old; call it between ticks.
+        """Send blocks that are full or a second old; call it between ticks.
 
         Raises:
             RecordingError: a sink cannot take rows before.
@@ -142,7 +144,7 @@ class Recorder:
             self._send()
 
     def flush(self) -> None:
-        """Write all rows so far, and wait until they are with the system."""
+        """Write all rows so far, and wait until the system has them."""
         try:
             self._send()
         finally:
@@ -151,13 +153,13 @@ class Recorder:
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
-        """Write the rest, close the sinks and give the recording of the retained rows.
+        """Write the remaining rows, close the sinks and return the recording of the retained rows.
 
         Args:
-            wall_time: that the run took [s].
-            complete: False for a run that broke off.
-            engine: that ran the ticks.
-            coupling: what the objects' couplings tell, as `Outcome` has it.
+            wall_time: time that the run took [s].
+            complete: False for a run that ended early.
+            engine: engine that ran the ticks.
+            coupling: reports of the objects' couplings, as items of `Outcome`.
         """
         self._outcome = self._so_far(wall_time, complete=complete, engine=engine, **coupling)
         try:
@@ -168,7 +170,7 @@ class Recorder:
         return Recording(self._rows(), self.recorded, self.header, self._outcome)
 
     def recording(self, **outcome: Any) -> Recording:
-        """Give the recording of the retained rows so far, a copy, while the run goes on; `outcome` as of `finish`."""
+        """Return a copy of the retained rows so far as a recording, during the run; `outcome` as for `finish`."""
         return Recording(self._rows().copy(), self.recorded, self.header, self._so_far(**outcome))
 
     def _so_far(self, wall_time: float | None = None, *, complete: bool = True, **outcome: Any) -> Outcome:
@@ -178,7 +180,7 @@ class Recorder:
         )  # fmt: skip
 
     def _rows(self) -> FloatArray:
-        """Give the retained rows: a view where there is one block."""
+        """Return the retained rows, as a view if there is one block."""
         if not self._keep:
             return np.empty((0, self.recorded.width))
         rest = self._selection.cut(self._block[: self.used], self._first)
@@ -194,7 +196,7 @@ class Recorder:
             self.finish(complete=False, cause="" if error is None else cause_text(error))
 
     def _send(self) -> None:
-        """Send off the block's rows, faults and changes that were not yet, to be written in the thread."""
+        """Send the block's unsent rows, faults and changes to the writing thread."""
         block, tick, used = self._block, self._sent, self.used
         rows = block[tick - self._first : used]
         faults, changes = self.faults[self._faults_sent :], self.changes[self._changes_sent :]
@@ -213,19 +215,19 @@ class Recorder:
 
 
 def cause_text(error: BaseException) -> str:
-    """Say in a line which exception ended a run."""
+    """Describe in one line the exception that ended a run."""
     text = message(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 class Courier:
-    """Does jobs one after another, in a thread that starts with the first; a fault is raised where the next is given.
+    """Runs jobs in order in a thread; an error is raised when the next job is given.
 
-    Compiled ticks release Python's lock, so that a block is written while they fill the next one. After a fault nothing
-    more is done.
+    Compiled ticks release Python's lock, so that a block is written while they fill the next one. After an error no
+    further job is run.
 
     Args:
-        waiting: jobs that may wait before whoever gives one waits too; 0 for as many as there are.
+        waiting: largest number of pending jobs before `give` blocks; 0 for no limit.
     """
 
     def __init__(self, waiting: int) -> None:
@@ -235,14 +237,14 @@ class Courier:
 
     @property
     def waiting(self) -> int:
-        """Jobs that have not begun."""
+        """Number of jobs that have not started."""
         return self._jobs.qsize()
 
     def give(self, job: Callable[[], None]) -> None:
-        """Give a job to the thread.
+        """Pass a job to the thread.
 
         Raises:
-            BaseException: that one before has raised.
+            BaseException: error of an earlier job.
         """
         self._require()
         if self._thread is None:
@@ -254,7 +256,7 @@ class Courier:
         """Wait for all jobs.
 
         Raises:
-            BaseException: that one of them has raised.
+            BaseException: error of one of them.
         """
         if self._thread is not None:
             self._jobs.put(None)

@@ -1,4 +1,4 @@
-"""Where a recording's rows are: in memory, in blocks of a part, or in the data sets of an HDF5 file."""
+"""Storage of a recording's rows: in memory, in blocks of a part, or in data sets of an HDF5 file."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ FloatArray = NDArray[np.float64]
 
 NUMBER = np.dtype("<f8")
 SIZE = 16  # bytes of a check
-BLOCK = 1 << 20  # bytes of rows that are looked at together
+BLOCK = 1 << 20  # bytes of rows that are processed together
 
 
 class RowStore:
     """Rows of a recording.
 
     Attributes:
-        step: rows that are best read together.
+        step: number of rows that are best read together.
     """
 
     step = 1
@@ -41,17 +41,17 @@ class RowStore:
         raise NotImplementedError
 
     def beside(self, name: str, first: int, stop: int) -> FloatArray | None:
-        """Give a variable that stands beside the rows, as `internal_force` in a file; None where it does not."""
+        """Return a variable stored in addition to the rows, such as `internal_force` in a file; None if it is not."""
         return None
 
 
 def step_of(width: int) -> int:
-    """Count the rows of a block."""
+    """Return the number of rows of a block."""
     return max(1, BLOCK // (NUMBER.itemsize * max(width, 1)))
 
 
 class MemoryRows(RowStore):
-    """Rows in memory, of which views are given."""
+    """Rows in memory, which are returned as views."""
 
     def __init__(self, rows: FloatArray) -> None:
         self.rows, self.step = rows, step_of(rows.shape[1])
@@ -65,7 +65,7 @@ class MemoryRows(RowStore):
 
 
 class Window(RowStore):
-    """Rows of another store from one up to another."""
+    """Rows `first` to `stop` - 1 of another store."""
 
     def __init__(self, store: RowStore, first: int, stop: int) -> None:
         self._store, self._first, self._count, self.step = store, first, max(stop - first, 0), store.step
@@ -84,11 +84,11 @@ class DataSetRows(RowStore):
     """Rows in data sets of an HDF5 file, each of a few neighbouring numbers of a row.
 
     Args:
-        path: of the file, for errors.
-        data: by place in a row, data sets (N, ...) in the order of these.
-        count: N.
-        step: rows of a chunk.
-        others: data sets beside the rows, by name.
+        path: path of the file, for messages.
+        data: data sets (N, ...) by index in a row, in ascending order.
+        count: number of rows N.
+        step: number of rows of a chunk.
+        others: additional data sets by name.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class DataSetRows(RowStore):
         try:
             if values.size:
                 data.read_direct(values, np.s_[first:stop])
-        except OSError as error:  # as where a chunk does not have its checksum
+        except OSError as error:  # for example if the checksum of a chunk does not match
             text = " ".join(str(error).split())
             raise RecordingError(f"{self._path}: its bytes were changed since it was written; {text}") from error
         return values
@@ -129,11 +129,11 @@ class Piece:
     """A block of rows in a file.
 
     Attributes:
-        first: number of its first row.
-        count: rows.
-        offset: of its head in the file.
-        lead: bytes before the rows.
-        check: `check_of` what is before the rows and of these; empty if that is not needed.
+        first: index of its first row.
+        count: number of rows.
+        offset: offset of its head in the file.
+        lead: number of bytes before the rows.
+        check: `check_of` its head and rows; empty if not needed.
     """
 
     first: int
@@ -144,18 +144,18 @@ class Piece:
 
 
 class BlockRows(RowStore):
-    """Rows in blocks of a file, each compared with its check when it is first read.
+    """Rows in blocks of a file, each verified on its first reading.
 
-    The file stays open, so that it can be read also after it was moved, removed or replaced.
+    The file stays open, so that it can be read even after it is moved, removed or replaced.
 
     Args:
-        path: of the file, for errors.
-        file: its descriptor, which is closed when the rows are no longer needed.
-        wide: numbers of a row there; in format 4 the two forces stand behind those of the layout.
-        pieces: the blocks, in order.
+        path: path of the file, for messages.
+        file: descriptor of the file, which is closed when the rows are no longer needed.
+        wide: number of entries of a stored row; in format 4 the two forces follow the layout's columns.
+        pieces: blocks in order.
 
     Raises:
-        RecordingError: the blocks do not follow one another, or are more than the file holds.
+        RecordingError: the blocks are not contiguous, or exceed the file.
     """
 
     def __init__(self, path: Path, file: int, wide: int, pieces: Sequence[Piece]) -> None:
@@ -189,7 +189,7 @@ class BlockRows(RowStore):
         return rows
 
     def _rows(self, number: int, first: int, stop: int) -> FloatArray:
-        """Read some rows of a piece; all of it where it is to be checked."""
+        """Read some rows of a piece, or the whole piece if it must be verified."""
         size, piece = NUMBER.itemsize * self._wide, self._pieces[number]
         if not piece.check:
             content = self._bytes(piece.offset + piece.lead + first * size, (stop - first) * size)
@@ -208,7 +208,7 @@ class BlockRows(RowStore):
         """Read bytes.
 
         Raises:
-            RecordingError: the file is shorter.
+            RecordingError: the file is too short.
         """
         content, done = np.empty(count, np.uint8), 0
         while done < count and (more := _read_into(self._file, memoryview(content)[done:], offset + done)):
@@ -219,7 +219,7 @@ class BlockRows(RowStore):
 
 
 def opened(path: Path) -> int:
-    """Open a file for reading; give its descriptor."""
+    """Open a file for reading; return its descriptor."""
     return os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
 
 
@@ -233,11 +233,11 @@ def _read_into(file: int, buffer: memoryview, offset: int) -> int:
 
 
 def rows_sum(rows: FloatArray) -> bytes:
-    """Sum up contiguous rows (r, width): BLAKE2b of their CRC-32 and of a weighted sum of each column.
+    """Compute the checksum of contiguous rows (r, width): BLAKE2b of their CRC-32 and a weighted sum of each column.
 
-    The numbers count as whole ones of 64 bits, modulo 2^64, each row times an odd weight: a change in one number always
-    shows in its column's sum, and what cancels there is left to the CRC. A cryptographic digest of the rows themselves
-    would take several times as long as the ticks.
+    Sums are over 64-bit integers modulo 2^64, with an odd weight per row. A change of one number always changes its
+    column's sum, and the CRC detects changes that cancel there. A cryptographic digest of all rows would take several
+    times as long as the ticks.
     """
     digest = blake2b(crc32(memoryview(rows).cast("B")).to_bytes(4, "little"), digest_size=SIZE)
     weights = _weights(1 << len(rows).bit_length())[: len(rows)]
@@ -252,7 +252,7 @@ def check_of(head: bytes, rows: bytes) -> bytes:
 
 @cache
 def _weights(count: int) -> NDArray[np.uint64]:
-    """List odd numbers without a pattern, by the mixing step of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
+    """Generate pseudorandom odd numbers by the mixing step of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
     z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

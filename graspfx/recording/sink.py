@@ -1,4 +1,4 @@
-"""A run's file: rows go into a part while it goes on, and from there into the recording when it ends."""
+"""The file of a run: rows are written to a part during the run and converted to the recording at its end."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from graspfx.recording.rows import RowStore
 
 FloatArray = NDArray[np.float64]
 
-FAILURES = OSError, RuntimeError, ValueError, TypeError, MemoryError  # of a disk, and of texts that HDF5 does not take
+FAILURES = OSError, RuntimeError, ValueError, TypeError, MemoryError  # disk errors, and texts that HDF5 refuses
 
 
 @contextmanager
 def hold_signals() -> Iterator[None]:
-    """Hold back the handlers of all signals until the block ends, and call them then.
+    """Defer the handlers of all signals to the end of the block.
 
-    Signals that end the process by themselves still do. Python calls handlers in the main thread only: in others there
-    is nothing to hold back.
+    Signals without a handler still end the process. Python calls handlers in the main thread only, so there is nothing
+    to defer in other threads.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -54,16 +54,16 @@ def hold_signals() -> Iterator[None]:
 
 
 class FileSink:
-    """Writes blocks of rows as they come, so that what was written can be read after the run was killed.
+    """Writes blocks of rows immediately, so that they can be read even if the run is killed.
 
-    Until the recording was written and read back they stand in a part beside its place, which this process locks.
+    Until the recording is written and verified, they are in a part next to it, which this process locks.
 
     Args:
-        path: of the recording.
-        layout: the columns.
-        header: of the recording.
-        overwrite: whether a recording, or the part of a run that was killed, may be there already.
-        compression: of the recording: "none", "lzf" or "gzip".
+        path: path of the recording.
+        layout: layout of the columns.
+        header: header of the recording.
+        overwrite: whether to replace an existing recording, or the part of a killed run.
+        compression: compression of the recording: "none", "lzf" or "gzip".
 
     Raises:
         RecordingError: a file is there, another run is writing there, or it cannot be written.
@@ -92,7 +92,7 @@ class FileSink:
     def write(
         self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()
     ) -> None:  # fmt: skip
-        """Append rows (r, width), faults and key changes; a change precedes the rows for which it holds.
+        """Append rows (r, width), faults and key changes; a change precedes the rows to which it applies.
 
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
@@ -105,7 +105,7 @@ class FileSink:
             self._part.write(rows, faults, changes)
         except OSError as error:
             self._fail(f"{self._part.path}: cannot be written; {error.strerror}; {self._readable()}", error)
-        except BaseException:  # whether these rows are there is not known, so none may follow
+        except BaseException:  # it is unknown whether these rows were written, so none may follow
             self._failure = RecordingError(f"{self._part.path}: could not be written; {self._readable()}")
             raise
         if not stands_at(self._part.file, self._part.path):
@@ -113,7 +113,7 @@ class FileSink:
 
     @hold_signals()
     def close(self, outcome: Outcome) -> None:
-        """Note how the run went, and give the recording its name; nothing after a failure, which `write` has told.
+        """Write the outcome, and convert the part to the recording; do nothing after a failure in `write`.
 
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
@@ -131,7 +131,7 @@ class FileSink:
         try:
             self._convert(self._place, outcome)
         except (*FAILURES, RecordingError) as error:
-            self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is whole in {part}", error)
+            self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is complete in {part}", error)
         release(self._part.file, part)
 
     def _convert(self, place: Path, outcome: Outcome) -> None:
@@ -145,7 +145,7 @@ class FileSink:
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
-        """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
+        """Save the rows of a removed part, which exist while it is open, to the nearest existing folder."""
         from tempfile import gettempdir, mkdtemp
 
         text = f"{self._home}: was removed or moved while a run wrote there"
@@ -169,7 +169,7 @@ class FileSink:
 
 
 def _why(error: Exception) -> str:
-    """Write the system's message, or HDF5's, on one line."""
+    """Return the message of the system or of HDF5 in one line."""
     return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
 
 
@@ -184,7 +184,7 @@ def save(
     overwrite: bool,
     compression: str = "none",
 ) -> None:
-    """Write a recording at once.
+    """Write a complete recording.
 
     Raises:
         RecordingError: a file is there, another run is writing there, or it cannot be written.

@@ -1,1 +1,1 @@
-"""Pictures and tables of what was recorded."""
+"""Figures and tables of recordings."""

@@ -29,8 +29,8 @@ FloatArray = NDArray[np.float64]
 
 LIMIT = "largest stable gain [N/m]"
 HEIGHT, STACKED = 2.9, 2.2  # [inches]
-MOST_CELLS = 400  # along an axis of a map: more than a picture can show
-LARGEST = 20.0  # times the smallest limit: where an axis ends that would otherwise be all about one end
+MOST_CELLS = 400  # largest number of points along an axis of a map that a picture can resolve
+LARGEST = 20.0  # largest end of an axis, as a multiple of the smallest limit
 LEVELS = 9
 EQUAL = "#ffffff"  # line where both limits are equal
 
@@ -38,10 +38,10 @@ EQUAL = "#ffffff"  # line where both limits are equal
 def limits_figure(
     limits: SweptLimits, path: str | PathLike[str], title: str = "", *, width: str = "screen", form: str = ""
 ) -> Path:
-    """Draw curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip.
+    """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
 
     Raises:
-        InputError: no such width or format.
+        InputError: the width or format is unknown.
     """
     return style.save(limits_sheet(limits, title, width=width), path, form)
 
@@ -70,7 +70,7 @@ def _curves(limits: SweptLimits, width: str) -> Sheet:
         lw=1.5 * weight,
         marker=marked,
         ms=4.0 * weight,
-        clip_on=bool((limits.external > top).any()),  # a mark at the frame is whole, one beyond it is left out
+        clip_on=bool((limits.external > top).any()),  # a mark at the frame is not clipped, one outside is omitted
         zorder=3,
         label="$k_{ep}$, external",
     )
@@ -115,7 +115,7 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
 
 
 def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more: FloatArray, width: Width) -> bool:
-    """Add lines of equal limits, and the one where two are equal; tell whether there is one."""
+    """Add contours, and the line where two limits are equal; return whether this line exists."""
     if np.isfinite(part).any() and np.nanmin(part) < np.nanmax(part):
         drawn = ax.contour(x, y, part, levels=LEVELS, colors="white", linewidths=0.5 * width.weight)
         ax.clabel(drawn, fontsize=width.text - 1.0, fmt="%.4g")
@@ -127,7 +127,7 @@ def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more
 
 
 def rim(weight: float) -> list[AbstractPathEffect]:
-    """Give a white line a dark rim, by which it is seen on any ground."""
+    """Return a dark rim for a white line, which makes it visible on any background."""
     from matplotlib.patheffects import Normal, Stroke
 
     return [Stroke(linewidth=3.5 * weight, foreground="black"), Normal()]
@@ -139,8 +139,8 @@ def _finite(values: FloatArray) -> FloatArray:
 
 LOW = 1e-3  # magnitudes below this are not drawn
 SIDE = 1.9  # half the height of a Nyquist diagram
-BESIDE = 0.75  # [inches] of paper beside it, about
-DECADES = 4  # of stiffness in a Z-width, at most
+BESIDE = 0.75  # approximate paper beside it [inches]
+DECADES = 4  # largest stiffness in a Z-width
 STABLE, PASSIVE = "#1b9e77", "#882255"
 
 
@@ -170,7 +170,7 @@ def bode(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
 
 
 def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
-    """Draw the margins as what is left to the lines of -1."""
+    """Draw the margins as distances to the lines of -1."""
     marks = []
     if not math.isinf(loci.gain_margin):
         ends = [1.0 / loci.gain_margin, 1.0]
@@ -178,7 +178,7 @@ def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
         marks += upper.plot(f, ends, color=PASSIVE, marker="o", clip_on=False, label=text)
     if not math.isinf(loci.phase_margin):
         f, text = [loci.phase_frequency] * 2, f"phase margin {loci.phase_margin:.3g}\N{DEGREE SIGN}"
-        beyond = loci.phase[np.argmin(np.abs(loci.frequency - f[0]))] + 180.0  # of each locus, from -180 degrees
+        beyond = loci.phase[np.argmin(np.abs(loci.frequency - f[0]))] + 180.0  # each from -180 degrees
         nearest = float(beyond[np.argmin(np.abs(np.abs((beyond + 180.0) % 360.0 - 180.0) - loci.phase_margin))])
         turn = 360.0 * round(nearest / 360.0)
         ends = [turn - 180.0, turn - 180.0 + math.copysign(loci.phase_margin, nearest - turn)]
@@ -188,7 +188,7 @@ def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
 
 
 def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the loci about -1, for positive frequencies in full, mirrored for negative ones."""
+    """Draw the loci near -1, as solid lines for positive frequencies and mirrored for negative ones."""
     with style.look(width):
         sheet = style.figure([3.4], width=width)
         ax = sheet.panels[0, 0]
@@ -213,13 +213,13 @@ def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
 
 
 def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the stiffness of a wall over its damping, up to which it is passive, and stable."""
+    """Draw the largest passive and the largest stable stiffness of a wall over its damping."""
     with style.look(width):
         sheet = style.figure([2.6], width=width)
         ax, B = sheet.panels[0, 0], region.wall_damping
         curves = [(region.passive, PASSIVE, "passive to every operator")]
         if region.stable is not None:
-            curves.insert(0, (region.stable, STABLE, "stable when nobody holds it"))
+            curves.insert(0, (region.stable, STABLE, "stable without an operator"))
         top = max(float(values.max()) for values, _, _ in curves)
         wide = region.stable is not None and B[0] > 0.0
         if wide:
@@ -252,7 +252,7 @@ DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, 
 
 
 def plot(answer: OperatorCertificate, path: str | PathLike[str] | None = None, width: str = "screen") -> Sheet:
-    """Draw `operators_sheet`, and write it where a path is given."""
+    """Draw `operators_sheet`, and write it if a path is given."""
     drawing = operators_sheet(answer, width)
     if path is not None:
         style.save(drawing, path)
@@ -260,7 +260,7 @@ def plot(answer: OperatorCertificate, path: str | PathLike[str] | None = None, w
 
 
 def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw the region of hands over the first two keys, or one, and beside it the share of hands above each margin."""
+    """Draw the region of hands over the first one or two keys, and the share of hands above each margin."""
     region = answer.region(answer.operators.keys[:2], POINTS)
     with style.look(width):
         stacked = width == "column"
@@ -277,7 +277,7 @@ def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet
 
 
 def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw in how many hands each pair of gains is stable, and where the scene's own are."""
+    """Draw the share of hands in which each pair of gains is stable, and mark the scene's gains."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -304,7 +304,7 @@ def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
 
 
 def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw margins over two keys as a map with the limit's contour, over one as a curve."""
+    """Draw margins as a map with the limit's contour over two keys, or as a curve over one key."""
     weight = drawing.width.weight
     margin = np.minimum(region.margin, MOST_MARGIN)
     keys = [each.key for each in region.ranges]
@@ -328,7 +328,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
         ax.plot(
             *(answer.worst.values[key] for key in keys), "v", color="white", mec=INK, ms=7.0 * weight, clip_on=False
         )
-        panel(ax, x=label(keys[0]), y=label(keys[1]), title="least margin; hatched: not stable; triangle: worst")
+        panel(ax, x=label(keys[0]), y=label(keys[1]), title="smallest margin; hatched: not stable; triangle: worst")
     for axis, each in zip((ax.set_xscale, ax.set_yscale), region.ranges, strict=False):
         if each.is_logarithmic:
             axis("log")
@@ -336,7 +336,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
 
 
 def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
-    """Number logarithmic axes of less than two decades by plain numbers."""
+    """Use plain numbers on logarithmic axes of less than two decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis, each in zip((ax.xaxis, ax.yaxis), region.ranges, strict=False):
@@ -347,7 +347,7 @@ def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
 
 
 def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw the share of hands whose margin is at least what the abscissa says, mode by mode."""
+    """Draw for each mode the share of hands whose margin is at least the abscissa."""
     weight = drawing.width.weight
     most = 1.0
     for mode in answer.modes:
@@ -362,10 +362,10 @@ def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None
     ax.axvline(1.0, color=NEUTRAL, lw=0.8 * weight)
     ax.set_xlim(0.0, min(1.1 * most, 20.0))
     ax.set_ylim(0.0, 103.0)
-    panel(ax, x="margin", y="hands with that margin or more [%]")
+    panel(ax, x="margin", y="hands with at least that margin [%]")
 
 
 def label(key: str) -> str:
-    """Write a key with its unit, in words where it has some."""
+    """Return a key's label with its unit."""
     name, unit = NAMES.get(key, plain(key)), unit_of(key)
     return f"{name} [{unit}]" if unit else name

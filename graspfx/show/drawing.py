@@ -1,4 +1,4 @@
-"""Figures of recordings in Python: shown by a notebook as they are, and saved as files."""
+"""Figures of recordings in Python, which notebooks display and which can be saved."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 class Drawing:
-    """A figure that a notebook shows without pyplot; `figure` is matplotlib's own, `save` writes it.
+    """A figure that notebooks display without pyplot. `figure` is matplotlib's figure, and `save` writes it.
 
     Args:
-        sheet: the figure's panels.
-        notes: what could not be drawn, and why.
+        sheet: panels of the figure.
+        notes: reasons for omitted parts.
     """
 
     def __init__(self, sheet: Sheet, notes: Sequence[str] = ()) -> None:
@@ -34,10 +34,10 @@ class Drawing:
         return style.arranged(self.sheet)
 
     def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-        """Write the figure; the path's ending chooses the format, or `form`: "png", "svg" or "pdf".
+        """Write the figure. The path's suffix selects the format, unless `form` is "png", "svg" or "pdf".
 
         Raises:
-            InputError: an ending that no format has.
+            InputError: the suffix has no known format.
         """
         return style.save(self.sheet, path, form, dpi)
 
@@ -66,7 +66,7 @@ def picture(
 def plot(
     recording: Recording, *others: Recording, titles: Sequence[str] | None = None, width: str = "screen"
 ) -> Drawing:
-    """Draw a recording over time, beside others if there are any; see `graspfx.show.plot.sheet`."""
+    """Draw a recording over time, side by side with any others; see `graspfx.show.plot.sheet`."""
     from graspfx.show.plot import sheet
 
     return Drawing(sheet([recording, *others], titles, width=width))

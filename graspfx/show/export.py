@@ -49,29 +49,29 @@ NAMES = {
     "coupling.external.damping": "$k_{ed}$",
     "coupling.internal.damping": "$k_{id}$",
 }
-NO_UNIT = ("coupling.friction",)  # though others of the last name have one
+NO_UNIT = ("coupling.friction",)  # although other keys of the same last name have one
 
 
 def label_of(key: str) -> str:
-    """Name a key with its unit, as far as it has a name and one."""
+    """Return a key's label with its unit, as far as they exist."""
     unit = unit_of(key)
     return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
 
 
 def unit_of(key: str) -> str:
-    """Tell the unit of a key's numbers; empty where none is sure."""
+    """Return the unit of a key's numbers; empty if unknown."""
     last = key.rsplit(".", 1)[-1]
     return "" if key in NO_UNIT else UNITS.get(last, "")
 
 
-ENERGIES = {  # attributes of a recording by finger that are no columns of it
-    "internal_energy": "work done so far on the fingertip by the displayed force's internal part",
-    "external_energy": "work done so far on the fingertip by the displayed force's external part",
+ENERGIES = {  # attributes of a recording by finger that are not columns
+    "internal_energy": "work that the internal part of the displayed force has done on the fingertip so far",
+    "external_energy": "work that the external part of the displayed force has done on the fingertip so far",
 }
 
 
 class Quantity(NamedTuple):
-    """One quantity of all ticks: its array (N, ...), the names of its dimensions without time, its unit and meaning."""
+    """One quantity of all ticks: array (N, ...), names of its dimensions except time, unit and meaning."""
 
     name: str
     values: NDArray[Any]
@@ -81,20 +81,20 @@ class Quantity(NamedTuple):
 
 
 def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Give what is added up over a recording, by its name; empty where it cannot be told."""
+    """Compute the work terms that accumulate over a recording, by name; empty if unknown."""
     values = {name: _derived(recording, name) for name in ENERGIES}
     return {name: each for name, each in values.items() if each is not None}
 
 
 def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = None) -> Iterator[Quantity]:
-    """List the columns of a recording, those of its objects together, and what follows from them.
+    """Yield the columns of a recording, combined over its objects, and the variables computed from them.
 
-    A column `objects/NAME/position` is `object_position` with a dimension `object`; an object that lacks a column which
-    another has gets NaN.
+    A column `objects/NAME/position` becomes `object_position` with a dimension `object`. An object that lacks another
+    object's column gets NaN.
 
     Args:
-        recording: all of it, or a part.
-        works: `works_of` the whole in the rows of a part, as it is added up from the beginning.
+        recording: complete recording, or a part.
+        works: `works_of` the complete recording in the rows of a part, because they accumulate from the beginning.
     """
     layout = recording.layout
     for column in layout.columns.values():
@@ -119,7 +119,7 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
-    """Give one of the `quantities` in some rows, of which nothing else is read than what it follows from."""
+    """Return one of the `quantities` in some rows; only the columns that it needs are read."""
     columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
     if name in ENERGIES:  # added up from the beginning
         return np.asarray(_derived(recording, name))[first:stop]
@@ -138,12 +138,12 @@ def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[A
 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
-    """Name the entries along each dimension, time apart."""
+    """Name the entries along each dimension except time."""
     return {**layout.scales, "object": layout.objects}
 
 
 def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
-    """List what objects' columns are called below their names, as in `energy/work`, with the first of each."""
+    """List the objects' columns without the object's name, such as `energy/work`, with the first column of each."""
     parts: dict[str, Column] = {}
     for column in layout.columns.values():
         if column.name.startswith("objects/"):
@@ -152,12 +152,12 @@ def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
 
 
 def object_name(part: str) -> str:
-    """Name the quantity of all objects that a part of one object's columns belongs to."""
+    """Name the quantity of all objects for the name of an object's column."""
     return "object_" + part.replace("/", "_")
 
 
 def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """List a quantity's columns (N,) one by one, as `finger_force.thumb.x`."""
+    """Yield a quantity's components (N,) one by one, such as `finger_force.thumb.x`."""
     shape = quantity.values.shape[1:]
     flat = quantity.values.reshape(len(quantity.values), prod(shape))
     for k, place in enumerate(np.ndindex(*shape)):
@@ -172,7 +172,7 @@ def _stored(recording: Recording, column: Column) -> NDArray[Any]:
 def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
     try:
         values: NDArray[Any] | None = getattr(recording, name, None)
-    except RecordingError:  # of an earlier format, which does not say how
+    except RecordingError:  # an earlier format without split rules
         return None
     return values
 
@@ -183,7 +183,7 @@ def _of_object(recording: Recording, name: str, part: str, like: Column) -> NDAr
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:
-    """Convert a recording; its docstring is that of `Recording.to_xarray`."""
+    """Convert a recording; see `Recording.to_xarray`."""
     xr = _package("xarray", "Recording.to_xarray")
     labels = coordinates(recording.layout)
     first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
@@ -213,7 +213,7 @@ def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
 
 
 def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
-    """Make a variable whose numbers are read from the disk, or computed from what is, when they are asked for."""
+    """Make a variable whose numbers are read from disk, or computed, on access."""
     from xarray.backends import BackendArray
     from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
@@ -236,12 +236,12 @@ def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
 
 
 class Labels(NamedTuple):
-    """Labelled arrays, as xarray and netCDF have them.
+    """Labelled arrays for xarray and netCDF.
 
     Attributes:
-        variables: by name, the names of the dimensions, the values, and attributes as `units`.
-        coordinates: likewise; one that is named as a dimension has its entries.
-        attributes: of the whole.
+        variables: names of the dimensions, values, and attributes such as `units`, by name.
+        coordinates: the same for coordinates; one named like a dimension has its entries.
+        attributes: global attributes.
     """
 
     variables: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
@@ -250,11 +250,11 @@ class Labels(NamedTuple):
 
 
 def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
-    """Convert a batch; its docstring is that of `Batch.to_xarray`.
+    """Convert a batch; see `Batch.to_xarray`.
 
     Args:
-        batch: the batch.
-        labels: its own if not given.
+        batch: batch to convert.
+        labels: labels; by default those of the batch.
     """
     xr = _package("xarray", "Batch.to_xarray")
     if labels is None:
@@ -290,7 +290,7 @@ def batch_labels(batch: Batch) -> Labels:
 
 
 def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Name a batch's axes, and give the values of each key along its own; with `zip` all keys have one, `variant`."""
+    """Return a batch's axes and the values of each key along its axis; with `zip` the only axis is `variant`."""
     together = len(batch.values) > len(batch.shape)
     axes = ("variant",) if together else tuple(batch.values)
     scales: dict[str, Any] = {}
@@ -303,7 +303,7 @@ def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
 
 
 def summary_numbers(batch: Batch) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Collect what is one number in every summary, of the grid's shape; None is NaN."""
+    """Collect the scalar items of all summaries, in the grid's shape; None becomes NaN."""
     summaries = [] if batch.summaries is None else batch.summaries.ravel().tolist()
     numbers = {}
     for name in summaries[0]:
@@ -323,7 +323,7 @@ def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
     first = tables[0]
     shapes = {name: each.values.shape for name, each in first.items()}
     if any({name: each.values.shape for name, each in table.items()} != shapes for table in tables):
-        raise InputError("keep", "recordings", "recordings of the same columns and length", "convert them one by one")
+        raise InputError("keep", "recordings", "recordings with the same columns and length", "convert them one by one")
     return {
         name: (
             (*grid, "time", *each.dimensions),
@@ -334,11 +334,11 @@ def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-BLOCK = 1000  # rows that are written at once
+BLOCK = 1000  # number of rows that are written at once
 
 
 def recording_frame(recording: Recording) -> Any:
-    """Convert a recording; its docstring is that of `Recording.to_frame`."""
+    """Convert a recording; see `Recording.to_frame`."""
     pandas = _package("pandas", "Recording.to_frame")
     frame = pandas.DataFrame(dict(_columns(recording)), index=pandas.Index(recording.time, name="time"))
     frame.attrs = {"scene": recording.header.scene, "units": {each.name: each.unit for each in quantities(recording)}}
@@ -346,7 +346,7 @@ def recording_frame(recording: Recording) -> Any:
 
 
 def batch_frame(batch: Batch) -> Any:
-    """Convert a batch; its docstring is that of `Batch.to_frame`."""
+    """Convert a batch; see `Batch.to_frame`."""
     pandas = _package("pandas", "Batch.to_frame")
     plain = {key: np.asarray(values, dtype=object).ravel() for key, values in batch.values.items()}
     columns: dict[str, Any] = {
@@ -365,7 +365,7 @@ def batch_frame(batch: Batch) -> Any:
 
 
 def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a recording; its docstring is that of `Recording.to_csv`."""
+    """Write a recording; see `Recording.to_csv`."""
     place = recording_path(path, "path")
     if not place.name:
         raise InputError("path", str(path), "the path of a file, such as recording.csv")
@@ -376,9 +376,9 @@ def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: boo
 
 
 def csv_lines(recording: Recording) -> Iterator[str]:
-    """Write the lines of a CSV file, RFC 4180: numbers by the shortest digits that read back the same.
+    """Yield the lines of a CSV file (RFC 4180), with the shortest digits that restore each number.
 
-    Names of fingers and objects have no commas or quotes.
+    Names of fingers and objects contain no commas or quotes.
     """
     together, first = works_of(recording), 0
     for part in recording.parts() if len(recording) else [recording]:
@@ -405,7 +405,7 @@ LOOPS = ("closed", "open")
 
 
 def to_control(linear: Linearisation, loop: str = "closed") -> Any:
-    """Convert a linearisation; its docstring is that of `Linearisation.to_control`."""
+    """Convert a linearisation; see `Linearisation.to_control`."""
     control = _package("control", "Linearisation.to_control", "control")
     if loop not in LOOPS:
         raise UnknownNameError("loop", str(loop), LOOPS)

@@ -1,4 +1,4 @@
-"""Signed modes of a grasp over time: what squeezes the object, and what moves it, as a figure shows them."""
+"""Signed modes of a grasp over time, for figures: squeeze and push."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-SMALL = 1e-9  # [m]: contacts this near to their middle have no direction towards it
+SMALL = 1e-9  # distance from the contacts' centre below which a contact has no direction towards it [m]
 
 
 class Modes(NamedTuple):
-    """Internal and external part of forces, or of displacements, as signed numbers.
+    """Internal and external part of forces or displacements as signed numbers.
 
     Attributes:
-        squeeze: of each finger, its internal part towards the middle of the contacts (N, n); NaN where it is free, or
-            where nobody else touches. That of two fingers is the one of Kawai and Yoshikawa's eqs. (16) and (19),
-            (e_1 - e_2)/2 along the line from finger 1 to finger 2, and the same for both.
-        push: mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN where none touches.
+        squeeze: internal part of each finger towards the centre of the contacts (N, n); NaN for a free finger, or if no
+                other finger touches. For two fingers it is that of Kawai and Yoshikawa's eqs. (16) and (19),
+                (e_1 - e_2)/2 along the line from finger 1 to finger 2, and equal for both.
+            push: mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN if none touches.
     """
 
     squeeze: FloatArray
@@ -28,18 +28,18 @@ class Modes(NamedTuple):
 
     @property
     def mean_squeeze(self) -> FloatArray:
-        """Mean of the touching fingers, (N,)."""
+        """Mean squeeze of the touching fingers, (N,)."""
         return mean(self.squeeze, np.isfinite(self.squeeze))
 
 
 def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touching: BoolArray) -> Modes:
-    """Read signed modes from vectors.
+    """Compute signed modes from vectors.
 
     Args:
-        internal: parts of forces on the object, or of displacements (N, n, d).
-        external: the other parts (N, n, d).
+        internal: internal parts of forces on the object, or of displacements (N, n, d).
+        external: external parts (N, n, d).
         inward: unit vectors (N, n, d), from `directions`.
-        touching: (N, n).
+        touching: mask of touching fingers (N, n).
     """
     grasped = touching & (touching.sum(axis=1, keepdims=True) > 1)
     squeeze = np.where(grasped, (internal * inward).sum(axis=2), np.nan)
@@ -47,15 +47,14 @@ def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touchi
 
 
 def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
-    """Point from each contact to the middle of all, unit vectors (N, n, d).
+    """Compute unit vectors (N, n, d) from each contact to the centre of all contacts.
 
-    Where contacts are all at one point, as those attached to an object's centre: two fingers point along the axis on
-    which they are farthest from one another on the whole, so that they squeeze where finger 1 has gone in from below,
-    and others have no direction.
+    If all contacts coincide, such as contacts attached to an object's centre, two fingers get the axis of their largest
+    distance over the run, with a positive squeeze if finger 1 enters from below. More fingers get no direction.
 
     Args:
-        contacts: where fingers touch (N, n, d) [m].
-        displacement: of each finger from there (N, n, d) [m].
+        contacts: contact points (N, n, d) [m].
+        displacement: displacement of each finger from its contact (N, n, d) [m].
     """
     n = contacts.shape[1]
     away = contacts.mean(axis=1, keepdims=True) - contacts
@@ -70,7 +69,7 @@ def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def mean(values: FloatArray, counted: BoolArray) -> FloatArray:
-    """Average over axis 1 what counts; NaN where nothing does."""
+    """Average the counted values over axis 1; NaN if there are none."""
     number = counted.sum(axis=1)
     total = np.where(counted, values, 0.0).sum(axis=1)
     return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))

@@ -1,4 +1,4 @@
-"""Rows of a run's figure: positions along each axis, what squeezes and what pushes, forces, turns of the object."""
+"""Rows of a run's figure: positions along each axis, squeeze and push, forces, rotations of the object."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MM = 1e3
-SHARE = 0.15  # of the main axis' range, from which on another axis is worth a row, or a line
-FLAT = 0.03  # lines whose own range is a smaller share of the row's look straight
+SHARE = 0.15  # fraction of the main axis' range above which another axis gets a row or a line
+FLAT = 0.03  # fraction of the row's range below which lines look straight
 NOISE = 1e-6  # and below this share they are
-TURN = 0.1  # [degrees] from which on an object turns
-LARGEST = 1e12  # what is drawn of a run that diverged
-MOST_FINGERS = 5  # with a line each; more are their mean, and a band from the least to the greatest
+TURN = 0.1  # rotation above which an object counts as rotating [degrees]
+LARGEST = 1e12  # largest drawn value of a diverged run
+MOST_FINGERS = 5  # largest number of fingers with one line each; more are drawn as mean and range
 TALL, LOW = 1.75, 1.2  # panels [inches]
 ALL = "fingers: mean and range"
 
@@ -74,12 +74,12 @@ class View:
 
     @cached_property
     def displacement_modes(self) -> Modes | None:
-        """Squeeze and push as displacements [m]; None if the recording does not say, or has no fingers."""
+        """Squeeze and push as displacements [m]; None if not recorded, or without fingers."""
         return self._modes("internal_displacement", "external_displacement")
 
     @cached_property
     def force_modes(self) -> Modes | None:
-        """Squeeze and push as forces [N]; None if the recording does not say, or has no fingers."""
+        """Squeeze and push as forces [N]; None if not recorded, or without fingers."""
         return self._modes("internal_force", "external_force")
 
     def _modes(self, internal: str, external: str) -> Modes | None:
@@ -160,11 +160,11 @@ def views(recordings: Iterable[Recording]) -> list[View]:
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
-    """List the rows of the figure, without those of which nothing is recorded; where there is no other, one of them.
+    """List the recorded rows of the figure, or one empty row if nothing is recorded.
 
     Args:
-        columns: what to show side by side.
-        strokes: by finger's name.
+        columns: views to show side by side.
+        strokes: strokes by finger name.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
@@ -184,9 +184,9 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Pick the axes along which a view moves by more than a share of the farthest way of all; of none, the first.
+    """Select the axes along which a view moves by more than a fraction of the largest motion; if none, the first.
 
-    Views share an ordinate: what is little on it looks flat, however much it is of its own view.
+    Views share an ordinate, on which a small motion looks flat even if it is large for its view.
     """
     farthest = max((float(each.max()) for each in ranges), default=0.0)
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}
@@ -194,7 +194,7 @@ def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
 
 
 def _ranges(view: View) -> FloatArray:
-    """Measure how far object and fingers go along each axis, (d,) [m]: how far the one goes that goes farthest."""
+    """Compute the largest motion of object and fingers along each axis, (d,) [m]."""
     lines = [view.motion.position] if view.has("position") else []
     if view.has("finger_position"):
         lines.extend(np.moveaxis(view.finger_position, 1, 0))
@@ -216,7 +216,7 @@ def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], h
 
 
 def pushes(parts: Sequence[Modes | None]) -> list[int]:
-    """Pick the axes along which a push is worth a line."""
+    """Select the axes along which a push gets a line."""
     largest = [np.abs(np.where(np.abs(each.push) < LARGEST, each.push, 0.0)).max(axis=0) for each in parts if each]
     return _axes_worth_showing(largest)
 
@@ -224,7 +224,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze, of more than two fingers its mean and range, and the push along each axis worth it."""
+    """Plot the squeeze, for more than two fingers as mean and range, and the push along each noticeable axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -247,16 +247,16 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _grip(view: View) -> tuple[Curve, ...]:
-    """Plot the friction margin of the view's fingers, if some touch with a coefficient of friction."""
+    """Plot the friction margin of the view's fingers, if any touch with a coefficient of friction."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
     except RecordingError:  # columns are left out
         return ()
-    return (curve("least $\\mu f_n - |f_t|$", margin, MARGIN),) if np.isfinite(margin).any() else ()
+    return (curve("smallest $\\mu f_n - |f_t|$", margin, MARGIN),) if np.isfinite(margin).any() else ()
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """Plot how the objects turn from where they begin, about world axes; no row if none does."""
+    """Plot the objects' rotations from their start about world axes; no row if none rotates."""
     if not all(view.has("orientation") for view in columns):
         return []
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
@@ -275,7 +275,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
 
 
 def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
-    """Compute u theta of the rotation since the first tick, (N, 3) [degrees]; it goes on beyond half a turn."""
+    """Compute u theta of the rotation since the first tick, (N, 3) [degrees], continuous beyond half a turn."""
     if orientation is None:
         return np.zeros((1, 3))
     if orientation.ndim == 1:
@@ -293,7 +293,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row) -> Row:
-    """Return the row, or, if its lines would look straight, the changes since the first tick, named with where from."""
+    """Return the row, or, if lines would look straight, the changes since the first tick, labelled with the start."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)
@@ -314,7 +314,7 @@ def _since_start(curve: Curve, starts: set[str]) -> Curve:
 
 
 def _of_fingers(view: View, values: FloatArray, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Draw one curve per finger, from values (N, n); of many, their mean and their range."""
+    """Draw one curve per finger from values (N, n); for many fingers, mean and range."""
     if len(view.fingers) > MOST_FINGERS:
         return (curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
     return tuple(curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))

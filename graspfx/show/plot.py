@@ -1,4 +1,4 @@
-"""The figure of a run: where object and fingers were, what squeezed the object and what pushed it."""
+"""Figures of runs: positions of objects and fingers, internal and external forces."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-MOST = 1 << 25  # bytes of rows that are drawn as they are
-SPANS = 1500  # short whiles into which a longer recording is divided
+MOST = 1 << 25  # largest size of rows that are drawn without thinning [bytes]
+SPANS = 1500  # number of intervals into which a longer recording is divided
 
 
 class Thinned(Recording):
-    """Rows of a recording that are not equally far apart.
+    """Unevenly spaced rows of a recording.
 
     Args:
-        whole: the recording.
+        whole: complete recording.
         rows: some of its rows.
-        numbers: of these rows in it.
+        numbers: indices of these rows in the recording.
     """
 
     def __init__(self, whole: Recording, rows: FloatArray, numbers: NDArray[np.intp]) -> None:
@@ -45,7 +45,7 @@ class Thinned(Recording):
         self._numbers, self._end = numbers, whole.end
 
     def part(self, first: int, stop: int) -> Thinned:
-        """Give the rows from one up to another."""
+        """Return the rows `first` to `stop` - 1."""
         return Thinned(self, self.rows[first:stop], self._numbers[first:stop])
 
     @cached_property
@@ -60,10 +60,10 @@ class Thinned(Recording):
 
 
 def thinned(recording: Recording) -> Recording:
-    """Thin a recording on a disk that is too long to be drawn from memory; others are returned as they are.
+    """Thin a recording on disk that is too long to draw from memory; return others unchanged.
 
-    Of each of `SPANS` equal whiles it has the first row, and those in which a number of a drawn quantity (positions,
-    forces and their parts) is least or greatest, so that lines keep their envelopes.
+    Each of `SPANS` equal intervals keeps its first row, and the rows with the smallest or largest value of each drawn
+    quantity (positions, forces and their parts), so that curves keep their envelopes.
     """
     size = 8 * recording.layout.width * len(recording)
     if not recording.is_stored or size <= MOST or recording.changes:
@@ -79,13 +79,13 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _ends(part: Recording) -> NDArray[np.intp]:
-    """Find the rows in which a drawn number is least or greatest, and the first."""
+    """Find the first row, and the rows with the smallest or largest value of a drawn quantity."""
     names = ["finger_position", "finger_force", "gap"]
     names += [f"objects/{name}/{place}" for name in part.layout.objects for place in ("position", "orientation")]
     drawn = [part.array(name) for name in names if name in part.layout.columns]
-    with suppress(RecordingError):  # of one that does not say how forces divide
+    with suppress(RecordingError):  # the recording has no split rule
         drawn += [part.external_force, part.internal_displacement]
-    with suppress(RecordingError):  # of one that leaves normals out
+    with suppress(RecordingError):  # the recording has no normals
         drawn.append(part.grip_margin)
     numbers = np.concatenate([np.nan_to_num(each.reshape(len(part), -1)) for each in drawn], axis=1)
     return np.unique(np.concatenate([[0], numbers.argmin(axis=0), numbers.argmax(axis=0)]))
@@ -96,7 +96,7 @@ DEPTH = Stroke(INK, SQUEEZE.width)
 
 
 def brief_rows(columns: Sequence[View]) -> list[Row]:
-    """List depth, squeeze and push of what is shown side by side, as far as the recordings say them."""
+    """List the rows depth, squeeze and push, as far as recorded."""
     with np.errstate(over="ignore", invalid="ignore"):
         forces = [view.force_modes for view in columns]
         pairs = list(zip(columns, forces, strict=True))
@@ -110,7 +110,7 @@ def brief_rows(columns: Sequence[View]) -> list[Row]:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot how deep fingers stand in the surface, a free one not at all: their mean and range."""
+    """Plot mean and range of the fingers' penetration depth, zero for free fingers."""
     gap = view.recording.gap if view.has("gap") and view.has("touching") else None
     if gap is None or not view.fingers:
         return ()
@@ -138,11 +138,11 @@ IntArray = NDArray[np.int64]
 
 EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # at which no title is folded
 GAINS = ("coupling.external.stiffness", "coupling.internal.stiffness")
-LEFT_OUT = "what was not recorded is left out"
+LEFT_OUT = "columns that were not recorded are omitted"
 MARKERS = 5  # on a line
-LONG_WAY = 40.0  # up and down, in heights of a panel: a line that goes so far would become an area
+LONG_WAY = 40.0  # total variation in panel heights above which a line would look like an area
 THIN = 0.5
-MOST_POINTS = 6000  # per line: more than a picture can show
+MOST_POINTS = 6000  # largest number of points per line that a picture can resolve
 
 
 def figure(
@@ -155,22 +155,23 @@ def figure(
     width: str = "screen",
     form: str = "",
 ) -> Path:
-    """Draw one recording, or several side by side, as `sheet` does, and write the figure.
+    """Draw one recording, or several side by side, as by `sheet`, and write the figure.
 
     Args:
-        recordings: one or more.
-        path: of the figure; its ending chooses the format.
-        titles: one per recording; what is set in each if not given.
-        labels: one per recording, to stand before what is set in it.
-        brief: whether depth, squeeze and push are all that is drawn.
+        recordings: one or more recordings.
+        path: path of the figure, whose suffix selects the format.
+        titles: titles, one per recording; by default the settings of each recording.
+        labels: labels, one per recording, before its settings.
+        brief: whether to draw only depth, squeeze and push.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: "png", "svg" or "pdf", whatever the ending.
+        form: format "png", "svg" or "pdf", which overrides the suffix.
 
     Returns:
         The path.
 
     Raises:
-        InputError: no recordings, one without a tick, another number of titles, or no such width or format.
+        InputError: there are no recordings, a recording has no ticks, the number of titles differs, or the width or
+                format is unknown.
     """
     return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
 

@@ -11,18 +11,18 @@ from typing import TextIO
 
 from graspfx.progress import Wait, listening
 
-PATIENCE = 1.0  # [s] that a wait may take without a word
-PAUSE = 0.2  # [s] from one look to the next
-START, CLEAR = "\r", "\x1b[K"  # back to the first column; from the cursor to the end of the line
+PATIENCE = 1.0  # time before a wait is shown [s]
+PAUSE = 0.2  # interval of updates [s]
+START, CLEAR = "\r", "\x1b[K"  # move to the first column; erase from the cursor to the end of the line
 USUAL = 80  # columns of a terminal
 SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
 
 
 class ProgressLine:
-    """A listener that draws on the last line of a terminal, from a thread of its own, which ends with the last wait.
+    """A listener that draws on the last line of a terminal, in its own thread, which ends with the last wait.
 
     Args:
-        terminal: where it draws; nothing but escape sequences that every terminal has.
+        terminal: terminal for the output; only universal escape sequences are used.
     """
 
     def __init__(self, terminal: TextIO) -> None:
@@ -69,7 +69,7 @@ class ProgressLine:
             self._visible = False
 
     def _write(self, text: str) -> None:
-        with suppress(OSError, ValueError):  # a terminal that is gone takes no run along
+        with suppress(OSError, ValueError):  # a lost terminal must not end a run
             self._terminal.write(text)
             self._terminal.flush()
 
@@ -82,7 +82,7 @@ class ProgressLine:
 
 @contextmanager
 def progress_line(terminal: TextIO) -> Iterator[None]:
-    """Show the waits within the block on a terminal; on what is none, nothing."""
+    """Show the waits within the block, if the stream is a terminal."""
     if not terminal.isatty():
         yield
         return
@@ -91,9 +91,9 @@ def progress_line(terminal: TextIO) -> Iterator[None]:
 
 
 def text_of(wait: Wait, now: float) -> str:
-    """Write what is to be said of a wait: what is done, its share, the rate, and how long it will still take.
+    """Format a wait: description, percentage, rate, and remaining time.
 
-    The time left is that at the mean rate so far.
+    The remaining time assumes the mean rate so far.
     """
     seconds, done = now - wait.began, wait.progress()
     if not wait.total or done <= 0:
@@ -105,7 +105,7 @@ def text_of(wait: Wait, now: float) -> str:
 
 
 def quantity_text(value: float) -> str:
-    """Write a number with three digits, and a letter for thousands, millions and thousands of millions."""
+    """Format a number with three digits and the suffix k, M or G."""
     for size, letter in SCALES:
         if value >= size:
             return f"{value / size:.3g} {letter}"
@@ -113,7 +113,7 @@ def quantity_text(value: float) -> str:
 
 
 def duration_text(seconds: float) -> str:
-    """Write a time in whole seconds, in minutes and seconds, or in hours and minutes."""
+    """Format a time in seconds, in minutes and seconds, or in hours and minutes."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"

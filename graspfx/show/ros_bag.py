@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 BAGS = {"bag": ".bag", "mcap": ".mcap", "db3": ".db3"}  # ROS 1, and ROS 2 in either of its files
 FRAME = "world"  # of every message
-VERSION: Literal[9] = 9  # of the metadata of ROS 2's bags
+VERSION: Literal[9] = 9  # version of the metadata of ROS 2 bags
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
 SECOND = 1_000_000_000  # [ns]
 
@@ -33,10 +33,10 @@ class Topic(NamedTuple):
     """A topic with a message for each row.
 
     Attributes:
-        name: as "/fingers/thumb/wrench".
-        kind: of its messages.
+        name: name of the topic, such as "/fingers/thumb/wrench".
+        kind: type of its messages.
         linear: position [m], velocity [m/s] or force [N] (N, 3).
-        angular: a quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
+        angular: quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
     """
 
     name: str
@@ -46,11 +46,12 @@ class Topic(NamedTuple):
 
 
 def topics(recording: Recording) -> Iterator[Topic]:
-    """List the topics of a recording, of which some rows may have no number: such messages are left out.
+    """Yield the topics of a recording; messages with NaN are omitted.
 
-    Fingers have their position (a pose without a turn), velocity, and the force of the finger on the object, as a
-    whole and in its internal and external parts; objects their pose, twist, and the wrench that they receive. All is in
-    space: on the x axis of a line, in the plane of x and y.
+    Fingers have their position (a pose without rotation), their velocity, and their force on the object: total,
+    internal
+    and external. Objects have their pose, twist and received wrench. All data are in space: a line becomes the x axis,
+    and a plane the plane of x and y.
     """
     rows, columns = len(recording), recording.layout.columns
     unturned = np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1))
@@ -84,15 +85,15 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
     """Write a recording as a bag.
 
     Args:
-        recording: with all of its columns.
-        path: of the file.
+        recording: recording with all columns.
+        path: path of the file.
         kind: "bag" for ROS 1, "mcap" or "db3" for ROS 2.
-        overwrite: whether a file that is there is replaced.
+        overwrite: whether to replace an existing file.
 
     Raises:
         MissingPackageError: rosbags is not installed.
-        RecordingError: the file is there, or cannot be written; a recording without columns that it takes.
-        UnknownNameError: no such kind.
+        RecordingError: the file exists or cannot be written, or the recording lacks required columns.
+        UnknownNameError: the kind is unknown.
     """
     if kind not in BAGS:
         raise UnknownNameError("kind of bag", kind, BAGS)
@@ -111,11 +112,11 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
 
 def stamps(recording: Recording) -> NDArray[np.int64]:
-    """Give the time of each row [ns] since 1970: when the recording was made, and tick x period from there on."""
+    """Compute the time of each row since 1970 [ns]: time of the recording, plus tick x period."""
     try:
         start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
     except ValueError:
-        start = SECOND  # at zero there is no time in ROS
+        start = SECOND  # zero means "no time" in ROS
     return start + np.round(recording.time * SECOND).astype(np.int64)
 
 
@@ -129,7 +130,7 @@ def _write_one(recording: Recording, file: Path) -> None:
 
 
 def _write_two(recording: Recording, file: Path, kind: str) -> None:
-    """Write the one file of a bag of ROS 2, which says by itself what is in it."""
+    """Write the single, self-describing file of a ROS 2 bag."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -146,11 +147,11 @@ def _write_two(recording: Recording, file: Path, kind: str) -> None:
 def _write(
     recording: Recording, writer: Any, store: Any, serialize: Callable[[Any, str], Any], *, with_number: bool
 ) -> None:  # fmt: skip
-    """Write rows in the order of their times, each topic in each."""
+    """Write all topics of each row, in the order of time."""
     times = stamps(recording).tolist()
     every = list(topics(recording))
     if not times:
-        raise RecordingError("recording: has no rows, of which a bag could be made")
+        raise RecordingError("recording: has no rows for a bag")
     connections = [writer.add_connection(each.name, each.kind, typestore=store) for each in every]
     make = _maker(store, with_number=with_number)
     rows: list[Any] = [
@@ -183,13 +184,13 @@ def _maker(store: Any, *, with_number: bool) -> Callable[..., Any]:
 
 
 def _word(name: str) -> str:
-    """Write a name as a part of a topic, which has letters, digits and "_" alone."""
+    """Convert a name to a part of a topic, with letters, digits and "_" only."""
     text = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
     return text if text[:1].isalpha() else f"_{text}"
 
 
 def _spatial(spin: FloatArray) -> FloatArray:
-    """Write what turns as vectors (N, 3): about z in the plane."""
+    """Convert angular quantities to vectors (N, 3); in the plane, about z."""
     if spin.ndim == 2 and spin.shape[1] == 3:
         return spin
     vectors = np.zeros((len(spin), 3))
@@ -198,7 +199,7 @@ def _spatial(spin: FloatArray) -> FloatArray:
 
 
 def _quaternions(turn: FloatArray | None, rows: int) -> FloatArray:
-    """Write turns as quaternions x, y, z, w (N, 4): of an angle about z, or as they are."""
+    """Convert orientations to quaternions x, y, z, w (N, 4); an angle is about z."""
     if turn is not None and turn.ndim == 2:
         return turn
     angle = np.zeros(rows) if turn is None else turn

@@ -1,4 +1,4 @@
-"""A figure on a grid of panels: titles, legends and labels stand in strips of their own, measured, never over data."""
+"""A figure on a grid of panels, with titles, legends and labels in measured strips that never overlap data."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
     from matplotlib.transforms import Bbox
 
-EDGE = 0.06  # [inches] of paper around everything
+EDGE = 0.06  # margin of the paper [inches]
 GAP = 0.11  # between panels
-LEAD = 0.05  # between a strip and its panel
+LEAD = 0.05  # gap between a strip and its panel
 BAR = 0.13  # width of a colour bar
 WIDE = 1.2  # of a margin
 MOST_LINES = 3  # of a title
-STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
-STEP = 2.0  # [points] by which labels are moved apart
-PITCH = 1.32  # from line to line, in sizes of the type
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # smallest distance of tick labels along an ordinate
+STEP = 2.0  # step by which labels are moved apart [points]
+PITCH = 1.32  # line spacing, in font sizes
 
 
 @dataclass(frozen=True)
 class Width:
-    """A size on paper or screen, and the type that is legible there at its own size.
+    """A width on paper or screen, and font sizes that are legible at this width.
 
     Attributes:
-        inches: of the figure; on a screen it grows with the number of columns.
-        text: size of labels, names and numbers [points].
-        share: of a panel's height on a screen.
-        weight: share of the width of lines, and of markers, on a screen.
-        dpi: of a picture in pixels.
+        inches: width of the figure [inches]; on a screen it grows with the number of columns.
+        text: font size of labels, names and numbers [points].
+        share: factor on panel heights relative to a screen.
+        weight: factor on line widths and markers relative to a screen.
+        dpi: resolution of raster images.
     """
 
     inches: float
@@ -52,14 +52,14 @@ class Width:
 
 
 class Sheet:
-    """Panels in rows and columns, and above each row a strip for its letter and its legend.
+    """Panels in rows and columns, with a strip above each row for its letter and legend.
 
     Attributes:
-        figure: matplotlib's.
-        panels: (rows, columns) of axes.
+        figure: matplotlib's figure.
+        panels: axes, (rows, columns).
         bar: axes for a colour bar, or None.
-        width: sizes of type and paper.
-        arranged: whether everything has its place.
+        width: sizes of fonts and paper.
+        arranged: whether the layout is complete.
         shares_x: whether all panels have the same abscissa.
     """
 
@@ -108,21 +108,21 @@ class Sheet:
         self.bar: Axes | None = self.figure.add_axes((0.9, 0.2, 0.05, 0.6), label="bar") if bar else None
 
     def title(self, text: str, column: int | None = None) -> None:
-        """Write a title over everything, or over a column; it is folded where it is too long."""
+        """Set a title over the figure or over a column; long titles are wrapped."""
         if column is None:
             self._title = text
         else:
             self._titles[column] = text
 
     def letters(self, rows: Sequence[int] | None = None) -> None:
-        """Letter rows (a), (b), ...: all of them if none are listed, a single one not at all."""
+        """Label rows (a), (b), ...: the listed rows, or all rows; a single row gets no letter."""
         lettered = list(range(len(self.heights))) if rows is None else list(rows)
         if len(lettered) > 1:
             for letter, row in zip("abcdefghijklmnopqrstuvwxyz", lettered, strict=False):
                 self._letters[row] = f"({letter})"
 
     def legend(self, row: int, handles: Sequence[Artist] | None = None) -> None:
-        """Name lines in the strip above a row: those that are listed, else every labelled one of the row, once."""
+        """Add a legend in the strip above a row: for the given handles, or for each distinct label of the row."""
         if handles is None:
             entries: dict[str, Artist] = {}
             for axes in self.panels[row]:
@@ -132,7 +132,7 @@ class Sheet:
         self._legends[row] = list(handles)
 
     def arrange(self) -> Figure:
-        """Measure all that is written, give everything its place, and size the figure."""
+        """Measure all texts, lay out the figure, and set its size."""
         for each in self._strips:
             each.remove()
         self._strips = []
@@ -140,7 +140,7 @@ class Sheet:
         rows = len(self.heights)
         left, right, between = 0.75, self.width.inches - 0.3, GAP
         above, below, head = [0.3] * rows, [0.3] * rows, 0.3
-        for _ in range(2 if any(axes.texts for axes in self.panels.ravel()) else 1):  # words may move with their panel
+        for _ in range(2 if any(axes.texts for axes in self.panels.ravel()) else 1):  # texts may move with their panel
             self._place(left, right, above, below, head, between)
             boxes = [[self._overhang(axes) for axes in row] for row in self.panels]
             left = EDGE + max(row[0][0] for row in boxes)
@@ -152,7 +152,7 @@ class Sheet:
             below[-1] = EDGE + max(box[1] for box in boxes[-1])
             titled = [max(box[3] for box in row) for row in boxes]
             wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
-        start = left if left < WIDE or any(self._letters) else EDGE  # beside long names of lines there is room for more
+        start = left if left < WIDE or any(self._letters) else EDGE  # long line names leave room for more
         head, heads = self._write(left, right, wide, between, start)
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
         tall = self._place(left, right, above, below, head, between)
@@ -165,7 +165,7 @@ class Sheet:
     def _place(
         self, left: float, right: float, above: Sequence[float], below: Sequence[float], head: float, between: float
     ) -> float:
-        """Give every panel its place; return the figure's height [inches]."""
+        """Place all panels; return the figure's height [inches]."""
         width = self.width.inches
         tall = head + sum(above) + sum(below) + sum(self.heights)
         self.figure.set_size_inches(width, tall)
@@ -187,7 +187,7 @@ class Sheet:
         return tall
 
     def _overhang(self, axes: Axes) -> tuple[float, float, float, float]:
-        """Measure how far what belongs to a panel stands out of it: left, below, right, above [inches]."""
+        """Measure the overhang of a panel's labels: left, below, right, above [inches]."""
         box, frame = axes.get_tightbbox(), axes.get_window_extent()
         assert box is not None
         dpi = self.figure.dpi
@@ -197,7 +197,7 @@ class Sheet:
     def _write(
         self, left: float, right: float, wide: Sequence[float], between: float, start: float
     ) -> tuple[float, list[tuple[float, Legend | None]]]:
-        """Write titles and legends; return the height of the former, and the legends with theirs [inches]."""
+        """Draw titles and legends; return the height of the titles, and the legends with their heights [inches]."""
         size, inch = self.width.title, self.figure.dpi_scale_trans
         pitch = PITCH * size / 72.0
         whole = self._folded(self._title, self.width.inches - start - EDGE, size)
@@ -218,7 +218,7 @@ class Sheet:
         return head, heads
 
     def _strip(self, row: int, left: float, right: float) -> tuple[float, Legend | None]:
-        """Make a row's legend, in as many columns as there is room for."""
+        """Make a row's legend with as many columns as fit."""
         handles = self._legends.get(row, [])
         plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
         room = right - left
@@ -239,7 +239,7 @@ class Sheet:
     def _set(
         self, heads: Sequence[tuple[float, Legend | None]], titled: Sequence[float], tall: float, left: float
     ) -> None:
-        """Set titles from the top down, and legends and letters above their rows."""
+        """Place titles from the top down, and legends and letters above their rows."""
         from matplotlib.text import Text
 
         for each in self._strips:
@@ -256,7 +256,7 @@ class Sheet:
                 ))  # fmt: skip
 
     def _folded(self, text: str, room: float, size: float) -> list[str]:
-        """Fold a text into lines that fit a width [inches]; what is too much ends in an ellipsis."""
+        """Wrap a text into lines of a width [inches]; excess text becomes an ellipsis."""
         lines: list[str] = []
         for paragraph in filter(None, text.split("\n")):
             full = ""
@@ -275,7 +275,7 @@ class Sheet:
         return lines
 
     def _pieces(self, word: str, room: float, size: float) -> list[str]:
-        """Cut a word that is longer than a line, as of a path, unless it has a formula in it."""
+        """Split a word that is longer than a line, such as a path, unless it contains a formula."""
         if "$" in word or self._length(word, size) <= room:
             return [word]
         cut = next(k for k in range(len(word), 0, -1) if k == 1 or self._length(word[:k], size) <= room)
@@ -289,7 +289,7 @@ class Sheet:
 
 
 def _part(axes: Axes) -> None:
-    """Move labels farther above their points, or below where they stand below, until none lies over another one."""
+    """Move labels vertically away from their points until none overlap."""
     from matplotlib.text import Annotation
 
     labels = [text for text in axes.texts if isinstance(text, Annotation) and text.anncoords == "offset points"]

@@ -1,4 +1,4 @@
-"""The one style of every figure: widths, type, colours, panels, and where words may stand.
+"""The common style of all figures: widths, fonts, colours, panels and placement of text.
 
     with look("column"):
         sheet = figure([1.2, 0.9], width="column")          # two panels, heights in inches at screen width
@@ -8,9 +8,8 @@
         sheet.title("A scene")
     save(sheet, "figure.svg")
 
-External and internal force, and what belongs to them (their displacements, gains and limits), have two colours that
-nothing else has. Fingers have a colour and a marker each. The colours can be told apart with deficient colour vision
-too.
+External and internal force, with their displacements, gains and limits, have two reserved colours. Each finger has a
+colour and a marker. The colours are also distinguishable with colour vision deficiency.
 """
 
 from __future__ import annotations
@@ -37,15 +36,15 @@ WidthName = Literal["screen", "page", "column"]
 
 WIDTHS: dict[WidthName, Width] = {
     "screen": Width(6.4, 9.0, 1.0, 1.0, 150),
-    "page": Width(7.2, 8.0, 0.85, 0.85, 300),  # both columns of a journal's page
+    "page": Width(7.2, 8.0, 0.85, 0.85, 300),  # two columns of a journal's page
     "column": Width(3.5, 7.0, 0.72, 0.7, 300),  # 88 mm
 }
-SCREENS = (6.4, 8.6, 10.0)  # [inches], with one, two and three columns of panels
+SCREENS = (6.4, 8.6, 10.0)  # widths for one, two and three columns of panels [inches]
 FURTHER = 3.2  # with each more
 
 
 def width_of(name: str, columns: int = 1) -> Width:
-    """Look a width up by its name.
+    """Return a width by its name.
 
     Raises:
         InputError: no such width.
@@ -60,13 +59,13 @@ def width_of(name: str, columns: int = 1) -> Width:
 
 
 EXTERNAL = "#d55e00"
-"""Colour of the external force and of nothing else, in no figure."""
+"""Colour reserved for the external force."""
 INTERNAL = "#0072b2"
-"""Colour of the internal force and of nothing else, in no figure."""
+"""Colour reserved for the internal force."""
 FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
-"""Colours of the fingers, in their order, and again from the first."""
+"""Colours of the fingers in order, repeated cyclically."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-"""Markers of the fingers: as many as have no common factor with the colours."""
+"""Markers of the fingers, whose number has no common factor with that of the colours."""
 CONTACTS = {
     "free": "#b8b8b8",
     "touch": "#009e73",
@@ -74,7 +73,7 @@ CONTACTS = {
     "slide": "#f0e442",
     "limit": "#cc79a7",
 }
-"""Colours of a fingertip by the state of its contact; "touch" where no friction tells whether it sticks."""
+"""Colours of a fingertip by the state of its contact; "touch" for a contact without friction."""
 INK = "#1a1a1a"
 """Colour of axes and text."""
 NOTE = "#444444"
@@ -82,22 +81,22 @@ NOTE = "#444444"
 GRID = "#e4e4e4"
 """Colour of grid lines."""
 NEUTRAL = "#7f7f7f"
-"""Colour of what is neither force nor finger."""
+"""Colour of curves that are neither forces nor fingers."""
 PALE = "#b8b8b8"
-"""Colour of what stands back."""
+"""Colour of the background parts."""
 LINE = 1.3
 """Width of a curve [points]."""
 THICK = 2.4
-"""Width of a curve that stands out [points]."""
+"""Width of an emphasised curve [points]."""
 HAIR = 0.7
-"""Width of a line of reference [points]."""
+"""Width of a reference line [points]."""
 BAND = 0.22
-"""Opacity of the band between least and greatest."""
+"""Opacity of the band between smallest and largest value."""
 AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))
-"""Dashes of what is along, or about, x, y and z."""
+"""Dashes of quantities along or about x, y and z."""
 FORMATS = ("png", "svg", "pdf")
 COLOURS = 256
-INLINE = 110  # pixels in an inch, in a notebook
+INLINE = 110  # resolution in a notebook [dpi]
 UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
@@ -130,7 +129,7 @@ def __dir__() -> list[str]:
 
 
 class InlineSheet(Sheet):
-    """A sheet that a notebook shows where it ends a cell, without pyplot."""
+    """A sheet that a notebook displays as the result of a cell, without pyplot."""
 
     def _repr_png_(self) -> bytes:
         return pixels(arranged(self), INLINE)
@@ -150,7 +149,7 @@ def require_matplotlib() -> ModuleType:
 
 @contextmanager
 def look(width: str = "screen") -> Iterator[Width]:
-    """Draw within this: matplotlib's defaults, whatever its user has set, and over them the style.
+    """Apply the style within the block, on top of matplotlib's defaults instead of the user's settings.
 
     Raises:
         MissingPackageError: matplotlib is not installed.
@@ -160,7 +159,7 @@ def look(width: str = "screen") -> Iterator[Width]:
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update({
-            "font.family": ["DejaVu Sans", "sans-serif"],  # the one that comes with matplotlib
+            "font.family": ["DejaVu Sans", "sans-serif"],  # the font that comes with matplotlib
             "font.size": size.text, "axes.titlesize": size.title, "axes.labelsize": size.text,
             "xtick.labelsize": size.text, "ytick.labelsize": size.text, "legend.fontsize": size.text,
             "legend.frameon": False, "legend.borderaxespad": 0.0, "legend.borderpad": 0.0, "legend.handlelength": 2.6,
@@ -172,7 +171,7 @@ def look(width: str = "screen") -> Iterator[Width]:
             "lines.linewidth": size.weight * LINE, "lines.markersize": 4.5 * size.weight,
             "lines.dash_capstyle": "butt", "hatch.linewidth": 0.5,
             "svg.fonttype": "none", "pdf.fonttype": 42,  # text stays text
-            "svg.hashsalt": "graspfx",  # and the same figure the same bytes
+            "svg.hashsalt": "graspfx",  # for reproducible bytes
         })  # fmt: skip
         yield size
 
@@ -188,22 +187,22 @@ def figure(
     bar: bool = False,
     inches: float = 0.0,
 ) -> Sheet:
-    """Make a figure of rows and columns of panels, of which only the panels' heights are asked for.
+    """Make a figure with rows and columns of panels of given heights.
 
-    A notebook shows it where it ends a cell.
+    A notebook displays it as the result of a cell.
 
     Args:
-        heights: of the panels, row by row [inches] on a screen; less on paper.
-        columns: how many panels stand side by side.
+        heights: heights of the panels by row on a screen [inches]; smaller on paper.
+        columns: number of panels side by side.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        share_x: all panels have the same abscissa, which is numbered below the last row.
-        share_y: the panels of a row have the same ordinate, which is numbered on the left.
-        widths: shares of the columns; equal ones if None.
-        bar: whether there is room for a colour bar on the right, `sheet.bar`.
-        inches: of the paper, where the width's own do not suit.
+        share_x: whether all panels share the abscissa, which is labelled below the last row.
+        share_y: whether the panels of a row share the ordinate, which is labelled on the left.
+        widths: relative widths of the columns; equal if None.
+        bar: whether to leave room for a colour bar on the right, `sheet.bar`.
+        inches: width of the paper, if it differs from the named width.
 
     Raises:
-        InputError: a width of another name.
+        InputError: the width is unknown.
     """
     paper = width_of(width, columns)
     paper = replace(paper, inches=inches) if inches else paper
@@ -211,7 +210,7 @@ def figure(
 
 
 def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
-    """Label a panel's abscissa and ordinate, with units, and name it in a line above it."""
+    """Set a panel's axis labels, with units, and a title above it."""
     if x:
         axes.set_xlabel(x)
     if y:
@@ -224,17 +223,17 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     """Write a figure; the same figure gives the same bytes.
 
     Args:
-        drawing: what `figure` has made.
-        path: of the file.
-        form: "png", "svg" or "pdf"; by default the path's ending, which may be any that matplotlib writes.
-        dpi: pixels in an inch; by default what suits the figure's width.
+        drawing: result of `figure`.
+        path: path of the file.
+        form: format "png", "svg" or "pdf"; by default that of the path's suffix, which may be any of matplotlib's.
+        dpi: resolution; by default that of the figure's width.
 
     Raises:
-        InputError: an ending that no format has, or a folder that is not there.
+        InputError: the suffix has no known format, or the folder does not exist.
     """
     target = Path(fspath(path))
     if not target.parent.is_dir():
-        raise InputError("path", fspath(path), "a file in a folder that is there", f"make {target.parent} first")
+        raise InputError("path", fspath(path), "a file in an existing folder", f"make {target.parent} first")
     form = form or target.suffix[1:].lower()
     sheet = drawing if isinstance(drawing, Sheet) else None
     dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi
@@ -249,7 +248,7 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
 
 
 def arranged(drawing: Sheet | Figure) -> Figure:
-    """Give matplotlib's figure, in which everything has its place."""
+    """Return matplotlib's figure with a complete layout."""
     if not isinstance(drawing, Sheet):
         return drawing
     if not drawing.arranged:
@@ -259,7 +258,7 @@ def arranged(drawing: Sheet | Figure) -> Figure:
 
 
 def pixels(picture: Figure, dpi: int) -> bytes:
-    """Paint a figure as PNG, in as many colours as it needs up to 256: half the bytes of all of them."""
+    """Render a figure as PNG with up to 256 colours, which takes half the bytes of full colour."""
     from io import BytesIO
 
     from PIL import Image
@@ -275,7 +274,7 @@ def pixels(picture: Figure, dpi: int) -> bytes:
 
 
 def _exact(image: Image) -> Image | None:
-    """Give the same image with a palette, a tenth of the time of a search for one; None where it has more colours."""
+    """Convert an image to an exact palette, ten times faster than a palette search; None if it has more colours."""
     import numpy as np
     from PIL.Image import fromarray
 
@@ -284,7 +283,7 @@ def _exact(image: Image) -> Image | None:
         return None
     colours = np.array(sorted(colour for _, colour in counts), dtype=np.uint32)
     places = np.array([16, 8, 0], dtype=np.uint32)
-    numbers = np.zeros(1 << 24, dtype=np.uint8)  # of colours; the system gives it as it is written to
+    numbers = np.zeros(1 << 24, dtype=np.uint8)  # colour table; the system allocates it on writing
     numbers[(colours << places).sum(axis=1)] = np.arange(len(colours))
     red, green, blue = np.moveaxis(np.asarray(image, dtype=np.uint32), 2, 0)
     palette = fromarray(numbers[red << 16 | green << 8 | blue], mode="P")
@@ -293,10 +292,10 @@ def _exact(image: Image) -> Image | None:
 
 
 def require_form(form: str, path: str | PathLike[str]) -> None:
-    """Refuse an ending that no format has.
+    """Refuse a suffix without a known format.
 
     Raises:
-        InputError: it is none.
+        InputError: the suffix has no known format.
         MissingPackageError: matplotlib is not installed.
     """
     require_matplotlib()
@@ -308,25 +307,25 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
 
 
 def plain(text: str) -> str:
-    """Write text in which a dollar sign begins no formula."""
+    """Escape dollar signs, which would begin a formula."""
     return text.replace("$", r"\$")
 
 
-Dashes = tuple[float, tuple[float, ...]]  # offset, then on and off, in widths of the line
+Dashes = tuple[float, tuple[float, ...]]  # offset, then on and off lengths, in line widths
 
 ON, OFF = 5.0, 3.0
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """How a line is drawn.
+    """Style of a line.
 
     Attributes:
-        colour: of the line and its markers.
-        width: [points].
-        dashes: a name of matplotlib's, or offset and lengths.
-        marker: a name of matplotlib's; none if empty.
-        place: of the first marker, as a share of the distance from marker to marker.
+        colour: colour of the line and its markers.
+        width: width of the line [points].
+        dashes: name of a matplotlib style, or offset and lengths.
+        marker: name of a matplotlib marker; no markers if empty.
+        place: position of the first marker, as a fraction of the marker distance.
     """
 
     colour: str
@@ -336,19 +335,19 @@ class Stroke:
     place: float = 0.0
 
 
-OBJECT = Stroke(INK, THICK)  # so wide that it shows on either side of a finger
+OBJECT = Stroke(INK, THICK)  # wide enough to show on both sides of a finger's line
 FINGERS_TOGETHER = Stroke(NEUTRAL, LINE, (0.0, (ON, OFF)))
-SQUEEZE = Stroke(INTERNAL, 2.6)  # so wide that it shows beneath a push of the same size
+SQUEEZE = Stroke(INTERNAL, 2.6)  # wide enough to show beneath a push of the same size
 PUSHES = tuple(Stroke(EXTERNAL, LINE, dashes) for dashes in AXES)
 MARGIN = Stroke(INK, LINE)
 TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
 
 
 def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
-    """Give each finger its colour, its marker, and dashes of which every other one fills the gaps of the one before.
+    """Assign a colour, a marker and dashes to each finger; alternate dashes fill each other's gaps.
 
     Args:
-        groups: the names of the fingers in each column; one that comes again keeps its stroke.
+        groups: names of the fingers in each column; repeated names keep their stroke.
     """
     half: dict[str, int] = {}
     for names in groups:

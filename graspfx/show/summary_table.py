@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from graspfx.recording.record import Recording
 
 BOLD, PLAIN = "\033[1m", "\033[0m"
-RULES = "┃│━╇"  # between the cells of the head, between those of a row, the line below the head, its crossings
+RULES = "┃│━╇"  # separators of head cells and row cells, line below the head, and its crossings
 ASCII = "||-+"
 
 
 class Column(NamedTuple):
-    """A title and the cells below it, on the left or the right of their column, which may be folded or not."""
+    """A title and the cells below it, with alignment and wrapping."""
 
     title: str
     cells: Sequence[str]
@@ -35,14 +35,14 @@ def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bo
     """Yield the table line by line.
 
     Args:
-        columns: with as many cells each.
-        width: of the terminal. Columns that fold share what the others leave of it; cells are folded between words
-            only, so that lines may be longer.
-        rules: as RULES.
-        bold: the head in bold type.
+        columns: columns with equal numbers of cells.
+        width: width of the terminal. Wrapping columns share the width that the others leave. Cells are wrapped between
+            words only, so lines may be longer.
+        rules: separators in the form of RULES.
+        bold: whether the head is bold.
     """
     fixed = sum(_widest([each.title, *each.cells]) for each in columns if not each.folds)
-    rest = width - fixed - 3 * (len(columns) - 1)  # a rule with a blank on either side
+    rest = width - fixed - 3 * (len(columns) - 1)  # a rule with a blank on both sides
     share = rest // max(1, sum(each.folds for each in columns))
     widths = [_width(each, share) for each in columns]
     head, row, below, crossing = tuple(rules)
@@ -75,7 +75,7 @@ def _widest(texts: Iterable[str]) -> int:
 
 
 def _folded(text: str, width: int) -> list[str]:
-    """Fold into lines of at most `width`, broken between words, and within a word only where it is longer."""
+    """Wrap into lines of at most `width`, between words, and within a word only if it is longer."""
     lines = []
     for line in text.split("\n"):
         full = ""
@@ -94,7 +94,7 @@ def _folded(text: str, width: int) -> list[str]:
 
 
 def _size(text: str) -> int:
-    """Count the terminal columns of a text: two for a wide letter, none for an accent on the letter before it."""
+    """Count the terminal columns of a text: two for a wide character, none for a combining accent."""
     if text.isascii():
         return len(text)
     from unicodedata import combining, east_asian_width
@@ -104,13 +104,13 @@ def _size(text: str) -> int:
 
 MOST_CHANGES = 8  # in mid-run that are printed
 
-Row = tuple[str, str, str, float]  # what, key, unit, by what an SI value is multiplied
+Row = tuple[str, str, str, float]  # description, key, unit, factor on the SI value
 
 ROWS: tuple[Row, ...] = (
     ("internal deformation, mean", "internal_deformation_mean", "mm", 1e3),
     ("internal deformation, peak", "internal_deformation_peak", "mm", 1e3),
-    ("invasion of a finger, mean", "invasion_mean", "mm", 1e3),
-    ("invasion of a finger, peak", "invasion_peak", "mm", 1e3),
+    ("penetration depth of a finger, mean", "invasion_mean", "mm", 1e3),
+    ("penetration depth of a finger, peak", "invasion_peak", "mm", 1e3),
     ("distance of the fingers, mean", "finger_distance_mean", "mm", 1e3),
     ("distance of the fingers, least", "finger_distance_least", "mm", 1e3),
     ("tracking error, RMS", "tracking_error", "mm", 1e3),
@@ -159,11 +159,11 @@ BRIEF: tuple[Row, ...] = (
 
 
 def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
-    """Name the rows, then one column per recording, of two the change from first to second, and units.
+    """Return the columns: row names, one column per recording, for two the relative change, and units.
 
     Args:
-        recordings: one or more.
-        titles: of the columns; each recording's scene if not given.
+        recordings: one or more recordings.
+        titles: titles of the columns; by default each recording's scene.
     """
     return _columns([recording.summary() for recording in recordings], _names(recordings, titles), ROWS)
 
@@ -187,7 +187,7 @@ def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: S
 def print_summary(
     recordings: Sequence[Recording], titles: Sequence[str] | None = None, table: Sequence[Row] = ROWS
 ) -> None:
-    """Print the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
+    """Print the summary of one recording, or of several side by side, in the terminal's width, and then notes."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns
@@ -199,9 +199,7 @@ def print_summary(
         for change in recording.changes[:MOST_CHANGES]:
             print(f"note: {of}from {change.tick * recording.period:g} s on {change.key} = {change.value}")
         if len(recording.changes) > MOST_CHANGES:
-            print(
-                f"note: {of}and {len(recording.changes) - MOST_CHANGES} changes more, all of them in Recording.changes"
-            )
+            print(f"note: {of}and {len(recording.changes) - MOST_CHANGES} more changes; see Recording.changes")
         if summary["recorded"]:
             print(f"note: {of}{summary['recorded']}")
         for growth in summary["growth"]:
@@ -233,13 +231,13 @@ def _change(before: Any, after: Any) -> str:
     return "+0 %" if text == "-0 %" else text
 
 
-FELL = 1e-3  # [m]: an object that is put down sinks less
-MOST_TOUCHES = 10  # of one finger: a hand does not close as often in a run
+FELL = 1e-3  # fall of an object; putting it down takes less [m]
+MOST_TOUCHES = 10  # contacts of one finger; a hand does not close as often in a run
 FASTEST = 5.0  # [1/s]: nor as fast
 
 
 def remarks(recording: Recording) -> list[str]:
-    """Write a sentence for each warning; none for a run of attached contacts, or without a tick."""
+    """Return a sentence for each warning; none for attached contacts or a run without ticks."""
     needs = {"gap", "touching", *(f"objects/{name}/position" for name in recording.layout.objects)}
     if not needs.isdisjoint(recording.layout.omitted) or recording.gap is None or not len(recording):
         return []
@@ -247,13 +245,13 @@ def remarks(recording: Recording) -> list[str]:
 
 
 def _shortfall(recording: Recording) -> Iterator[str]:
-    """Free fingers that left the split where they could still touch again."""
+    """Report free fingers that faded out where they could still touch again."""
     needed = recording.outcome.fade_needed
     if needed > 0.0:
         h1 = 1e-4 * math.ceil(1e4 * needed)
         short = _length(recording.outcome.fade_shortfall)
         yield (
-            f"free fingers began to leave the split {short} too near for the forces of this run: "
+            f"free fingers began to fade out of the grasp {short} too close to the object: "
             f"set coupling.fade = [{h1:.4g}, {h1 + BAND:.4g}]"
         )
 
@@ -262,11 +260,11 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
     layout = recording.layout
     for i in np.flatnonzero(~recording.touching.any(axis=0)):
         name = layout.objects[layout.finger_objects[i]]
-        yield f"{layout.fingers[i]} never touches {name}: {_length(gap[:, i].min())} away at the nearest"
+        yield f"{layout.fingers[i]} never touches {name}: smallest gap {_length(gap[:, i].min())}"
 
 
 def _lost(recording: Recording) -> Iterator[str]:
-    """List objects that every finger leaves for good, and that slide out of the last ones or fall afterwards."""
+    """Report objects that all fingers leave for good and that slide out of the last ones or fall afterwards."""
     layout = recording.layout
     down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
     down /= np.linalg.norm(down) or 1.0
@@ -293,7 +291,7 @@ def _chatter(recording: Recording) -> Iterator[str]:
     if often.size:
         names = ", ".join(recording.layout.fingers[i] for i in often)
         verb = "touches and lets" if often.size == 1 else "touch and let"
-        yield f"{names} {verb} go up to {touches.max()} times: contacts ring where stiffness and period are too large"
+        yield f"{names} {verb} go up to {touches.max()} times: contacts chatter if stiffness and period are too large"
 
 
 def _length(metres: float) -> str:

@@ -1,6 +1,6 @@
-"""Figures of measures over the keys of many variants: curves over one key, maps over two, slices of more, or marginals.
+"""Figures of measures over keys of variants: curves over one key, maps over two, slices of more, or marginals.
 
-Where a variant failed or has a fault there is a cross, and no number.
+A variant with a failure or a fault is shown as a cross without a number.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 CURVE, MAP, SCATTER = 1.5, 2.6, 1.4  # heights [inches]
-MOST_CELLS = 400  # along an axis of a map: more than a picture can show
+MOST_CELLS = 400  # largest number of points along an axis of a map that a picture can resolve
 MOST_POINTS = 4000
 LEVELS = 7
-MANY = 50.0  # times the least number, up to which an axis is linear
-ROUNDING = 1e-6  # of a number: less is not drawn as a change
-SPREAD = 0.02  # of the numbers at either end may be beyond the colours, where they are far out
+MANY = 50.0  # ratio of largest to smallest number up to which an axis is linear
+ROUNDING = 1e-6  # smallest relative change that is drawn
+SPREAD = 0.02  # fraction of outliers at either end that may exceed the colour scale
 BAD = CONTACTS["limit"]
 EDGE = "beyond it runs grow"
 LIMIT = "certificate: margin 1"
 UNJUDGED = "not judged by the certificate"
 DASHES = (0.0, (3.0, 1.5))
-LEAST = 1e-3  # margin: less is not told apart
+LEAST = 1e-3  # smallest distinguishable difference of margins
 CROSSES = "no number: a failure or a fault"
-WORDS = {  # that a measure's name becomes
+WORDS = {  # longest shown name of a measure
     "finger_position": "finger position", "finger_force": "finger force", "object_position": "object position",
 }  # fmt: skip
 
 
 class Surface(NamedTuple):
-    """One number for each variant, of the grid's shape: its name, as `finger_force.peak`, its unit, which runs grow."""
+    """One number per variant in the grid's shape, name (such as `finger_force.peak`), unit, and growing runs."""
 
     name: str
     unit: str
@@ -55,11 +55,11 @@ class Surface(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Least margins of a certificate at some places of maps.
+    """Smallest margins of certificates at some points of maps.
 
     Attributes:
-        places: of the first two keys, the numbers of the values that were judged.
-        values: (x, y, maps); NaN where the certificate could not be judged.
+        places: indices of the judged values of the first two keys.
+        values: margins (x, y, maps); NaN for points that are not judged.
     """
 
     places: tuple[list[int], ...]
@@ -67,7 +67,7 @@ class Margins(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """The values of a key along an axis: numbers, or places for words."""
+    """The values of a key along an axis: numbers, or positions of words."""
 
     label: str
     places: FloatArray
@@ -88,17 +88,17 @@ def variants_sheet(
     """Draw measures over keys.
 
     Args:
-        values: by key, its value in each variant, of the grid's shape.
-        surfaces: what is drawn; of maps the first.
-        bad: which variants have no number that counts.
-        title: of the figure.
+        values: value of each variant by key, in the grid's shape.
+        surfaces: measures to draw; for maps, only the first.
+        bad: mask of variants without a valid number.
+        title: title of the figure.
         width: "screen", "page" or "column".
-        slices: how many values of a third key have a map of their own.
-        together: whether the keys' values go together, so that there is no grid.
-        margins: over maps the line at 1 is drawn; None for none.
+        slices: number of values of a third key that have their own map.
+        together: whether the keys' values are combined one to one, without a grid.
+        margins: margins whose line at 1 is drawn over maps; None for none.
 
     Raises:
-        InputError: no such width, or nothing to draw.
+        InputError: the width is unknown, or there is nothing to draw.
     """
     if not surfaces or not bad.size:
         raise InputError("measures", len(surfaces), "at least one measure, of one variant")
@@ -142,9 +142,9 @@ def _maps(
     slices: int,
     margins: Margins | None,
 ) -> Sheet:
-    """Draw a map, or one for each of some values of a third key, side by side; in a column of paper below one another.
+    """Draw one map, or one for each of some values of a third key: side by side, or in a journal's column stacked.
 
-    Further keys stand at the value in the middle of their lists.
+    Further keys have the middle value of their lists.
     """
     keys = list(values)
     x, y = _axis(keys[0], _line(values[keys[0]], 0)), _axis(keys[1], _line(values[keys[1]], 1))
@@ -192,7 +192,7 @@ def _extension(values: FloatArray, shades: Normalize) -> str:
 def _map(
     ax: Axes, x: Axis, y: Axis, values: FloatArray, bad: NDArray[np.bool_], shades: Normalize, *, grows: bool
 ) -> Any:
-    """Draw a map with lines of equal numbers; of growth the line at 1, beyond which runs are not stable."""
+    """Draw a map with contours; for growth, the contour at 1, beyond which runs are unstable."""
     steps = [max(1, -(-size // MOST_CELLS)) for size in values.shape]
     cells = values[:: steps[0], :: steps[1]].T
     across, up = x.places[:: steps[0]], y.places[:: steps[1]]
@@ -209,15 +209,15 @@ def _map(
 
 
 def _edge(ax: Axes, x: Axis, y: Axis, unstable: NDArray[np.bool_]) -> None:
-    """Draw the line beyond which runs are seen to grow, whatever the map shows."""
+    """Draw the line beyond which runs grow, over any measure."""
     if min(unstable.shape) > 1 and unstable.any() and not unstable.all():
         ax.contour(x.places, y.places, unstable.T.astype(float), levels=[0.5], colors=[BAD], linewidths=1.4)
 
 
 def _limit_line(ax: Axes, x: Axis, y: Axis, places: Sequence[list[int]], margins: FloatArray) -> bool:
-    """Draw where the certificate's margin is 1, and mark where it is not judged; tell whether there is a line.
+    """Draw the line where the certificate's margin is 1, and mark points not judged; return whether the line exists.
 
-    The line is that of the reciprocal, which is even in a gain and 0 where nothing is too large.
+    The reciprocal of the margin is interpolated, since it is proportional to a gain and 0 if no gain is too large.
     """
     across, up = (axis.places[picks] for axis, picks in zip((x, y), places, strict=True))
     i, j = np.nonzero(np.isnan(margins))
@@ -262,7 +262,7 @@ def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDAr
 
 
 def _medians(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
-    """Give the median in each of some bands of the abscissa, where there is enough in them."""
+    """Compute the median in bands of the abscissa with enough points."""
     good = np.isfinite(y)
     if good.sum() < 20:
         return []
@@ -284,17 +284,17 @@ def _axis(key: str, items: NDArray[Any]) -> Axis:
 
 
 def _line(values: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Give the values of a grid's key along its own axis."""
+    """Return the values of a grid's key along its axis."""
     return np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)[:, 0]
 
 
 def picks_of(count: int, most: int) -> list[int]:
-    """Choose some numbers below a count, evenly, both ends among them."""
+    """Choose evenly spaced numbers below a count, including both ends."""
     return sorted({int(k) for k in np.round(np.linspace(0, count - 1, min(most, count)))})
 
 
 def drawn_maps(shape: Sequence[int], slices: int) -> tuple[list[int], tuple[int, ...]]:
-    """Choose at which values of a third key there are maps, and that of each further key."""
+    """Choose the values of a third key that have maps, and the value of each further key."""
     return picks_of(shape[2], max(1, slices)) if len(shape) > 2 else [0], tuple(size // 2 for size in shape[3:])
 
 
@@ -304,7 +304,7 @@ def _along(ax: Axes, axis: Axis, name: str) -> None:
 
 
 def _words(ax: Axes, axis: Axis, name: str) -> None:
-    """Write words along an axis that has them, and number one by powers of ten that goes over many."""
+    """Label an axis with words, or with powers of ten if it covers many decades."""
     if not axis.words and _goes_over_many(float(axis.places.min()), float(axis.places.max())):
         (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     if axis.words:
@@ -339,12 +339,12 @@ def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
 
 
 def _goes_over_many(low: float, high: float) -> bool:
-    """Tell whether numbers are shown by powers of ten."""
+    """Tell whether numbers are shown on a logarithmic scale."""
     return low > 0.0 and high > MANY * low
 
 
 def _shades(surface: Surface) -> Normalize:
-    """Choose how numbers become colours: growth over powers of ten by its logarithm."""
+    """Choose the colour scale; growth over several decades is logarithmic."""
     from matplotlib.colors import LogNorm, Normalize
 
     finite = surface.values[np.isfinite(surface.values)]
@@ -370,7 +370,7 @@ def _colours(values: FloatArray) -> tuple[float, float]:
 
 
 def _limit(ax: Axes, surface: Surface) -> None:
-    """Draw where growth is none."""
+    """Draw the line without growth."""
     if surface.name.endswith(".growth"):
         ax.axhline(1.0, color=NOTE, lw=0.8, ls=(0.0, (4.0, 3.0)))
 
@@ -382,7 +382,7 @@ def _cross(ax: Axes, places: FloatArray) -> None:
 
 
 def _mark(label: str, **look: Any) -> Any:
-    """Make an entry of a legend."""
+    """Make a legend entry."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **look)
@@ -399,7 +399,7 @@ def _label(surface: Surface) -> str:
 
 
 def _rest(values: Mapping[str, Any]) -> str:
-    """Say at which values the keys stand that have no axis."""
+    """Return the values of keys without an axis as text."""
     keys = list(values)[3:]
     texts = []
     for k, key in enumerate(keys, start=3):

@@ -1,1 +1,1 @@
-"""Sweeps: many variants in chunks, on many processors or machines, which lose nothing when they are killed."""
+"""Sweeps: many variants in chunks, on many processors or machines, which can be resumed after a kill."""

@@ -1,4 +1,4 @@
-"""Some variants of a sweep, run together in whatever process: measures, verdicts, faults, and what failed."""
+"""Chunks: variants of a sweep that run together in any process, with their measures, faults and failures."""
 
 from __future__ import annotations
 
@@ -41,32 +41,32 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 COMPILER = "llvmlite"
-_thread = local()  # of each thread the order that it works on, and the memory of its chunks
-ALL = {"columns": [], "every": 1}  # what is recorded of a run that is measured afterwards
-RUN = "run"  # the quantity that a run has as a whole
+_thread = local()  # order of each thread, and memory of its chunks
+ALL = {"columns": [], "every": 1}  # recorded columns of a run that is measured afterwards
+RUN = "run"  # quantity of a whole run
 VERDICT = ("vibration", "unstable")  # its statistics
 
 
 class SweepError(GraspFXError):
-    """A sweep that cannot go on: its folder is another's, or a process of it has other files or another GraspFX."""
+    """Error of a sweep: its folder has another sweep, or a worker has other files or another GraspFX version."""
 
 
 @dataclass(frozen=True)
 class SceneOrder:
-    """An order to run variants of a scene, which any process takes.
+    """An order to run variants of a scene in any process.
 
     Attributes:
-        table: the scene as data.
-        source: where it came from.
-        trusted: whether it may name files outside of its folder.
-        duration: instead of the scene's own [s].
-        shapes: of the quantities that are measured, by name.
-        statistics: of each.
-        native: whether a first variant was native throughout.
-        files: digests of the files that the scene names, by their path.
-        engines: versions of the programs that move objects, by their distribution.
-        home: the process that ordered.
-        version: of GraspFX.
+        table: table of the scene.
+        source: source of the scene.
+        trusted: whether the scene may name files outside its folder.
+        duration: duration that replaces the scene's [s].
+        shapes: shapes of the measured quantities, by name.
+        statistics: statistics of each quantity.
+        native: whether a first variant consisted of kernels only.
+        files: digests of the scene's files, by path.
+        engines: versions of the physics engines, by distribution.
+        home: process that made the order.
+        version: version of GraspFX.
     """
 
     table: Mapping[str, Any]
@@ -89,10 +89,10 @@ class SceneOrder:
 
 @lru_cache(maxsize=2)
 def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
-    """Make the scene of an order, once in a process.
+    """Make the scene of an order, once per process.
 
     Raises:
-        SweepError: this process has another GraspFX or other files than the one that ordered.
+        SweepError: this process has another GraspFX version or other files than the process of the order.
     """
     from graspfx.scene.model import Scene
 
@@ -107,14 +107,14 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
         own = digest_of(name)
         if own != digest:
             state = "is not there" if own is None else "is another"
-            raise SweepError(f"{name} {state} where a worker runs: give all machines the same files by the same paths")
+            raise SweepError(f"{name} {state} on a worker: give all machines the same files at the same paths")
     with permitted(order):
         return order, Scene(order.source, **order.table)
 
 
 @contextmanager
 def permitted(order: SceneOrder) -> Iterator[None]:
-    """Trust what the order's user trusts, and look once for what is installed."""
+    """Apply the trust of the order's user, and look up installed packages once."""
     with granted(order.trusted), plugins.unchanged():
         yield
 
@@ -124,10 +124,10 @@ class Chunk:
     """Some variants of a sweep.
 
     Attributes:
-        number: of the chunk in its sweep.
-        members: their numbers in the sweep, (V,).
-        lists: by key, the values that they have.
-        numbers: of the value that each key has in each variant, (V, keys).
+        number: index of the chunk in its sweep.
+        members: indices of the variants in the sweep, (V,).
+        lists: values of the variants by key.
+        numbers: index of each key's value in each variant, (V, keys).
     """
 
     number: int
@@ -139,25 +139,25 @@ class Chunk:
         return len(self.numbers)
 
     def overrides(self, variant: int) -> dict[str, Any]:
-        """Give the values of one of them, by key."""
+        """Return the values of one variant, by key."""
         return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
 
     def part(self, places: Sequence[int] | IndexArray) -> Chunk:
-        """Give some of them, by their places in the chunk."""
+        """Return a chunk of some variants, by their positions."""
         where = np.asarray(places, dtype=np.intp)
         return Chunk(self.number, self.members[where], self.lists, self.numbers[where])
 
 
 @dataclass
 class ChunkResult:
-    """How variants went.
+    """Results of variants.
 
     Attributes:
-        measures: by quantity and statistic, (V, *quantity); NaN where a variant failed. No zero has a sign.
-        faults: the tick of each variant's first fault, -1 for none, (V,).
-        failures: why a variant has no measures, empty where it has, (V,).
-        notes: what took longer than it need have.
-        seconds: that it took.
+        measures: measures by quantity and statistic, (V, *quantity); NaN for failed variants. Zeros have no sign.
+        faults: tick of each variant's first fault, -1 for none, (V,).
+        failures: reason why a variant has no measures, otherwise empty, (V,).
+        notes: reasons for longer computing times.
+        seconds: computing time [s].
     """
 
     measures: Measures
@@ -168,7 +168,7 @@ class ChunkResult:
 
     @classmethod
     def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
-        """Make the result of variants that have not run."""
+        """Make an empty result."""
         measures = {
             quantity: {name: np.full((count, *shape), np.nan) for name in (VERDICT if quantity == RUN else statistics)}
             for quantity, shape in shapes.items()
@@ -185,15 +185,15 @@ class ChunkResult:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Faults and measures by the names that they have in files; they are the result's own, to be filled in."""
+        """Faults and measures by their names in files, as writable arrays of the result."""
         named = {f"{quantity}_{name}".replace("/", "_"): whole for quantity, name, whole in self._entries()}
         return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
-        """Fill in some variants; a quantity may have been measured of them in another shape.
+        """Fill in some variants.
 
         Raises:
-            InputError: it was.
+            InputError: a quantity has another shape for them.
         """
         for quantity, name, whole in self._entries():
             shape = measures[quantity][name].shape[1:]
@@ -201,11 +201,11 @@ class ChunkResult:
                 same = f"the shape {whole.shape[1:]} that it has in other variants"
                 raise InputError("measure", f"{quantity} of shape {shape}", same)
         for quantity, name, whole in self._entries():
-            whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way to compute it
+            whole[where] = measures[quantity][name] + 0.0  # the sign of a zero depends on the way of computing
         self.faults[where] = faults
 
     def include(self, where: IndexArray, other: ChunkResult) -> None:
-        """Fill in the results of a part, by its places."""
+        """Fill in the results of a part at its positions."""
         for quantity, name, whole in self._entries():
             whole[where] = other.measures[quantity][name]
         self.faults[where] = other.faults
@@ -219,13 +219,13 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
     """Run the variants of a chunk, in this process.
 
     Args:
-        content: the order, as bytes.
-        chunk: the variants.
-        threads: on which they run; by default all in the process that ordered, else one.
+        content: order as bytes.
+        chunk: variants to run.
+        threads: number of threads; by default all in the process of the order, otherwise one.
 
     Raises:
-        SweepError: this process has other files or another GraspFX.
-        MissingPackageError: a package that the whole sweep needs.
+        SweepError: this process has other files or another GraspFX version.
+        MissingPackageError: a package that the whole sweep needs is missing.
     """
     began = perf_counter()
     order, scene = take_order(content)
@@ -243,7 +243,7 @@ def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> Chun
     result = ChunkResult.blank(len(chunk), order.shapes, order.statistics)
 
     def refusal(members: Sequence[int]) -> str:
-        """Run some variants together; say why they do not go so, empty if they do."""
+        """Run some variants together; return the reason if this is impossible, otherwise an empty text."""
         try:
             _batch(order, scene, chunk, np.array(members), threads, result)
         except GraspFXError as error:
@@ -286,7 +286,7 @@ def _batch(
 
 
 def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int], list[int]]:
-    """List the variants that run in a batch and those that run alone; what is no scene is a failure."""
+    """List the variants that run in a batch and those that run alone; invalid scenes become failures."""
     variants = Variants(scene, chunk.lists, chunk.numbers)
     alike, alone = [], []
     for member, numbers in enumerate(chunk.numbers):
@@ -302,35 +302,35 @@ def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int],
 
 
 def reason(error: Exception) -> str:
-    """Say on one line why a variant failed; of a scene its faults, as its values are beside it."""
+    """Return the reason of a variant's failure in one line; for an invalid scene, its faults."""
     if isinstance(error, SceneError):
         return message(GraspFXError("; ".join(f"{fault.key}: {fault.message}" for fault in error.faults)))
     return message(error) or type(error).__name__
 
 
 def forget() -> None:
-    """Forget what serves further chunks in this thread."""
+    """Clear this thread's memory for further chunks."""
     _thread.__dict__.clear()
 
 
 def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, result: ChunkResult) -> None:
-    """Run one variant as `gx.run` does, and measure what it recorded; a simulation only, whatever a value names."""
+    """Run one variant as `gx.run` does, and measure its recording; simulations only."""
     try:
         variant = scene.replace({**chunk.overrides(member), "record": ALL})
         parts = resolve(variant)
         if parts.hardware:
             names = ", ".join(parts.hardware)
-            raise InputError("scene", names, "simulated devices", "a sweep moves no hardware")
+            raise InputError("scene", names, "simulated devices", "a sweep does not run hardware")
         recording = run(variant, duration=order.duration)
         measures = _measures(order, recording)
         fault = recording.faults[0].tick if recording.faults else -1
         result.put(np.array([member]), measures, np.array([fault]))
-    except Exception as error:  # noqa: BLE001 - others' code may raise anything, and that is this variant's result
+    except Exception as error:  # noqa: BLE001 - third-party code may raise anything, which is this variant's result
         result.failures[member] = reason(error)
 
 
 def _measures(order: SceneOrder, recording: Recording) -> Measures:
-    """Measure a recording, (1, *quantity): its rows, and the run as a whole by the criterion of its own summary."""
+    """Measure a recording, (1, *quantity): its rows, and the whole run by the criterion of its summary."""
     measures = measures_of_recording(recording, [name for name in order.shapes if name != RUN], order.statistics)
     if RUN in order.shapes:
         shaking = vibration(recording.finger_force, recording.row_period)
@@ -340,12 +340,12 @@ def _measures(order: SceneOrder, recording: Recording) -> Measures:
 
 
 def column_of(layout: Layout, quantity: str) -> Column:
-    """Look up what a quantity of a sweep is.
+    """Return the description of a quantity of a sweep.
 
     Raises:
-        UnknownNameError: there is no such quantity.
+        UnknownNameError: the quantity does not exist.
     """
     if quantity != RUN:
         return columns_of(layout, [quantity])[0][quantity]
-    meaning = "RMS over fingers and ticks of what is above 5 Hz in a finger's force; whether the run is seen to grow"
+    meaning = "RMS over fingers and ticks of a finger's force above 5 Hz; whether the run grows"
     return Column(RUN, slice(0, 0), (), (), "N", meaning)

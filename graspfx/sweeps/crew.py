@@ -1,4 +1,4 @@
-"""Who runs a sweep's chunks: this process, threads, processes, any executor or a cluster; and what if workers die."""
+"""Execution of a sweep's chunks by this process, threads, processes, executors or clusters, and loss of workers."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ FORM = (
     "none, 'threads:N', 'processes:N', 'local:N' or 'tcp://HOST:PORT' for a cluster of dask, "
     "an executor of concurrent.futures or a client of dask"
 )
-OWN = "127.0.0.1:0"  # where pages of a cluster on this machine are: on no network, at any port
-PATIENCE = 10.0  # [s] for a scheduler to answer
-DEATHS = 3  # of workers before dask says of a chunk that it kills them
-DEPTH = 2  # chunks for each worker that are handed out at a time
-TRIES = 2  # of a chunk alone, before it is said to kill its worker
-KILLS = "the process that ran it was killed or crashed, each time it was tried"
+OWN = "127.0.0.1:0"  # address of a local cluster's pages: not on the network, at any port
+PATIENCE = 10.0  # time for a scheduler to answer [s]
+DEATHS = 3  # worker deaths before dask blames a chunk
+DEPTH = 2  # chunks per worker that are submitted at a time
+TRIES = 2  # attempts of a single chunk before it counts as killing its worker
+KILLS = "the process that ran it was killed or crashed in every attempt"
 BORN_DEAD = (
     "worker processes die before they begin: a script that sweeps in processes must do so below "
-    '`if __name__ == "__main__":`, as each of them reads the script again'
+    '`if __name__ == "__main__":`, because each of them runs the script again'
 )
 SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
 
 
 class Crew:
-    """A crew that takes one call after the other, and gives a future of each.
+    """Workers that accept calls and return a future of each.
 
     Args:
-        executor: that runs them; None for this process, which runs each when it comes.
-        workers: how many run at a time.
-        threads: that each call may have; None for as many as its process decides.
-        anew: makes another executor when a process of this one has died; None where its owner has to.
+        executor: executor of the calls; None for this process, which runs each call at once.
+        workers: number of simultaneous calls.
+        threads: number of threads per call; None if its process decides.
+        anew: function that makes a new executor after a process has died; None if its owner must do so.
     """
 
     def __init__(
@@ -68,23 +68,23 @@ class Crew:
 
     @property
     def mends(self) -> bool:
-        """Whether the crew goes on when a process of it has died."""
+        """Whether the crew continues after the death of a process."""
         return self._anew is not None
 
     def submit(self, call: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Begin a call, or in this process make it."""
+        """Submit a call; in this process, run it."""
         if self.executor is not None:
             return self.executor.submit(call, *arguments)
         future: Future[Any] = Future()
         with unheard():
             try:
                 future.set_result(call(*arguments))
-            except Exception as error:  # noqa: BLE001 - it is raised again by whoever asks the future
+            except Exception as error:  # noqa: BLE001 - it is raised again by the future's result
                 future.set_exception(error)
         return future
 
     def mend(self) -> None:
-        """Take new processes for those that have died."""
+        """Replace dead processes."""
         if self._anew is not None:
             end(self.executor)
             self.executor = self._anew()
@@ -92,15 +92,15 @@ class Crew:
 
 @contextmanager
 def crew_of(executor: Any) -> Iterator[Crew]:
-    """Give the crew that an argument stands for; what is made for it ends with the block.
+    """Make the crew for an argument; resources made for it end with the block.
 
     Args:
-        executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N for as many as there are
-            processors if left out); an executor of `concurrent.futures`, or a client of dask.
+        executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N defaults to the number of
+                processors); an executor of `concurrent.futures`, or a dask client.
 
     Raises:
-        InputError: something else.
-        MissingPackageError: no distributed, for a cluster.
+        InputError: the argument is something else.
+        MissingPackageError: `distributed` is not installed, for a cluster.
     """
     with ExitStack() as stack:
         crew = _crew(stack, executor)
@@ -146,7 +146,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
 
 
 def follow_parent() -> None:
-    """End this process with the one that made it, also where that is killed; Ctrl-C is for that one."""
+    """End this process with its parent, even if that is killed; leave Ctrl-C to the parent."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
@@ -160,7 +160,7 @@ def _end_with(sentinel: Any) -> None:
 
 
 def end(executor: Executor | None) -> None:
-    """End an executor's processes at once, whatever they do."""
+    """End an executor's processes at once."""
     if executor is None:
         return
     processes = list((getattr(executor, "_processes", None) or {}).values())
@@ -173,7 +173,7 @@ def end(executor: Executor | None) -> None:
 
 
 def _cluster(stack: ExitStack, address: str, count: int) -> Crew:
-    """Reach the scheduler of a cluster, or make one of some processes on this machine, with a thread each."""
+    """Connect to a cluster's scheduler, or make a local cluster of single-threaded processes."""
     try:
         distributed: Any = import_module("distributed")
         dask: Any = import_module("dask")
@@ -184,7 +184,7 @@ def _cluster(stack: ExitStack, address: str, count: int) -> Crew:
             try:
                 return _of_client(stack.enter_context(distributed.Client(address, timeout=PATIENCE)))
             except OSError as error:
-                expected = "the address of a scheduler of dask that answers, as `dask scheduler` prints it"
+                expected = "the address of a reachable dask scheduler, as printed by `dask scheduler`"
                 raise InputError("executor", address, expected, str(error).split("\n")[0]) from error
     stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}))
     with waiting("starting workers"):
@@ -203,13 +203,13 @@ def _of_client(client: Any) -> Crew:
 
 
 class ChunkLoop:
-    """Runs chunks, and gives each whole result as it comes.
+    """Runs chunks and delivers each complete result.
 
     Args:
-        crew: that runs them.
-        order: what they are chunks of.
-        finish: takes a chunk and its result.
-        note: takes a sentence on what went wrong on the way.
+        crew: workers that run the chunks.
+        order: order of the sweep.
+        finish: function that receives a chunk and its result.
+        note: function that receives sentences about problems.
     """
 
     def __init__(
@@ -221,13 +221,13 @@ class ChunkLoop:
     ) -> None:
         self.crew, self.order, self.finish, self.note = crew, order, finish, note
         self.content = order.bytes
-        self.alive = False  # whether workers have done anything yet
+        self.alive = False  # whether workers have completed anything yet
 
     def run(self, chunks: Iterable[Chunk]) -> None:
-        """Run chunks until none is left.
+        """Run all chunks.
 
         Raises:
-            SweepError: workers cannot do it at all, or an executor that is not ours is broken.
+            SweepError: workers cannot start, or the caller's executor is broken.
         """
         left, flying = deque(chunks), dict[Future[Any], Chunk]()
         most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
@@ -259,25 +259,25 @@ class ChunkLoop:
             return future
 
     def _result(self, future: Future[Any]) -> ChunkResult | None:
-        """Wait for the result of a chunk; None where its worker died."""
+        """Wait for the result of a chunk; None if its worker died."""
         try:
             result: ChunkResult = future.result()
         except BrokenExecutor as error:
             if not self.crew.mends:
-                text = "a process of the executor died, which ends it: sweep again with another, or 'processes:N'"
-                raise SweepError(f"{text}, which goes on by itself") from error
+                text = "a process of the executor died, which ends it: use another executor, or 'processes:N'"
+                raise SweepError(f"{text}, which replaces dead processes") from error
             return None
         except CancelledError as error:
-            raise SweepError("the executor or the cluster was closed before the sweep was over") from error
+            raise SweepError("the executor or the cluster was closed before the end of the sweep") from error
         except Exception as error:
-            if type(error).__name__ != "KilledWorker":  # of dask, after some tries of its own
+            if type(error).__name__ != "KilledWorker":  # by dask, after several attempts
                 raise
             return None
         self.alive = True
         return result
 
     def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
-        """Mend a crew of ours; one of the chunks that ran killed a process, so that each of them is tried alone."""
+        """Repair a crew; one of its running chunks killed a process, so try each of them alone."""
         tries = 0  # dask has tried
         if self.crew.mends:
             dead += flying.values()
@@ -289,10 +289,10 @@ class ChunkLoop:
             self.finish(chunk, self._alone(chunk, tries))
 
     def _require_life(self) -> None:
-        """Tell a chunk that kills workers from workers that cannot begin.
+        """Distinguish a chunk that kills workers from workers that cannot start.
 
         Raises:
-            SweepError: they cannot.
+            SweepError: workers cannot start.
         """
         try:
             self.alive = self.alive or self.crew.submit(partial(int, 1)).result() == 1
@@ -300,14 +300,14 @@ class ChunkLoop:
             raise SweepError(BORN_DEAD) from error
 
     def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
-        """Run a chunk with no other beside it; one that kills its workers in halves, and a variant is a failure."""
+        """Run a chunk alone; if it kills its worker, run its halves; a single such variant becomes a failure."""
         for _ in range(tries):
             result = self._result(self._submit(chunk))
             if result is not None:
                 return result
             self.crew.mend()
         if not told:
-            self.note(f"a process died of one of {len(chunk)} variants: they are tried in parts")
+            self.note(f"one of {len(chunk)} variants killed a process: they are run in smaller parts")
         whole = ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
         if len(chunk) == 1:
             whole.failures[0] = KILLS

@@ -1,4 +1,4 @@
-"""Many variants in chunks, each kept as it comes: `sweep`."""
+"""Many variants in chunks, each saved when it is complete: `sweep`."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from graspfx.sweeps.swept_values import VariantGrid, make_grid, scattered
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-TICKS = 2_000_000  # of a chunk of native variants: a second or two
-ALONE = 100_000  # of one whose variants run one by one
-MOST_LOOKS = 64  # variants that are looked at until one is a scene
-LEAST_SHARE = 4  # chunks for each worker, where the sweep is long enough
+TICKS = 2_000_000  # target time of a chunk of native variants, a second or two
+ALONE = 100_000  # target time of a chunk whose variants run one by one
+MOST_LOOKS = 64  # largest number of variants to try until one is valid
+LEAST_SHARE = 4  # chunks per worker in a long sweep
 
 
 class SweepWarning(UserWarning):
-    """A sweep that goes on, with a word on what is lost: a damaged chunk, a process that died, a sweep written over."""
+    """Warning of a sweep that continues after a loss: a damaged chunk, a dead process, or a replaced sweep."""
 
 
 def sweep(
@@ -65,43 +65,44 @@ def sweep(
     seed: int = 0,
     chunk: int | None = None,
 ) -> SweepResult:
-    """Simulate many variants of any scene in chunks, which stay as they come: what is killed goes on where it was.
+    """Simulate many variants of any scene in chunks, which are saved when complete; a killed sweep can be resumed.
 
-    Variants are those of `run_batch`, to the last bit, and no zero has a sign; how they are split, and who runs them,
-    changes nothing. A variant that is not native is a run of its own, measured by the same code. A variant with a fault
-    has a `fault_tick`; one that is no scene, or that kills its process, a `failure` and NaN.
+    Results are identical to those of `run_batch` bit by bit, except that zeros have no sign. They do not depend on the
+    chunks or the executor. A variant that is not native runs separately and is measured by the same code. A variant
+    with a fault has a `fault_tick`. A variant that is not a valid scene, or that kills its process, has a `failure` and
+    NaN.
 
-    With `out` each chunk is a file, written beside its place, kept by the disk and moved there. A killed sweep is
-    started again with the same arguments, by any executor. When all chunks are there, `sweep.nc` is written: netCDF 4,
-    with names, units and coordinates, which xarray opens.
+    With `out` each chunk becomes a file, written atomically. To resume a killed sweep, call it again with the same
+    arguments and any executor. When all chunks are complete, `sweep.nc` is written: netCDF 4 with names, units and
+    coordinates, which xarray opens.
 
     Args:
-        scene: a Scene, a name or a path; simulated devices only.
-        values: by dotted key, as for `scene.replace`: a list, an array, or a range as in "20:70:25" (25 values from 20
-            to 70) or "1:1000:4:log"; all combinations of them, the last key changing fastest.
-        out: a folder; None for a sweep in memory.
-        executor: None for this process, on all its processors; "threads:N", "processes:N"; "local:N" for a cluster of
-            dask on this machine, "tcp://..." for the scheduler of one; any executor of `concurrent.futures`, or a
-            client of dask. Scripts start processes below `if __name__ == "__main__":`.
-        resume: whether a sweep that `out` has already goes on, if it is the same.
-        overwrite: whether a sweep that `out` has already is removed, whatever it is; a warning says what it was.
-        duration: instead of the scene's own [s]; rounded to whole periods.
-        zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
-        measure, statistics: as for `run_batch`; the quantity "run" has statistics of its own: `vibration`, the RMS of
-            what is above 5 Hz in a finger's force [N], and `unstable`, 1 where the run is seen to grow by the criterion
-            of its summary. For these the rows of each variant are looked at, which takes some milliseconds apiece.
-        sample: "lhs:N" for N variants of a Latin hypercube: anywhere in a range, of a list each value as often.
-        seed: of the sample; it is recorded.
-        chunk: variants in a chunk; by default as many as take a second or two. A sweep that goes on has its own.
+        scene: Scene, name or path, with simulated devices only.
+        values: values by dotted key, as for `scene.replace`: a list, an array, or a range such as "20:70:25" (25 values
+            from 20 to 70) or "1:1000:4:log". All combinations are run; the last key changes fastest.
+        out: folder of the results; None for a sweep in memory.
+        executor: None for this process with all processors; "threads:N", "processes:N"; "local:N" for a dask cluster on
+            this machine, "tcp://..." for the scheduler of a cluster; an executor of `concurrent.futures`, or a dask
+            client. Scripts must start processes below `if __name__ == "__main__":`.
+        resume: whether to resume a sweep in `out`, if it is the same.
+        overwrite: whether to remove any sweep in `out`; a warning describes it.
+        duration: duration that replaces the scene's [s]; rounded to whole periods.
+        zip: whether to combine the first values of all keys, then the second values, and so on.
+        measure, statistics: as for `run_batch`. The quantity "run" has its own statistics: `vibration`, the RMS of a
+            finger's force above 5 Hz [N], and `unstable`, 1 if the run grows by the criterion of its summary. They
+            require the rows of each variant, which takes some milliseconds per variant.
+        sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
+        seed: seed of the sample, which is recorded.
+        chunk: number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its own.
 
     Raises:
-        SweepError: `out` has another sweep, or another process is at it; workers with other files.
-        SceneError: no variant is a scene.
-        InputError: values that are none; a scene with hardware; an executor that is none of these.
-        UnknownNameError: a quantity or statistic that there is not.
-        MissingPackageError: a package that the scene or the cluster needs.
+        SweepError: `out` has another sweep, another process is running it, or workers have other files.
+        SceneError: no variant is a valid scene.
+        InputError: values are invalid, the scene has hardware, or the executor is unknown.
+        UnknownNameError: a quantity or statistic does not exist.
+        MissingPackageError: a package that the scene or the cluster needs is missing.
         RecordingError: the folder cannot be written.
-        KeyboardInterrupt: with what is done, and how to go on.
+        KeyboardInterrupt: the sweep was interrupted; the message reports its progress and how to resume it.
     """
     from graspfx.scene.load import to_scene
 
@@ -139,14 +140,14 @@ def sweep(
 
 
 def _size(count: int, prospect: Prospect, crew: Crew) -> int:
-    """Choose how many variants go together: so many that building them is little, and that all workers have some."""
+    """Choose the number of variants per chunk: enough to amortise their building, and few enough for all workers."""
     suits = (TICKS if prospect.native else ALONE) // prospect.ticks
     share = -(-count // (LEAST_SHARE * crew.workers))
     return max(1, min(suits, max(share, suits // LEAST_SHARE)))
 
 
 class Prospect(NamedTuple):
-    """Sight of a sweep before it begins: of a variant that is a scene."""
+    """Preview of a sweep from one valid variant."""
 
     layout: Layout
     shapes: dict[str, tuple[int, ...]]
@@ -155,13 +156,13 @@ class Prospect(NamedTuple):
 
 
 def look_at(scene: Scene, variants: VariantGrid, duration: float | None, measure: Sequence[str]) -> Prospect:
-    """Look at the first variant that is a scene, of some all over the sweep.
+    """Examine the first valid variant among some from the whole sweep.
 
     Raises:
-        SceneError: none of them is: that of the first, with its values.
-        InputError: a scene with hardware, or a duration that is none.
-        UnknownNameError: a quantity that it does not have.
-        MissingPackageError: a package that it needs.
+        SceneError: none of them is valid; the error is that of the first, with its values.
+        InputError: the scene has hardware, or the duration is invalid.
+        UnknownNameError: a quantity does not exist.
+        MissingPackageError: a required package is missing.
     """
     first: SceneError | None = None
     for number in spread(len(variants)):
@@ -181,7 +182,7 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
     parts = resolve(scene)
     if parts.hardware:
         names = ", ".join(parts.hardware)
-        raise InputError("scene", names, "simulated devices", "a sweep moves no hardware: nobody watches all its runs")
+        raise InputError("scene", names, "simulated devices", "a sweep does not run hardware")
     require_prompt_simulations(parts)
     warn_of_axes(parts)
     ticks = ticks_of(scene.duration if duration is None else duration, scene.period)
@@ -193,7 +194,7 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
 
 
 def spread(count: int) -> Iterator[int]:
-    """Give some numbers below a count: the first, the last, then those in the middle of what is left."""
+    """Yield some numbers below a count: the first, the last, then midpoints of the remaining intervals."""
     seen: set[int] = set()
     shares = (0.0, 1.0, *((2 * k + 1) / 2**level for level in range(1, 8) for k in range(2 ** (level - 1))))
     for share in shares:
@@ -205,14 +206,14 @@ def spread(count: int) -> Iterator[int]:
 
 @dataclass
 class Work:
-    """A sweep's chunks: those that are there, and those that are to be computed.
+    """A sweep's chunks, complete and missing.
 
     Args:
-        scene, variants: of the sweep.
-        order: what workers are told.
-        prospect: what was seen before.
-        size: variants in a chunk.
-        store: where chunks are written; None for memory alone.
+        scene, variants: scene and variants of the sweep.
+        order: order for the workers.
+        prospect: preview of the sweep.
+        size: number of variants per chunk.
+        store: folder of the chunks; None for memory only.
     """
 
     scene: Scene
@@ -235,7 +236,7 @@ class Work:
         return ChunkResult.blank(size, self.order.shapes, self.order.statistics)
 
     def recall(self) -> None:
-        """Read the chunks that are there, and say which are damaged."""
+        """Read the complete chunks, and report damaged ones."""
         for number, place in enumerate(self.members):
             result = self.store.load(number, self._blank(len(place))) if self.store is not None else None
             if result is None:
@@ -246,11 +247,11 @@ class Work:
         if self.store is not None and self.store.damaged:
             names = ", ".join(path.name for path in self.store.damaged[:5])
             more = f" and {len(self.store.damaged) - 5} more" if len(self.store.damaged) > 5 else ""
-            text = f"{self.store.damaged[0].parent}: damaged, and computed again: {names}{more}"
+            text = f"{self.store.damaged[0].parent}: damaged chunks, which are computed again: {names}{more}"
             log.warn(text, SweepWarning)
 
     def do(self, crew: Crew) -> None:
-        """Compute what is missing.
+        """Compute the missing chunks.
 
         Raises:
             KeyboardInterrupt: with what is done, and how to go on.
@@ -259,7 +260,7 @@ class Work:
         if not left:
             return
         text = f"sweeping {source_name(self.scene.source)}"
-        text += f" ({self.resumed} variants were there)" if self.resumed else ""
+        text += f" ({self.resumed} variants were complete)" if self.resumed else ""
         with self._farewell(), waiting(text, left, "variants", lambda: self.done):
             try:
                 ChunkLoop(crew, self.order, self._finish, self._note).run(map(self._chunk, self.missing))
@@ -278,7 +279,7 @@ class Work:
 
     @cached_property
     def _dimensions(self) -> dict[str, tuple[str, ...]]:
-        """Names of the axes of what a chunk has, but for that of variants."""
+        """Names of the axes of a chunk's arrays, except that of variants."""
         columns = {name: column_of(self.prospect.layout, name) for name in self.order.shapes}
         named = [column.dimensions for name, column in columns.items() for _ in self.total.measures[name]]
         return dict(zip(self.total.arrays, [(), *named], strict=True))
@@ -289,20 +290,20 @@ class Work:
 
     @contextmanager
     def _farewell(self) -> Iterator[None]:
-        """Say of a sweep that ends early what is done, and how to go on."""
+        """Report the progress of an interrupted sweep, and how to resume it."""
         try:
             yield
         except KeyboardInterrupt:
             done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.path}"
             text = f"{done} of {len(self.variants)} variants are done{where}"
-            how = "the same call, with resume, goes on from there" if self.store else "without `out` they are lost"
+            how = "the same call with resume continues from there" if self.store else "without `out` they are lost"
             raise KeyboardInterrupt(f"{text}: {how}") from None
 
     def result(self, parts: Mapping[str, Any], took: float) -> SweepResult:
-        """Put all together, and write the file of it where there is a folder.
+        """Assemble the result, and write its file if there is a folder.
 
         Raises:
-            RecordingError: the disk does not take it.
+            RecordingError: the file cannot be written.
         """
         shape, total = self.variants.shape, self.total
         result = SweepResult(

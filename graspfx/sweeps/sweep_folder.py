@@ -1,4 +1,4 @@
-"""The folder of a sweep: what it is a sweep of, a netCDF file for each chunk, and one for all of them."""
+"""The folder of a sweep: its description, a netCDF file per chunk, and one for the whole result."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 MANIFEST, CHUNKS, FINAL, LOCK = "sweep.json", "chunks", "sweep.nc", ".lock"
-DRAFT = ".draft"  # ending of a file that is being written
-FORMAT = 2  # of the folder: from 2 on chunks are netCDF
-RESULTS = 1  # counts changes of what the numbers in a sweep's files mean
-FEW = 6  # values that are listed one by one
+DRAFT = ".draft"  # suffix of an incomplete file
+FORMAT = 2  # format of the folder; from 2 on, chunks are netCDF
+RESULTS = 1  # version of the meaning of numbers in a sweep's files
+FEW = 6  # largest number of values to list one by one
 SEAL = b"graspfx sha256 "
 LENGTH = len(SEAL) + 65  # bytes of the last line
-LEAST = 4096  # numbers of a variable that is packed
+LEAST = 4096  # smallest size of a compressed variable
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
 
 
 class SweepFolder:
-    """Files of a sweep in a folder that this process has for itself.
+    """Files of a sweep in a folder that this process has locked.
 
     Args:
-        path: of the folder, which is there.
-        manifest: what sweep.json says.
-        removal: what was removed to begin anew, in words; empty for nothing.
+        path: path of the existing folder.
+        manifest: content of sweep.json.
+        removal: description of a removed sweep; empty for none.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any], removal: str = "") -> None:
@@ -53,26 +53,26 @@ class SweepFolder:
 
     @property
     def identity(self) -> str:
-        """The digest of all that the results depend on."""
+        """Digest of everything on which the results depend."""
         return str(self.manifest["identity"])
 
     @property
     def size(self) -> int:
-        """Variants in a chunk; the last may have fewer."""
+        """Number of variants per chunk; the last one may have fewer."""
         return int(self.manifest["chunk"])
 
     @property
     def final(self) -> Path:
-        """The file of all results."""
+        """Path of the file of all results."""
         return self.path / FINAL
 
     def save(self, number: int, result: ChunkResult, dimensions: Mapping[str, tuple[str, ...]]) -> None:
         """Write the file of a chunk.
 
         Args:
-            number: of the chunk.
-            result: of its variants.
-            dimensions: names of the axes of each of the result's arrays, without that of variants.
+            number: index of the chunk.
+            result: result of its variants.
+            dimensions: names of the axes of each array of the result, except that of variants.
 
         Raises:
             RecordingError: the disk does not take it.
@@ -86,7 +86,7 @@ class SweepFolder:
         write_whole(self._place(number), body + _seal(body))
 
     def load(self, number: int, blank: ChunkResult) -> ChunkResult | None:
-        """Read a chunk into the result of variants that have not run; None where it is not there, or is damaged."""
+        """Read a chunk into an empty result; None if it is missing or damaged."""
         place = self._place(number)
         try:
             content = place.read_bytes()
@@ -108,10 +108,10 @@ class SweepFolder:
 
         body = content[:-LENGTH]
         if content[-LENGTH:] != _seal(body):
-            raise ValueError("its bytes are not what was written")
+            raise ValueError("its checksum does not match")
         with h5py.File(BytesIO(body), "r") as file:
             if (file.attrs["identity"], file.attrs["chunk"]) != (self.identity, number):
-                raise ValueError("it is another sweep's, or another chunk")
+                raise ValueError("it belongs to another sweep or chunk")
             for name, values in blank.arrays.items():
                 if file[name].shape != values.shape:
                     raise ValueError("its arrays have other shapes")
@@ -121,7 +121,7 @@ class SweepFolder:
 
     @property
     def is_finished(self) -> bool:
-        """Whether the file of all results is there, can be read with sums that check, and is this sweep's."""
+        """Whether the file of all results exists, has valid checksums, and belongs to this sweep."""
         import h5py
 
         from graspfx.recording.file import require_contained
@@ -149,7 +149,7 @@ def _seal(body: bytes) -> bytes:
 
 
 def write_whole(place: Path, content: bytes) -> None:
-    """Write a file beside its place, make the disk keep it, and move it there: it is there whole or not at all.
+    """Write a file atomically: write a temporary file, flush it to disk, and rename it.
 
     Raises:
         RecordingError: the disk does not take it.
@@ -162,9 +162,9 @@ def write_whole(place: Path, content: bytes) -> None:
             os.fsync(file.fileno())
         draft.replace(place)
     except OSError as error:
-        with suppress(OSError):  # where the disk is full its bytes are wanted
+        with suppress(OSError):  # frees its bytes on a full disk
             draft.unlink()
-        raise RecordingError(f"{place}: cannot be written; {error.strerror}: what is done so far stays") from error
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}: results so far are kept") from error
     sync_folder(place.parent)
 
 
@@ -175,24 +175,24 @@ def write_whole(place: Path, content: bytes) -> None:
 def open_folder(
     path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool
 ) -> Iterator[SweepFolder]:
-    """Have a folder for a sweep, for oneself alone within the block; what is done of the same sweep is there.
+    """Open and lock the folder of a sweep, with the existing chunks of the same sweep.
 
     Args:
-        path: of the folder, which is made if need be.
-        parts: all that the results depend on.
-        size: variants in a chunk, where the sweep is new.
-        resume: whether a sweep that is there, if it is the same, goes on.
-        overwrite: whether the sweep that is there is removed, whatever it is.
+        path: path of the folder, which is created if necessary.
+        parts: everything on which the results depend.
+        size: number of variants per chunk of a new sweep.
+        resume: whether to resume an existing sweep, if it is the same.
+        overwrite: whether to remove any existing sweep.
 
     Raises:
-        SweepError: another sweep is there, the same one without `resume`, or another process is at it.
+        SweepError: the folder has another sweep, or the same one without `resume`, or another process is running it.
         RecordingError: the folder or a file in it cannot be written.
     """
     make_folder(path)
     try:
         file = claim(path / LOCK)
     except RecordingError:
-        text = f"{path}: another process is at this sweep; wait for its end, or choose another --out"
+        text = f"{path}: another process is running this sweep; wait for its end, or choose another --out"
         raise SweepError(text) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
@@ -209,7 +209,7 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
     there = manifest_of(path)
     if there is None and (results := _results(path)):
         text = f"{path}: has {results} of a sweep, but no {MANIFEST} that can be read"
-        raise SweepError(f"{text}; choose another --out, or begin again with --overwrite (overwrite=True)")
+        raise SweepError(f"{text}; choose another --out, or start again with --overwrite (overwrite=True)")
     if there is None:
         about = {"format": FORMAT, "identity": identity, "chunk": size, "created": now(), "parts": dict(parts)}
         write_whole(path / MANIFEST, json.dumps(about, indent=1).encode())
@@ -219,11 +219,11 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
         lines = _differences(there.get("parts", {}), parts)
         more = f"; and {len(lines) - 5} more differences" if len(lines) > 5 else ""
         text = f"{path}: is the folder of another sweep: {'; '.join(lines[:5])}{more}"
-        raise SweepError(f"{text}. Choose another --out, or write over it with --overwrite (overwrite=True)")
+        raise SweepError(f"{text}. Choose another --out, or replace it with --overwrite (overwrite=True)")
     if not resume:
         done = len(_chunks(path))
-        how = "go on with --resume (resume=True), or begin again with --overwrite (overwrite=True)"
-        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this very sweep; {how}")
+        how = "continue with --resume (resume=True), or start again with --overwrite (overwrite=True)"
+        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this sweep; {how}")
     make_folder(path / CHUNKS)
     for draft in (path / CHUNKS).glob(f".*{DRAFT}"):
         with suppress(OSError):
@@ -232,10 +232,10 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
 
 
 def manifest_of(path: Path) -> dict[str, Any] | None:
-    """Read what a folder is a sweep of; None where it says nothing that can be read.
+    """Read the description of a folder's sweep; None if it is missing or unreadable.
 
     Raises:
-        SweepError: it is of another format.
+        SweepError: it has another format.
     """
     try:
         about: dict[str, Any] = json.loads((path / MANIFEST).read_bytes())
@@ -245,25 +245,25 @@ def manifest_of(path: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if kind[0] != FORMAT:
-        how = "choose another --out, or begin again with --overwrite (overwrite=True)"
-        raise SweepError(f"{path}: is a sweep of format {kind[0]}, this GraspFX reads {FORMAT}; {how}")
+        how = "choose another --out, or start again with --overwrite (overwrite=True)"
+        raise SweepError(f"{path}: is a sweep of format {kind[0]}, but this GraspFX reads {FORMAT}; {how}")
     return about
 
 
 def _chunks(path: Path) -> list[Path]:
-    """List the files of chunks, those of format 1 (npz) too, and no others."""
+    """List the files of chunks, including those of format 1 (npz)."""
     return [each for kind in ("nc", "npz") for each in (path / CHUNKS).glob(f"{'[0-9]' * 6}.{kind}")]
 
 
 def _results(path: Path) -> str:
-    """Say which results of a sweep a folder has; empty for none."""
+    """Describe the results in a folder; empty for none."""
     count = len(_chunks(path))
     names = [counted(count, "chunk")] * bool(count) + [FINAL] * (path / FINAL).is_file()
     return " and ".join(names)
 
 
 def _remove(path: Path) -> str:
-    """Remove the files of a sweep, and nothing else; that which says what they are goes last. Say what that was."""
+    """Remove the files of a sweep only, its description last; return a text about the removed sweep."""
     try:
         there = manifest_of(path)
         title = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
@@ -275,18 +275,18 @@ def _remove(path: Path) -> str:
             each.unlink(missing_ok=True)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written over; {error.strerror}") from error
-    return f"{path}: {title} was removed to begin again, with {results}" if results else ""
+    return f"{path}: {title} was removed to start again, with {results}" if results else ""
 
 
 def folder_of(out: object) -> Path:
-    """Take the path of a sweep's folder.
+    """Return the path of a sweep's folder.
 
     Raises:
-        InputError: no path, or that of a file.
+        InputError: the argument is not a path, or is that of a file.
     """
     path = to_path("out", out, "the path of a folder")
     if path.is_file():
-        raise InputError("out", str(path), "the path of a folder", "there is a file of that name")
+        raise InputError("out", str(path), "the path of a folder", "a file of that name exists")
     return path
 
 
@@ -295,7 +295,7 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-_locks: set[Any] = set()  # of folders that this process has
+_locks: set[Any] = set()  # locks of this process's folders
 
 
 def _let_go() -> None:
@@ -305,7 +305,7 @@ def _let_go() -> None:
     _locks.clear()
 
 
-if hasattr(os, "register_at_fork"):  # a worker that a pool forks would have the lock for as long as it lives
+if hasattr(os, "register_at_fork"):  # a forked worker would keep the lock for its lifetime
     os.register_at_fork(after_in_child=_let_go)
 
 
@@ -313,7 +313,7 @@ if hasattr(os, "register_at_fork"):  # a worker that a pool forks would have the
 
 
 def identity_of(parts: Mapping[str, Any]) -> str:
-    """Digest what a sweep is made of."""
+    """Compute the digest of a sweep's parts."""
     return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -326,7 +326,7 @@ def sweep_parts(
     files: Mapping[str, str],
     engines: Mapping[str, str],
 ) -> dict[str, Any]:
-    """List all that the results of a sweep depend on, as data that JSON writes."""
+    """Collect everything on which a sweep's results depend, as data for JSON."""
     lists = {key: [_written(each) for each in items] for key, items in variants.lists.items()}
     return {
         "scene": json.loads(json.dumps(scene.to_dict())),
@@ -343,7 +343,7 @@ def sweep_parts(
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Say in which ways a sweep is another one than that of a folder."""
+    """Yield the differences between a sweep and that of a folder."""
     lines = [
         *scene_changes(there.get("scene", {}), here["scene"]),
         *file_changes(there.get("files", {}), here["files"]),
@@ -356,11 +356,11 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]
     for name in ("shape", "sample", "measure", "statistics", "duration", "version"):
         if there.get(name) != here[name]:
             lines.append(f"{name}: {brief(there.get(name))} there, {brief(here[name])} here")
-    return lines or ["its values are not the same to the last digit, or in another order"]
+    return lines or ["its values differ in the last digits, or in their order"]
 
 
 def _written(value: Any) -> Any:
-    """Write a value as JSON has it; of another kind as Python writes it."""
+    """Convert a value to JSON's types, or else to its Python text."""
     try:
         return json.loads(json.dumps(value))
     except (TypeError, ValueError):
@@ -377,7 +377,7 @@ def _brief(items: Sequence[Any]) -> str:
 
 
 def netcdf(labels: Labels) -> bytes:
-    """Write labelled arrays as the bytes of a file."""
+    """Write labelled arrays to the bytes of a file."""
     import h5py
 
     content = BytesIO()
@@ -400,7 +400,7 @@ def netcdf(labels: Labels) -> bytes:
 
 
 def _scales(file: Any, labels: Labels) -> dict[str, Any]:
-    """Make a scale for each dimension: with its entries where there are, else one that only counts."""
+    """Make a scale for each dimension, with its entries or without values."""
     sizes: dict[str, int] = {}
     for dimensions, values, _ in (*labels.coordinates.values(), *labels.variables.values()):
         sizes |= dict(zip(dimensions, np.shape(values), strict=True))

@@ -1,4 +1,4 @@
-"""The outcome of a sweep: measures of every variant, faults and failures."""
+"""Results of a sweep: measures, faults and failures of every variant."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-MOST_JUDGED, LEAST_JUDGED = 9, 3  # values along an axis of a map at which the certificate is judged
+MOST_JUDGED, LEAST_JUDGED = 9, 3  # largest number of values along an axis of a map at which certificates are computed
 
 
 @dataclass(frozen=True, repr=False)
 class SweepResult(Batch):
-    """The outcome of a sweep. Every array begins with the grid's axes, or with one of variants (zip, samples).
+    """Results of a sweep. Each array begins with the axes of the grid, or with one axis of variants (zip, samples).
 
     Attributes:
-        values, fault_tick, measures, notes, scene, layout: as those of a `Batch`; measures are NaN where there is a
-            failure, and no zero has a sign.
-        failure: why a variant has no measures, of the grid's shape; empty where it has.
-        folder: in which chunks and `sweep.nc` are; None of a sweep in memory.
-        about: what the file says of the sweep: scene, identity, duration, sample, seed, version.
-        resumed: variants that had been computed before.
-        seconds: that this call took, and that all chunks took where they ran.
-        base: the scene whose values were replaced; None where it is not known.
+        values, fault_tick, measures, notes, scene, layout: as for a `Batch`; measures of failed variants are NaN, and
+                zeros have no sign.
+            failure: reason why a variant has no measures, otherwise empty, in the grid's shape.
+            folder: folder of the chunks and `sweep.nc`; None for a sweep in memory.
+            about: description of the sweep in its file: scene, identity, duration, sample, seed, version.
+            resumed: number of variants that had been computed before.
+            seconds: time of this call, and total time of all chunks [s].
+            base: scene whose values were replaced; None if unknown.
     """
 
     failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
@@ -84,14 +84,14 @@ class SweepResult(Batch):
 
     @property
     def unstable(self) -> NDArray[np.bool_] | None:
-        """Whether each run is seen to grow, of the grid's shape; None where that was not measured."""
+        """Whether each run grows, in the grid's shape; None if not measured."""
         return np.asarray(self[RUN]["unstable"] == 1.0) if RUN in self.measures else None
 
     def column(self, quantity: str) -> Column:
-        """Look up what a quantity is: its dimensions, unit and meaning.
+        """Return the description of a quantity: dimensions, unit and meaning.
 
         Raises:
-            UnknownNameError: there is no such quantity.
+            UnknownNameError: the quantity does not exist.
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
@@ -99,27 +99,29 @@ class SweepResult(Batch):
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Whether each variant has no measures, of the grid's shape."""
+        """Whether each variant has failed, in the grid's shape."""
         return np.asarray(self.failure.astype(str) != "")
 
     def reasons(self, most: int = 10) -> list[str]:
-        """List why variants have no measures, the most frequent reasons first, each with their number."""
+        """List the reasons for failures with their counts, the most frequent first."""
         texts = Counter(str(text) for text in self.failure.ravel() if text)
         return [f"{count} x {text}" for text, count in texts.most_common(most)]
 
     def overrides(self, variant: int) -> dict[str, Any]:
-        """Give the values of one variant by key, by its number in the flattened grid: `scene.replace` takes them."""
+        """Return the values of one variant, by its index in the flattened grid, for `scene.replace`."""
         return {key: values.ravel()[variant : variant + 1].tolist()[0] for key, values in self.values.items()}
 
     def scalar(self, measure: str = "") -> tuple[str, FloatArray]:
-        """Give one number for each variant, of the grid's shape: of a measure's entries the one of largest magnitude.
+        """Return one number per variant, in the grid's shape: the entry of a measure with the largest magnitude.
 
         Args:
-            measure: as in `finger_force.peak`; by default the growth of the first quantity, else its first statistic:
-                `run.vibration` unless the sweep measures other quantities, or its runs are too short to tell it.
+            measure: name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
+                    or else its first statistic: `run.vibration`, unless the sweep measures other quantities or its runs
+                        are
+                    too short.
 
         Returns:
-            The measure's whole name, and the numbers; NaN where there is none.
+            Full name of the measure, and the numbers; NaN for missing ones.
 
         Raises:
             UnknownNameError: it was not measured.
@@ -131,7 +133,7 @@ class SweepResult(Batch):
         return f"{quantity}.{statistic}", np.asarray(largest)
 
     def measure_of(self, measure: str = "") -> tuple[str, str]:
-        """Take the name of a measure apart into quantity and statistic.
+        """Split the name of a measure into quantity and statistic.
 
         Raises:
             UnknownNameError: it was not measured.
@@ -148,9 +150,9 @@ class SweepResult(Batch):
         return quantity, name
 
     def ranking(self, measure: str = "") -> IndexArray:
-        """Order the variants by a measure, the least first, by their numbers in the flattened grid.
+        """Return the variants' indices in the flattened grid, in ascending order of a measure.
 
-        Variants without it, and those with a fault, are left out; the argument is that of `scalar`.
+        Variants without the measure and variants with a fault are omitted. The argument is that of `scalar`.
         """
         _, values = self.scalar(measure)
         flat = np.where(self.fault_tick.ravel() >= 0, np.nan, values.ravel())
@@ -158,59 +160,60 @@ class SweepResult(Batch):
         return np.asarray(order[: int(np.isfinite(flat).sum())])
 
     def labels(self) -> Labels:
-        """Label all arrays, as files and xarray have them."""
+        """Label all arrays for files and xarray."""
         labels = batch_labels(self)
         grid, _ = grid_of(self)
-        meaning = {"long_name": "why the variant has no measures; empty where it has"}
+        meaning = {"long_name": "reason why the variant has no measures; otherwise empty"}
         variables = {"failure": (grid, self.failure.astype(str), meaning), **labels.variables}
         attributes = {name: value for name, value in self.about.items() if value not in ("", None)}
         return Labels(variables, labels.coordinates, {**attributes, "notes": list(self.notes)})
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset, as `sweep.nc` is one: its dimensions are the keys, or `variant`.
+        """Convert to an xarray Dataset with one dimension per key, or `variant`, as in `sweep.nc`.
 
-        Measures are variables as `finger_force_rms`, each with `units` and `long_name`, beside `fault_tick` and
-        `failure`.
+        Measures become variables such as `finger_force_rms`, each with `units` and `long_name`, in addition to
+        `fault_tick` and `failure`.
 
         Raises:
-            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
         """
         return batch_dataset(self, self.labels())
 
     def to_frame(self) -> pandas.DataFrame:
-        """Convert to a pandas DataFrame: a row per variant, a column per key and component.
+        """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
 
-        Components are called as `finger_force.rms.thumb.x`.
+        Names of components are such as `finger_force.rms.thumb.x`.
 
         Raises:
-            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
         """
         frame = batch_frame(self)
         frame.insert(len(self.values), "failure", self.failure.astype(str).ravel())
         return frame
 
     def to_dict(self) -> dict[str, Any]:
-        """Write values, faults, failures and measures as nested lists, for JSON; None is no number."""
+        """Return values, faults, failures and measures as nested lists, for JSON; None stands for NaN."""
         table = {**super().to_dict(), "failure": self.failure.tolist(), "about": dict(self.about)}
         whole: dict[str, Any] = json.loads(json.dumps(table, default=repr), parse_constant=lambda _: None)
         return whole
 
     def plot(self, *measures: str, width: Literal["screen", "page", "column"] = "screen", slices: int = 3) -> Drawing:
-        """Draw measures over the keys: curves of one key, maps of two, of more some slices; of a sample all marginals.
+        """Plot measures over the keys: curves for one key, maps for two, slices for more, marginals for samples.
 
-        Maps have the line beyond which runs grow, where that was measured, and the certificate's limit: the line at
-        which its least margin is 1, between a grid of the sweep's values of at most 9 x 9 points, which are judged when
-        it is first drawn. Where there is no rest, or nothing is grasped, it is not judged: `notes` of the drawing.
+        Maps show the line beyond which runs grow, if measured, and the certificate's limit, the line at which its
+        smallest margin is 1. The limit is interpolated between certificates at no more than 9 x 9 of the sweep's
+        points, which are computed on the first call. Points without a rest or a grasp are not judged; see `notes` of
+        the drawing.
 
         Args:
-            measures: as in `finger_force.peak`; by default one of each of the first three quantities, or of maps
-                the first; there is one sheet for each.
-            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
-            slices: of a third key, how many values have a map of their own; further keys stand at their middle value.
+            measures: names of measures, such as `finger_force.peak`; by default one of each of the first three
+                    quantities, or for maps the first only. Each map has its own sheet.
+                width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
+                slices: number of values of a third key that have their own map; further keys have their middle value.
 
         Raises:
-            UnknownNameError: a measure that there is not.
-            InputError: no such width, or nothing to draw.
+            UnknownNameError: a measure does not exist.
+            InputError: the width is unknown, or there is nothing to plot.
         """
         from graspfx.show.drawing import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
@@ -219,7 +222,7 @@ class SweepResult(Batch):
             raise InputError("measures", (), "a sweep with measures")
         names = measures or tuple(self.drawn()[:1] if self.has_maps else self.drawn())
         if self.has_maps and len(names) > 1:
-            raise InputError("measures", names, "one measure, as keys have maps", "draw the others by themselves")
+            raise InputError("measures", names, "one measure for maps", "plot the others separately")
         surfaces = []
         for name in names:
             whole, values = self.scalar(name)
@@ -234,7 +237,7 @@ class SweepResult(Batch):
         return Drawing(sheet, notes)
 
     def _margins(self, slices: int) -> tuple[Margins | None, tuple[str, ...]]:
-        """Judge a coarse grid of the maps' variants once, and say what could not be judged."""
+        """Compute certificates on a coarse grid of the maps' variants once, and report points that are not judged."""
         if slices not in self._judged:
             self._judged[slices] = self._judge(slices)
         return self._judged[slices]
@@ -243,7 +246,7 @@ class SweepResult(Batch):
         from graspfx.show.variant_figures import Margins, drawn_maps, picks_of
 
         if self.base is None:
-            return None, ("the certificate's limit is not drawn: the scene is not known",)
+            return None, ("the certificate's limit is not drawn: the scene is unknown",)
         try:
             judge = Judge(self.base)
         except InputError as error:
@@ -269,12 +272,12 @@ class SweepResult(Batch):
         return Margins(places, values), tuple(notes)
 
     def _margin(self, judge: Judge, variant: int) -> tuple[float, str]:
-        """Give a variant's least margin; NaN, and why, where there is none: a variant that failed is not tried here."""
+        """Return a variant's smallest margin, or NaN and the reason; failed variants are not tried."""
         if failure := str(self.failure.ravel()[variant]):
             return np.nan, failure
         try:
             one = judge.judge(self.overrides(variant))
-        except Exception as error:  # noqa: BLE001 - others' code may raise anything, and the map is drawn without it
+        except Exception as error:  # noqa: BLE001 - third-party code may raise anything
             return np.nan, reason(error)
         if not np.isfinite(one.spectral_radius):
             return np.nan, " ".join(one.assumed)
@@ -282,20 +285,20 @@ class SweepResult(Batch):
 
     @property
     def is_together(self) -> bool:
-        """Whether the keys' values go together, so that there is no grid of them."""
+        """Whether the keys' values are combined one to one, without a grid."""
         return len(self.values) > len(self.shape) or bool(self.about.get("sample"))
 
     @property
     def has_maps(self) -> bool:
-        """Whether measures are drawn as maps, each on a sheet of its own."""
+        """Whether measures are drawn as maps, each on its own sheet."""
         return not self.is_together and len(self.values) > 1
 
     def drawn(self) -> list[str]:
-        """List the measures that are drawn where none is named: one of each of the first three quantities."""
+        """List the measures that are drawn by default: one of each of the first three quantities."""
         return [self.first_of(quantity) for quantity in list(self.measures)[:3]]
 
     def first_of(self, quantity: str) -> str:
-        """Name the measure of a quantity that says most at a glance: growth or peak, else the first.
+        """Return the most informative measure of a quantity: growth or peak, or else the first.
 
         Raises:
             UnknownNameError: the quantity was not measured.

@@ -1,4 +1,4 @@
-"""Values of swept keys, and the variants that they make: a grid, lists taken together, or a Latin hypercube."""
+"""Values of swept keys, and their variants: a grid, lists combined one to one, or a Latin hypercube."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from graspfx.errors import InputError
 from graspfx.scene.budget import excess
 from graspfx.scene.overrides import toml_value
 
-MOST = 10_000_000  # values of a range, and variants of a sample
+MOST = 10_000_000  # largest number of values of a range, and of variants of a sample
 FORM = "FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas, as in object.viscosity=0.8:1.5:15"
-BOTH_ENDS = "both ends are among the values; a single value stands alone, as in object.viscosity=0.8"
+BOTH_ENDS = "both ends are included; a single value is written alone, as in object.viscosity=0.8"
 GOLDEN = 0.6180339887498949
 Values = Sequence[Any] | NDArray[Any]
 IndexArray = NDArray[np.intp]
@@ -27,12 +27,12 @@ IndexArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Range:
-    """A range of numbers, both ends among them.
+    """A range of numbers, including both ends.
 
     Args:
-        first, last: its ends.
-        count: values that a grid has of it; 0 where only a sample can be drawn.
-        log: whether ratios are even, and not differences.
+        first, last: ends of the range.
+        count: number of values in a grid; 0 if the range is for samples only.
+        log: whether values are spaced by equal ratios instead of equal differences.
     """
 
     first: float
@@ -47,7 +47,7 @@ class Range:
         )
 
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Give the values at shares of the way from the first to the last."""
+        """Return the values at fractions of the way from the first to the last."""
         if self.log:
             values = np.exp(math.log(self.first) + share * (math.log(self.last) - math.log(self.first)))
             values = np.where(share == 0.0, self.first, values)
@@ -56,10 +56,10 @@ class Range:
 
 
 def read_over(text: str) -> tuple[str, Range | list[Any]]:
-    """Read KEY=RANGE or KEY=V1,V2,... of a command line.
+    """Parse KEY=RANGE or KEY=V1,V2,... from a command line.
 
     Raises:
-        InputError: anything else.
+        InputError: the text has another form.
     """
     key, equals, values = text.partition("=")
     if not key.strip() or not equals or not values.strip():
@@ -68,7 +68,7 @@ def read_over(text: str) -> tuple[str, Range | list[Any]]:
 
 
 def read_values(text: str, argument: str) -> Range | list[Any]:
-    """Read a range, or values with commas, each TOML, or text where it is none.
+    """Parse a range, or comma-separated values, each TOML or else a text.
 
     Raises:
         InputError: neither.
@@ -82,7 +82,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
         values: list[Any] = toml_value(f"[{text}]", argument)
     except tomllib.TOMLDecodeError:
         if any(letter in text for letter in "[]{}\"'"):
-            raise InputError(argument, text, FORM, "no value of a list is whole TOML, or a word") from None
+            raise InputError(argument, text, FORM, "values of a list must be TOML or words") from None
         values = [_value(part.strip(), argument) for part in text.split(",")]
     if not values:
         raise InputError(argument, text, FORM)
@@ -90,7 +90,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
 
 
 def as_values(key: str, values: Any) -> Range | Values:
-    """Take what stands for a key's values: a list or an array, a range, or the text of one.
+    """Convert a key's values from a list, an array, a range, or the text of one.
 
     Raises:
         InputError: neither.
@@ -117,7 +117,7 @@ def _range(text: str, argument: str) -> Range | None:
     try:
         (size,) = map(int, numbers[1:] or "0")
     except ValueError:
-        do = "COUNT is a whole number; a text of this form stands in quotes"
+        do = "COUNT is a whole number; write a text of this form in quotes"
         raise InputError(argument, text, FORM, do) from None
     if not (math.isfinite(low) and math.isfinite(high)) or size > MOST or (len(numbers) == 2 and size < 1):
         raise InputError(argument, text, f"FROM:TO:COUNT with finite ends and from 1 to {MOST:,} values")
@@ -142,11 +142,11 @@ class VariantGrid:
     """All variants of a sweep.
 
     Attributes:
-        shape: of the grid, or (N,) of variants whose values go together.
-        lists: by key, the values that there are.
-        numbers: of the value that each key has in each variant, (V, keys).
-        sample: as it was asked for, empty for none.
-        seed: of the sample.
+        shape: shape of the grid, or (N,) for variants whose values are combined one to one.
+        lists: values by key.
+        numbers: index of each key's value in each variant, (V, keys).
+        sample: argument `sample`, empty for none.
+        seed: seed of the sample.
     """
 
     shape: tuple[int, ...]
@@ -165,17 +165,17 @@ class VariantGrid:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Values by key, of the grid's shape: that of each variant; numbers as floats where all are."""
+        """Values of each variant by key, in the grid's shape; floats if all values are numbers."""
         return {
             key: as_array(self.lists[key])[self.numbers[:, k]].reshape(self.shape) for k, key in enumerate(self.lists)
         }
 
     def overrides(self, variant: int) -> dict[str, Any]:
-        """Give the values of one variant, by key."""
+        """Return the values of one variant, by key."""
         return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
 
     def part(self, members: IndexArray) -> tuple[dict[str, list[Any]], IndexArray]:
-        """Give the values that some variants have, by key, and the numbers of each variant's among them."""
+        """Return the values of some variants by key, and the index of each variant's values among them."""
         numbers = np.empty((len(members), len(self.lists)), dtype=np.intp)
         lists = {}
         for k, (key, items) in enumerate(self.lists.items()):
@@ -186,10 +186,11 @@ class VariantGrid:
 
 
 def scattered(count: int, size: int) -> list[IndexArray]:
-    """Deal numbers below a count to parts of a size, each from all over, and sorted.
+    """Distribute the numbers below a count to sorted parts of a size, each spread over the whole range.
 
-    Whatever part is done first shows the whole; and as each has most values of every key, the same entries vary in all
-    of them, for which the same programs are compiled. The order is that of the fractions of k times the golden ratio.
+    The first complete part then represents the whole. Because each part has most values of every key, the same entries
+    vary in all parts, and the same programs serve them. The order is that of the fractional parts of k times the golden
+    ratio.
     """
     order = np.argsort(np.arange(count) * GOLDEN % 1.0, kind="stable")
     return [np.sort(order[first : first + size]) for first in range(0, count, size)]
@@ -199,21 +200,21 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
     """Make the variants of a sweep.
 
     Args:
-        values: by dotted key, a list, a range, or the text of one.
-        zip: take the keys' first values together, then their second ones, ...
+        values: list, range, or text of one, by dotted key.
+        zip: whether to combine the first values of all keys, then the second values, and so on.
         sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations.
-        seed: of the sample.
+        seed: seed of the sample.
 
     Raises:
-        InputError: no values, lists of different lengths with `zip`, a range without a count in a grid, a seed that is
-            no whole number from zero.
+        InputError: there are no values; lists have different lengths with `zip`; a range in a grid has no count; or the
+                seed is not a non-negative integer.
     """
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
     spans = {str(key): as_values(str(key), each) for key, each in values.items()}
     if sample:
         if zip:
-            raise InputError("zip", zip, "no zip with a sample: its values go together already")
+            raise InputError("zip", zip, "no zip with a sample, whose values are already combined")
         seed = count("seed", seed)
         return VariantGrid(*grid(_sampled(spans, _size(sample), seed), zip=True), sample=sample, seed=seed)
     lists: dict[str, Values] = {}
@@ -236,7 +237,7 @@ def _size(sample: str) -> int:
 
 
 def _sampled(spans: Mapping[str, Range | Values], size: int, seed: int) -> dict[str, Values]:
-    """Draw a Latin hypercube: anywhere in a range, and each value of a list as often as the others."""
+    """Draw a Latin hypercube: continuous values of ranges, and each value of a list equally often."""
     from scipy.stats import qmc
 
     if not spans:

@@ -80,8 +80,8 @@ def test_goals_are_live_and_lead_to_where_the_scene_with_them_comes_to_rest() ->
 @pytest.mark.parametrize(
     ("live", "text"),
     [
-        ("hand.0.guide.lag", "of a guide the goals change"),
-        ("hand.0.guide", "of a guide the goals change"),
+        ("hand.0.guide.lag", "only the goals of a guide can change"),
+        ("hand.0.guide", "only the goals of a guide can change"),
         ("hand.0.guide.offset", "this scene has no such value"),
     ],
 )

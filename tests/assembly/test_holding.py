@@ -349,9 +349,9 @@ MADE: list[tuple[str, dict[str, Any], str]] = [
     (
         "5.0 *->np.nan *",
         {"stiffness": 1.0},
-        r": damping of what hold\(\) gives: .* an array \(3, (3, 3|1, 1)\) of finite",
+        r": damping of the result of hold\(\): .* an array \(3, (3, 3|1, 1)\) of finite",
     ),
-    ("] * d)->] * 2)", {"stiffness": 1.0}, r": stiffness of what hold\(\) gives: "),
+    ("] * d)->] * 2)", {"stiffness": 1.0}, r": stiffness of the result of hold\(\): "),
     ("def hold->def grab", {"stiffness": 1.0}, r"\.kind: the hand '.*' has no function hold\(\*\*settings\)"),
     ("import numpy->import numpie", {"stiffness": 1.0}, r"\.kind: the hand '.*' cannot be imported: .*sway\.py:2: "),
 ]

@@ -126,7 +126,7 @@ def test_a_part_that_a_plain_hand_has_not_is_refused_with_what_to_do(name: str, 
     with gx.open(built, live=[key]) as session:
         if before:
             session.step(before)
-        with pytest.raises(InputError, match="begin with") as error:
+        with pytest.raises(InputError, match="start the run with") as error:
             session.set(key, PARTS[name])
         assert key.replace("right", "0") in str(error.value)
         assert not session.recording.changes
@@ -146,7 +146,7 @@ def test_a_number_of_a_part_that_is_not_there_is_no_key(name: str) -> None:
 def test_the_last_part_of_a_hand_is_not_taken_away_in_mid_run(name: str) -> None:
     with gx.open(scene("hand.right", {name: PARTS[name]}), live=[f"hand.right.{name}"]) as session:
         session.step(TICKS)
-        with pytest.raises(InputError, match="limb, stiffening, reaction, noise before as after"):
+        with pytest.raises(InputError, match="limb, stiffening, reaction, noise either always or never"):
             session.set(f"hand.right.{name}", None)
 
 

@@ -71,7 +71,7 @@ def test_an_update_that_would_change_nothing_is_refused() -> None:
     with build(scene, live=[key]) as servo:
         steering = Steering(servo, scene, [key])
         assert steering.update(scene.replace({key: 0.4}), {key: 0.4}).parts
-        with pytest.raises(InputError, match="a key that reaches a number of the run"):
+        with pytest.raises(InputError, match="a key that affects a number of the run"):
             steering.update(scene.replace({key: 0.4}), {"finger.thumb.device.mass": 0.4})
 
 
@@ -100,8 +100,8 @@ def test_a_value_that_a_scene_does_not_allow_changes_nothing() -> None:
     assert session.recording.rows.tobytes() == plain.rows.tobytes()
 
 
-FORM = "a value of the form that it had at the start"
-ABOVE = "a coefficient of friction above zero where there was one"
+FORM = "a value of the same form as at the start"
+ABOVE = "coefficients of friction that are above zero for the same fingers"
 REFUSALS: dict[str, tuple[str, Mapping[str, Any], str, Any, str]] = {  # scene, overrides, key, value, why
     "a number to matrices": ("paper-spring", {}, KIP, [[70.0]], FORM),
     "matrices to a number": ("paper-spring", {KIP: [[70.0]]}, KIP, 70.0, FORM),
@@ -113,7 +113,7 @@ REFUSALS: dict[str, tuple[str, Mapping[str, Any], str, Any, str]] = {  # scene, 
     "steps of a squeeze": (
         "sphere-three-fingers", {}, "hand.squeeze",
         [{"to": 0.01, "begin": 0.1, "duration": 0.1}, {"to": 0.0, "begin": 1.0, "duration": 0.1}],
-        "laid out at the start",
+        "a fixed memory layout",
     ),
 }  # fmt: skip
 
@@ -134,15 +134,15 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
     ("name", "overrides", "key", "why"),
     [
         ("reference-1dof", {}, "period", "time is counted in periods"),
-        ("reference-1dof", {}, "object.position", "what moves goes on from where it is"),
-        ("reference-1dof", {}, "finger.0.start", "what moves goes on from where it is"),
-        ("reference-1dof", {}, "object.shape.size", "what bodies are made"),
-        ("reference-1dof", {}, "coupling.contact", "it decides what is computed"),
-        ("reference-1dof", {}, "coupling.passivity", "what is recorded"),
-        ("reference-1dof", {}, "finger.*.radius", "how contacts are laid out"),
-        ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the ledger"),
+        ("reference-1dof", {}, "object.position", "moving parts continue from their present state"),
+        ("reference-1dof", {}, "finger.0.start", "moving parts continue from their present state"),
+        ("reference-1dof", {}, "object.shape.size", "which bodies exist"),
+        ("reference-1dof", {}, "coupling.contact", "it selects what is computed"),
+        ("reference-1dof", {}, "coupling.passivity", "whether energy is recorded"),
+        ("reference-1dof", {}, "finger.*.radius", "the memory layout of contacts"),
+        ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the energy ledger"),
         ("reference-1dof", {"coupling.metric": "mass"}, "finger.*.device.mass", "coupling.split = 'mass'"),
-        ("paper-spring-arms", {}, "finger.*.device.mass", "unless it is a simulated point"),
+        ("paper-spring-arms", {}, "finger.*.device.mass", "only the mechanics of a simulated point"),
     ],
 )
 def test_keys_that_cannot_be_live(name: str, overrides: Mapping[str, Any], key: str, why: str) -> None:
@@ -158,7 +158,7 @@ def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Pa
     scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
     moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
     with gx.open(moving, live=[key]) as session:
-        with pytest.raises(InputError, match="a hand or a motion of a plug-in has them already"):
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in has received them"):
             session.set(key, 30.0)
         assert not session.recording.changes
         session.step(2)
@@ -207,7 +207,7 @@ def test_live_keys_that_are_no_list(live: Any) -> None:
 
 @pytest.mark.parametrize("key", ["finger", "finger.*", "object.0", "hand"])
 def test_whole_tables_are_not_live(key: str) -> None:
-    with pytest.raises(InputError, match=f"'{re.escape(key)}' stands for whole tables"):
+    with pytest.raises(InputError, match=f"'{re.escape(key)}' denotes whole tables"):
         gx.open("reference-1dof", live=[key])
 
 
@@ -259,9 +259,9 @@ def test_a_key_that_is_none_is_told_with_one_that_comes_close(key: str, says: st
 def test_keys_without_a_value_here() -> None:
     with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
         for key, says in (
-            ("finger.0.device.resolution", "a setting that the scene gives; its driver's own value holds"),
-            ("finger.0.hand.stiffness", "where a name stands for a table"),
-            ("finger.*.hand.stiffness", "where a name stands for a table"),
+            ("finger.0.device.resolution", "a setting that the scene gives; the driver's default applies"),
+            ("finger.0.hand.stiffness", "if a name denotes a table"),
+            ("finger.*.hand.stiffness", "if a name denotes a table"),
             ("period.x", "period is a value and has no parts"),
         ):
             with pytest.raises(InputError, match=says):

@@ -93,8 +93,8 @@ def test_switches_and_raw_numbers(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "told 9 for its switches, expected the bits of 3": {"switches": property(lambda self: 9)},
-    "told True for its switches": {"switches": property(lambda self: True)},
+    "returned 9 for its switches, expected the bits of 3": {"switches": property(lambda self: 9)},
+    "returned True for its switches": {"switches": property(lambda self: True)},
     "cannot be read: ZeroDivisionError": {"switches": property(lambda self: 1 // 0)},
 }
 

@@ -63,6 +63,6 @@ def test_files_of_one_name_keep_their_order(tmp_path: Path) -> None:
     assert by_name(one) != by_name(two) and by_name(one) == by_name(dict(reversed(one.items())))
     assert file_changes(by_name(one), by_name(two)) == ["the file m.stl has changed"]
     assert file_changes({"old": "1"}, {"new": "1"}) == [
-        "the file new counts here and did not there",
-        "the file old counted there and does not here, or is missing",
+        "the file new is used here but was not used there",
+        "the file old was used there but is not used here, or is missing",
     ]

@@ -101,7 +101,7 @@ def test_faults_stand_where_they_are(key: str, value: Any, text: str) -> None:
 
 
 def test_other_simulations_than_points_are_refused_and_say_what_to_do() -> None:
-    with pytest.raises(SceneError, match="take the device 'simulated'"):
+    with pytest.raises(SceneError, match="use the device 'simulated'"):
         gx.load("paper-waving", {"finger.*.hand.limb": {"mass": 0.1, "stiffness": 100.0}})
     gx.load("paper-waving", {"finger.*.hand.tremor": {"amplitude": 1e-4}})
 
@@ -117,7 +117,7 @@ def test_live_values_are_those_of_a_scene_that_has_them_from_then_on() -> None:
         force = session.force.copy()
     steady = scene(quiet).replace({**dict(zip(keys, (0.3, 300.0, 25.0), strict=True)), "duration": 6.0})
     assert force == pytest.approx(gx.run(steady).finger_force[-1], rel=1e-5, abs=1e-5)
-    for key, text in (("reaction.delay", "its stiffness, damping and force"), ("noise.cutoff", "its share")):
+    for key, text in (("reaction.delay", "stiffness, damping and force"), ("noise.cutoff", "only the share")):
         with pytest.raises(InputError, match=text):
             gx.open(scene(), live=[f"finger.0.hand.{key}"])
 

@@ -29,7 +29,7 @@ def test_gains_that_are_moved_apart_in_the_block_raise(engine: str) -> None:
     scene = gx.load("paper-waving", {KIP: 30.0})
     with build(scene, engine=engine) as servo, Recorder(servo.layout, Header(scene.period)) as recorder:
         servo.objects[0].grasped.block[entry("internal_stiffness")] = 70.0
-        with pytest.raises(InputError, match="equal: given True, expected a switch that follows from the gains"):
+        with pytest.raises(InputError, match="equal: given True, expected a switch that agrees with the gains"):
             servo.run(1, recorder)
         assert servo.ticks == 0
 

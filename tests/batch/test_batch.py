@@ -186,7 +186,7 @@ def test_what_does_not_add_up_is_built_whole(line, by_values, monkeypatch):
     expected = gx.run_batch(line, values, 0.1)
     monkeypatch.setattr(Variants, "_holds", lambda self, group, structure: False)
     found = gx.run_batch(line, values, 0.1)
-    assert found.notes == ("20 variants were built one by one: their keys do not act by themselves",)
+    assert found.notes == ("20 variants were built one by one: their keys interact",)
     assert not expected.notes
     require_same(found, expected)
 
@@ -354,7 +354,7 @@ def test_what_cannot_be_run_says_so(line, values, options, error, said):
 
 def test_a_part_that_is_no_kernel_is_named():
     pytest.importorskip("pybullet")
-    with pytest.raises(InputError, match=r"not so: the body of .* \(BulletWorld\)"):
+    with pytest.raises(InputError, match=r"not kernels: the body of .* \(BulletWorld\)"):
         gx.run_batch(gx.load("two-objects"), {KIP: [50.0, 60.0]})
 
 

@@ -220,7 +220,7 @@ def test_a_contact_on_the_edge_is_said_to_be() -> None:
     (found,) = certificates
     assert found.edge == ("finger0", "finger1")
     assert found.grip == pytest.approx({"finger0": 1.0, "finger1": 1.0}, abs=1e-6)
-    assert any("rests a few per cent elsewhere" in text for text in found.assumed)
+    assert any("comes to rest a few per cent elsewhere" in text for text in found.assumed)
     text = " ".join(repr(certificates).split())
     assert "f_t/(mu f_n): finger0 1.00, finger1 1.00; on the cone's edge, and sticking: finger0, finger1" in text
     data = json.loads(json.dumps(certificates.to_dict()))
@@ -338,7 +338,7 @@ def test_a_floor_that_carries_the_weight_belongs_to_the_loop(integrator: str) ->
 def test_a_floor_under_a_squeezed_grasp_has_a_row() -> None:
     """Off the floor kep goes as far as 160 N/m; on it the box stays and nothing but kip counts, a wall's limit."""
     (found,) = gx.certify(standing("explicit"))
-    assert "the weight is carried by something else, which is left out (floor)" in found.assumed
+    assert "the weight is carried by other supports, which are ignored (floor)" in found.assumed
     row = next(row for row in found.limits if row.mode == "standing on floor")
     assert row.limit == pytest.approx(limit_of(found, "internal"), rel=1e-6)
     assert limit_of(found, "external") == pytest.approx(160.5, abs=0.1)
@@ -353,7 +353,7 @@ def test_what_carries_the_load_and_is_no_floor_is_named(dynamics: str) -> None:
     scene = gx.load("pick-and-place", {"object.dynamics": dynamics})
     recording = gx.run(scene, duration=0.7)  # closed, not yet lifted
     (found,) = gx.certify(scene, recording=recording)
-    assert any("carried by floor, which is left out" in text for text in found.assumed), found.assumed
+    assert any("carried by floor, which is ignored" in text for text in found.assumed), found.assumed
 
 
 # Recordings, and squeezes that are held ----------------------------------------------------------------------------
@@ -419,7 +419,7 @@ def test_what_has_no_rest_is_not_judged() -> None:
     """A disc that slips out of its fingers was called stable, by its contacts at the start."""
     scene = disc(300.0).replace({"gravity": [0.0, -9.81], "coupling.friction": 0.2})
     assert gx.run(scene, duration=0.5).objects["object"].position[-1, 1] < -0.3
-    with pytest.raises(NoRestError, match=r"with still hands .* run the scene until it rests"):
+    with pytest.raises(NoRestError, match=r"with hands at rest .* run the scene until it rests"):
         gx.certify(scene)
     report = gx.check(scene)
     assert report.verdict.startswith("not judged: object: ") and not report.ok and report.certificates == ()

@@ -61,7 +61,7 @@ def test_brief_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["reference-1dof"], 0, "stable"),
         (["paper-spring", "--set", BEYOND], 1, "NOT STABLE"),
-        (["quiet.toml"], 1, "not judged: the device of finger0: given None, expected one that tells its mass"),
+        (["quiet.toml"], 1, "not judged: the device of finger0: given None, expected one that reports its mass"),
     ],
 )
 def test_strict_ends_with_1_unless_the_scene_is_stable(
@@ -157,7 +157,7 @@ def test_the_worst_object_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     found.remove(lost)
     verdict = gx.check("two-objects").verdict
-    assert verdict.startswith("stable: base, ") and verdict.endswith("; the other objects have more room")
+    assert verdict.startswith("stable: base, ") and verdict.endswith("; the other objects have larger margins")
 
 
 def test_a_radius_below_one_is_that_in_the_air_where_the_support_decides() -> None:

@@ -193,7 +193,7 @@ def test_a_radius_of_one_to_rounding_is_stable_as_its_margin_is() -> None:
 
 def test_a_loop_that_grows_at_gains_within_their_limits_says_so() -> None:
     verdict = Report("a scene", certificates=(certificate(1.001, 4.42),)).verdict
-    assert verdict.startswith("NOT STABLE: ball, spectral radius 1.001000; no gain is beyond its limit, the least")
+    assert verdict.startswith("NOT STABLE: ball, spectral radius 1.001000; no gain exceeds its limit; smallest")
     verdict = Report("a scene", certificates=(certificate(1.001, 0.9),)).verdict
     assert verdict.startswith("NOT STABLE: ball, spectral radius 1.001000; external 100 N/m: limit 90, margin 0.90")
 

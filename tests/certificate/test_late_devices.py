@@ -34,14 +34,14 @@ def test_a_lateness_in_seconds_is_that_of_the_linearisation() -> None:
     limits = [row.limit for row in certificate.limits if row.mode == "internal"]
     assert limits == pytest.approx([gx.stability.wall_limit(0.15, 0.2, 0.005, spring=33.0, latency=0.0013)], rel=1e-9)
     assert all(row.difference < 1e-6 for row in certificate.limits if row.exact and not np.isnan(row.difference))
-    assert any("1.3 ms late, as measured: their simulation is not" in text for text in certificate.assumed)
+    assert any("1.3 ms late, as measured; a simulation does not" in text for text in certificate.assumed)
 
 
 def test_the_worse_end_of_jitter_counts() -> None:
     [even] = gx.certify(reference(lateness=0.002), quick=True)
     [uneven] = gx.certify(reference(lateness=0.001, jitter=[0.0005, 0.002]), quick=True)
     assert uneven.spectral_radius == even.spectral_radius
-    assert uneven.assumed[-1] == "forces 0.5 to 2 ms late in 98 % of the samples: the worse end, 2 ms"
+    assert uneven.assumed[-1] == "forces are 0.5 to 2 ms late in 98 % of the samples; judged at 2 ms"
 
 
 def test_measures_stand_before_what_a_driver_tells() -> None:

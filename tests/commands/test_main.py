@@ -196,8 +196,8 @@ def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFix
     far = "finger.0.start=[-0.4]", "finger.0.hand.rest=[-0.4]", "coupling.internal.stiffness=9000.0"
     main(["run", "paper-spring", "--set", *far, "--duration", "0.3", "--no-figure"])
     before, after = capsys.readouterr().err.splitlines()
-    assert "does not settle under kip = 9000 N/m" in before
-    assert after.startswith("note: finger0 never touches object: 3")  # it sets out 375 mm from the cube
+    assert "is unstable under kip = 9000 N/m" in before
+    assert after.startswith("note: finger0 never touches object: smallest gap 3")  # it sets out 375 mm from the cube
 
 
 def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,7 +205,7 @@ def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -
     assert main(["check", "paper-spring", "--set", *changes]) == 0
     unit, settle = (line for line in capsys.readouterr().out.splitlines() if line.startswith("note: "))
     assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit (3 mm would be 0.003)"
-    assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
+    assert settle.startswith("note: at a period of 5 ms finger0 is unstable under kip = 9000 N/m")
 
 
 def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(

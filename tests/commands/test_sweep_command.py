@@ -14,7 +14,7 @@ OVER = ["--over", "coupling.external.stiffness=20:60:3", "--duration", "0.1"]
 SCENE = ["sweep", "reference-1dof", *OVER]
 
 
-@pytest.mark.filterwarnings("default:.*was removed to begin again")
+@pytest.mark.filterwarnings("default:.*was removed to start again")
 def test_it_writes_a_file_a_figure_and_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = ["--out", str(tmp_path)]
     assert main([*SCENE, *out, "--measure", "finger_force.peak"]) == 0
@@ -33,7 +33,7 @@ def test_it_writes_a_file_a_figure_and_a_table(tmp_path: Path, capsys: pytest.Ca
     assert main([*SCENE, *out, "--overwrite", "--executor", "threads:2", "--chunk", "2"]) == 0
     said = capsys.readouterr().err
     assert said.startswith(f"warning: {tmp_path}: the sweep of ")
-    assert "was removed to begin again, with 1 chunk and sweep.nc\n" in said
+    assert "was removed to start again, with 1 chunk and sweep.nc\n" in said
 
 
 def test_a_folder_of_its_own_and_the_last_one(

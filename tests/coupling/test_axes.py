@@ -186,7 +186,7 @@ def scene(**coupling: Any) -> gx.Scene:
 def test_check_and_run_warn_of_world_axes_with_the_figure() -> None:
     assert axes_notes(resolve(scene())) == []
     (note,) = axes_notes(resolve(scene(axes="world")))
-    assert "world axes create energy on object as it turns: up to " in note and "axes = 'object'" in note
+    assert "world axes generate energy on object as it rotates: up to " in note and "axes = 'object'" in note
     with pytest.warns(ActiveCouplingWarning, match="world axes create energy"):
         gx.run(scene(axes="world"), duration=0.05)
     with warnings.catch_warnings():

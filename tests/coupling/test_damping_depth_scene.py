@@ -176,7 +176,7 @@ def touch_step(rec: gx.Recording) -> float:
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"coupling__damping_depth": 0.0}, "all its damping at once"),
+        ({"coupling__damping_depth": 0.0}, "full damping at once"),
         ({"coupling__external__damping": 0.0, "coupling__internal__damping": 0.0}, "there is no damping"),
         ({"coupling__contact": "attached", "coupling__friction": 0.0}, "attached contacts"),
     ],

@@ -107,7 +107,7 @@ def test_the_certificate_says_how_far_the_fade_is_from_the_settled_squeeze() -> 
     assert one.fade is not None
     begins, asked = one.fade
     assert begins == pytest.approx(0.009) and 0.004 < asked < begins
-    assert f"the fade begins at 9 mm; the forces at rest ask for {1e3 * asked:.3g} mm" in " ".join(
+    assert f"the fade begins at 9 mm; the forces at rest require {1e3 * asked:.3g} mm" in " ".join(
         repr(gx.certify(scene)).split()
     )
     (short,) = gx.certify(scene.replace({"coupling.fade": [0.002, 0.01]}))

@@ -136,7 +136,7 @@ def test_a_device_that_does_not_tell_its_mass_has_no_certificate() -> None:
         gate.clamp.close()
     assert order.is_refused
     assert "there is no certificate for the present values: " in order.text
-    assert "one that tells its mass and friction" in order.text
+    assert "one that reports its mass and friction" in order.text
     assert not gate.run.values
 
 
@@ -162,8 +162,8 @@ def test_orders_that_wait_become_one(gate: Gate) -> None:
 
 
 def test_what_a_run_refuses_is_raised_and_counts_as_not_set(gate: Gate) -> None:
-    gate.run.error = InputError("session", 1, "a session that goes on")
-    with pytest.raises(InputError, match="a session that goes on"):
+    gate.run.error = InputError("session", 1, "a session that is running")
+    with pytest.raises(InputError, match="a session that is running"):
         gate.order({KEP: 300.0})
     gate.run.error = None
     assert gate.order({KIP: 380.0}).values == {KIP: 380.0}
@@ -173,7 +173,7 @@ def test_what_a_run_refuses_is_raised_and_counts_as_not_set(gate: Gate) -> None:
 
 
 def test_a_verdict_is_on_what_the_run_has_after_it_refused_a_value(gate: Gate) -> None:
-    gate.run.error = InputError("run", "closed", "a run that goes on")
+    gate.run.error = InputError("run", "closed", "a run that is running")
     with pytest.raises(InputError):
         gate.order({KEP: 300.0})
     margins = gate.clamp._margins

@@ -253,7 +253,7 @@ def test_hardware_pauses_for_nobody_and_no_button_arms_it_again_after_a_fault(tm
             assert run.has_hardware
             assert not run.guides
             for act in (run.pause, run.resume, run.step):
-                with pytest.raises(InputError, match="a scene of simulations alone"):
+                with pytest.raises(InputError, match="a scene with simulated devices only"):
                     act()
             run.set({"coupling.internal.stiffness": 60.0}).result(PATIENCE)
             assert run.await_row(0, PATIENCE)

@@ -228,7 +228,7 @@ def test_joined_hands_are_block_diagonal_and_in_order():
         (lambda: Hand(REST, 1.0, squeeze=0.01), "inward"),
         (lambda: Hand(REST, 1.0, squeeze=0.01, inward=[[1.0, 0.0]]), "inward"),
         (lambda: Hand(REST, 1.0, squeeze=Levels([[0.01, 0.0, 1.0]])), "inward"),
-        (lambda: Hand(REST, 1.0, squeeze=Reach([0.1, 0.2]), inward=REST), "squeeze.*one dimension"),
+        (lambda: Hand(REST, 1.0, squeeze=Reach([0.1, 0.2]), inward=REST), "squeeze.*one-dimensional"),
         (lambda: Hand(REST, 1.0, squeeze=0.1, inward=REST, share=[1.0, 2.0]), r"share.*\(3,\)"),
         (lambda: Hand(REST, 1.0, turns=[Turn(Reach([1.0]), [0.0, 0.0, 0.0], 2)]), "turns.*2 dimensions"),
         (lambda: Hand(REST, 1.0, squeeze=np.nan), "squeeze"),

@@ -45,7 +45,7 @@ CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "run of nothing": (lambda _: gx.run(None), "scene: given None, expected a scene; gx.load(name)"),  # type: ignore[arg-type] # which is no scene
     "run with a list": (run(overrides=["x"]), "overrides: given ['x'], expected values by dotted key"),
     "run with two times": (run(overrides=0.1), "overrides: given 0.1, expected values by dotted key"),
-    "run in real time": (run(real_time="yes"), "real_time: given 'yes', expected True for the wall's clock, or False"),
+    "run in real time": (run(real_time="yes"), "real_time: given 'yes', expected True for the wall clock, or False"),
     "check of a number": (lambda _: gx.check(3), "scene: given 3, expected a scene; gx.load(name)"),  # type: ignore[arg-type] # likewise
     "certify nothing": (lambda _: gx.certify(None), "scene: given None, expected a scene"),  # type: ignore[arg-type] # likewise
     "run into an array": (run(out=np.zeros(3)), "out: given an array of shape (3,), expected the path of a folder"),

@@ -77,6 +77,6 @@ def test_a_summary_shows_changes(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     assert "values changed in mid-run" in text
     assert "note: from 0.5 s on coupling.internal.stiffness = 51.0\n" in text
-    assert "note: and 3 changes more" in text and text.count("note: from") == MOST_CHANGES
+    assert "note: and 3 more changes" in text and text.count("note: from") == MOST_CHANGES
     print_summary([wave])
     assert "in mid-run" not in capsys.readouterr().out

@@ -108,7 +108,7 @@ for step in [*range(10), *range(10, 1000, 7)]:
     try:
         sink.close(Outcome())
     except RecordingError as error:
-        said = "recording.h5: cannot be written; No space left on device; the run is whole in recording.h5.part"
+        said = "recording.h5: cannot be written; No space left on device; the run is complete in recording.h5.part"
         assert str(error) == said, error
     else:
         break
@@ -173,7 +173,7 @@ def test_ctrl_c_while_the_recording_is_written_waits_for_its_end(tmp_path: Path)
 def test_a_text_that_hdf5_does_not_take_leaves_the_part(tmp_path: Path) -> None:
     sink = FileSink(tmp_path / NAME, made, header(title="nothing \0 here"))
     sink.write(values, [])
-    said = r"recording\.h5: cannot be written; .*NULL.*; the run is whole in .*recording\.h5\.part"
+    said = r"recording\.h5: cannot be written; .*NULL.*; the run is complete in .*recording\.h5\.part"
     with pytest.raises(RecordingError, match=said):
         sink.close(Outcome())
     rec = Recording.load(tmp_path)

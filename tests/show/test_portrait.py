@@ -301,7 +301,7 @@ def test_a_finger_that_is_nowhere_is_left_out() -> None:
     rows = lost.rows.copy()
     rows[:, lost.layout.columns["true_position"].where.start] = np.nan
     made, notes = drawn(Recording(rows, lost.layout, lost.header))
-    assert "nowhere" in notes[0] and "finger0" not in {text.get_text() for text in made.axes[0].texts}
+    assert "without finite positions" in notes[0] and "finger0" not in {text.get_text() for text in made.axes[0].texts}
 
 
 @pytest.mark.parametrize("scene", ["reference-1dof", "paper-waving"])

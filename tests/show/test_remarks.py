@@ -40,7 +40,7 @@ def test_a_run_in_which_all_hold_is_passed_over() -> None:
 def test_a_finger_that_never_touches_is_named_with_its_distance() -> None:
     gap = np.zeros((N, 2))
     gap[:, 1] = np.linspace(0.3, 0.246, N)
-    assert remarks(run([True, False], gap=gap)) == ["finger1 never touches object0: 246 mm away at the nearest"]
+    assert remarks(run([True, False], gap=gap)) == ["finger1 never touches object0: smallest gap 246 mm"]
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_without_gravity_nothing_falls() -> None:
 def test_contacts_that_chatter() -> None:
     often = np.stack([np.arange(N) % 20 < 10, np.ones(N)], axis=1)  # 19 touches after the first, in 2 s
     assert remarks(run(often)) == [
-        "finger0 touches and lets go up to 19 times: contacts ring where stiffness and period are too large"
+        "finger0 touches and lets go up to 19 times: contacts chatter if stiffness and period are too large"
     ]
 
 

@@ -184,7 +184,7 @@ def test_one_run_has_no_change_and_rows_without_numbers_are_left_out() -> None:
     lines = {line[0]: line[1:] for line in printed([rec])}
     assert lines["faults"] == ["0", ""]
     assert "wall time" not in lines
-    assert "invasion of a finger, mean" not in lines
+    assert "penetration depth of a finger, mean" not in lines
     assert len(columns([rec])) == 3
 
 

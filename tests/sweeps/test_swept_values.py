@@ -69,7 +69,7 @@ def test_others_are_refused(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a=40:60:1", "a COUNT of two or more.*both ends are among the values; a single value stands alone"),
+        ("a=40:60:1", "a COUNT of two or more.*both ends are included; a single value is written alone"),
         ("a=40:60:1:log", "a COUNT of two or more"),
         ("a=1:1:2", "two different ends"),
         ("a=0:1:3:log", "FROM:TO:COUNT:log with ends above zero"),

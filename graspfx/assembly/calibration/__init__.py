@@ -1,1 +1,1 @@
-"""Calibration of hardware: how late its forces are, what its fingers weigh, what brakes them, where its axes lead."""
+"""Calibration of hardware: delay of forces, mass, friction and axes of its fingers."""

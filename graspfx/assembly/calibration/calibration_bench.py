@@ -1,4 +1,4 @@
-"""A bench for one device: its finger held still or moved by a person, pushed, and judged by what the person says."""
+"""A test bench for one device, whose fingers are pushed by pulses or moved by a person."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from graspfx.loop.realtime.process import Interruption, frozen_memory, signals_e
 from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]
-FARTHEST = 0.03  # from where a finger was opened: beyond, it is not held by what it should be [m]
+FARTHEST = 0.03  # largest distance of a finger from its initial position during pulses [m]
 FASTEST = 0.5  # [m/s]
 WINDOW = 0.02  # of a velocity [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A tick of the bench.
+    """One tick of the bench.
 
     Attributes:
-        due: its deadline [s].
-        start: of its reading, `end` of its writing [s].
-        position: of the fingers, (k, d) [m].
+        due: deadline [s].
+        start: start of its reading; `end`: end of its writing [s].
+        position: positions of the fingers, (k, d) [m].
         is_fresh: whether the reading brought a new sample.
     """
 
@@ -58,18 +58,18 @@ class Sample:
 
 
 class Bench:
-    """One device, at zero force unless a tick says otherwise, in its own axes.
+    """One device in its own axes, at zero force unless a tick sets a force.
 
     Args:
-        port: of the device, open and at rest.
-        exchange: it alone.
-        period: between two calls of it [s].
+        port: port of the device, which is open and at rest.
+        exchange: exchange with this device only.
+        period: time between calls of the device [s].
         limits: largest force of each channel [N].
-        clock: of the ticks.
-        late: periods in a row that may be left out while a force is on.
+        clock: clock of the ticks.
+        late: largest number of successive skipped periods while a force is on.
 
     Attributes:
-        samples: of all ticks so far.
+        samples: samples of all ticks so far.
     """
 
     def __init__(
@@ -87,18 +87,18 @@ class Bench:
         return k, d
 
     def tick(self, channel: int = 0, force: FloatArray | None = None) -> Sample:
-        """Read, then write a force (d,) on one channel; all others, and that one without a force, are at zero.
+        """Read, then write a force (d,) to one channel, or zero if None; all other channels get zero force.
 
         Raises:
-            DeviceError: a fault of the device, a finger that goes too far or too fast, or a force that stood for too
-                long because this machine was too late.
-            Interruption: a signal.
+            DeviceError: the device has a fault, a finger moves too far or too fast, or a force lasted too long because
+                    the machine was late.
+                Interruption: a signal arrived.
         """
         exchange, pacer, command = self._exchange, self._pacer, self.port.port.command
         skipped = pacer.wait(lambda: bool(exchange.exits.numbers))
         if exchange.exits.numbers:
             raise Interruption(exchange.exits.cause)
-        if command.any() and pacer.row > self._late:  # a pause without a force is none
+        if command.any() and pacer.row > self._late:  # a pause without a force is harmless
             raise DeviceError(f"{self.port.name}: {late_text(pacer.row, self.period, self._late)}")
         start = self.clock.now()
         _require(exchange.read(1 + skipped))
@@ -121,7 +121,7 @@ class Bench:
 
     @property
     def velocity(self) -> FloatArray:
-        """Mean over the last samples, (k, d) [m/s]: a device's own estimate may be taken from two counts."""
+        """Mean velocity over the last samples, (k, d) [m/s]; a device's own estimate may use only two counts."""
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
             return np.zeros_like(self.home)
@@ -134,12 +134,12 @@ class Bench:
             return
         if away > FARTHEST:
             raise DeviceError(
-                f"{self.port.name} went {1e3 * away:.0f} mm from where it was; let it stand free and level"
+                f"{self.port.name} moved {1e3 * away:.0f} mm away from its start; set it up free and level"
             )
         if float(np.abs(self.velocity).max()) > FASTEST:
-            raise DeviceError(f"{self.port.name} goes faster than {FASTEST:g} m/s: nothing that it was told to do")
+            raise DeviceError(f"{self.port.name} moves faster than {FASTEST:g} m/s, which was not commanded")
 
-    watched = True  # whether a finger has to stay near home; not while a person moves it
+    watched = True  # whether a finger must stay near its start; not while a person moves it
 
     @property
     def round_trip(self) -> float:
@@ -148,14 +148,14 @@ class Bench:
 
     @property
     def lateness(self) -> tuple[float, float]:
-        """Ends of 98 % of the times from a deadline to the end of the writing [s]."""
+        """1st and 99th percentile of the time from a deadline to the end of the writing [s]."""
         low, high = np.percentile([each.end - each.due for each in self.samples], (1.0, 99.0))
         return float(low), float(high)
 
 
 @contextmanager
 def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
-    """Open one device of a scene and settle it; zero force is the last that it is told, whatever happens.
+    """Open one device of a scene and let it settle; whatever happens, its last force is zero.
 
     Raises:
         DeviceError: it does not open or is not at rest.
@@ -180,7 +180,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
 
 
 def _limits(parts: Parts, wire: Wire) -> FloatArray:
-    """Give the largest force of each channel in the device's own units, (k,) [N]; infinite where nobody tells one."""
+    """Return the largest force of each channel in the device's units, (k,) [N]; infinite if unknown."""
     limits = np.full(len(wire.fingers), np.inf)
     if wire.device.features.peak_force is not None:
         limits[:] = wire.device.features.peak_force
@@ -199,24 +199,24 @@ def _require(faults: list[str]) -> None:
 
 PATIENCE = 20.0  # for a person [s]
 PUSH = 0.01  # that is asked for [m]
-CLEAR = 0.8  # of a motion that is along one axis
-STILL = 5e-4  # within which a finger stands still [m]
+CLEAR = 0.8  # fraction of a motion that must be along one axis
+STILL = 5e-4  # largest motion of a still finger [m]
 LONG_ENOUGH = 1.0  # for so long [s]
 AWAY = 2e-3  # that it was moved at all [m]
 WAYS = {
     1: ("to the right",),
     2: ("to the right", "up, or away from you"),
     3: ("to the right", "away from you", "up"),
-}  # of the axes of a scene, by its dimensions
+}  # directions of a scene's axes, by its dimensions
 Prompt = Callable[[str], None]
 
 
 def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> dict[str, str]:
-    """Have a person push a finger along each axis of the scene; say of each axis what came of it."""
+    """Ask a person to push a finger along each axis of the scene; return the result for each axis."""
     answers = {}
     bench.watched = False
     for axis in range(bench.shape[1]):
-        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]}, by two centimetres: that is to be +{'xyz'[axis]}")
+        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]} by two centimetres, which should be +{'xyz'[axis]}")
         start = _placed(bench, channel, frame)
         shift = np.zeros_like(start)
         for _ in range(round(PATIENCE / bench.period)):
@@ -235,15 +235,15 @@ def _answer(shift: FloatArray, axis: int) -> str:
         return "not checked: nobody pushed"
     most = int(np.argmax(np.abs(shift)))
     if abs(float(shift[most])) < CLEAR * size:
-        return "not clear: it went between two axes; push again along one"
+        return "not clear: it moved between two axes; push again along one"
     sign = "+" if shift[most] > 0.0 else "-"
     if (most, sign) == (axis, "+"):
-        return f"right: it went to +{'xyz'[axis]}"
-    return f"WRONG: it went to {sign}{'xyz'[most]}; put that right with frame.axes"
+        return f"right: it moved along +{'xyz'[axis]}"
+    return f"WRONG: it moved along {sign}{'xyz'[most]}; correct frame.axes"
 
 
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
-    """Have a person put a finger at the scene's origin; give where it was read, (d,) [m], or None without anybody."""
+    """Ask a person to put a finger at the scene's origin; return its reading, (d,) [m], or None without a person."""
     bench.watched = False
     prompt(f"put {finger} where the scene's origin is to be, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
@@ -263,40 +263,40 @@ def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, pro
 
 
 def _placed(bench: Bench, channel: int, frame: Frame | None) -> FloatArray:
-    """Give where a finger is in the scene, (d,) [m]."""
+    """Return the position of a finger in the scene, (d,) [m]."""
     own = bench.port.readings.position
     placed: FloatArray = (own if frame is None else frame.place(own))[channel].copy()
     return placed
 
 
-UNTOLD = 1e-5  # resolution of a device that tells none, for the length of a push [m]
-SEEN = 4.0  # steps of the encoder that are a motion
+UNTOLD = 1e-5  # assumed resolution of a device that reports none, for the length of a push [m]
+SEEN = 4.0  # number of encoder steps that count as a motion
 STEPS = 60.0  # of a pulse
 LONGEST_TRIAL = 0.15  # [s]
 LONGEST_PULSE, SHORTEST_PULSE = 0.08, 6  # [s], and periods
 MOST_SPEED = 0.1  # at the end of a pulse [m/s]
 BEFORE = 0.04  # at rest before a pulse [s]
 SPEED = 0.025  # of a coasting finger [m/s]
-COAST, TRAVEL, LEAST = 0.35, 0.008, 20  # how long and how far it is let coast [s, m], for as many readings at least
-LONGEST_START = 0.3  # to bring it to that speed [s]
-NEAR, CALM = 2e-3, 0.02  # of home, and slower than that: a finger that is back [m, m/s]
-RETURN = 12.0  # of the spring that leads it there, as a frequency [rad/s]
+COAST, TRAVEL, LEAST = 0.35, 0.008, 20  # largest time and distance of coasting [s, m], and smallest number of readings
+LONGEST_START = 0.3  # time to reach that speed [s]
+NEAR, CALM = 2e-3, 0.02  # largest distance and speed of a finger that has returned [m, m/s]
+RETURN = 12.0  # natural frequency of the spring that returns it [rad/s]
 LONGEST_WAY = 1.0  # [s]
 EXPLAINED = 0.9  # of the motion under pulses
-MOST_DELAY = 0.02  # that is looked for [s], or three periods
+MOST_DELAY = 0.02  # largest delay to search for [s], or three periods
 
 
 @dataclass(frozen=True, eq=False)
 class FingerFigures:
-    """Figures of one finger.
+    """Measured properties of one finger.
 
     Attributes:
-        delay, mass: of its response to pulses.
-        friction: viscous [N s/m].
-        mobility: W, (d, d) [1/kg].
-        resolution: least step of a reading [m]; 0 where none was seen.
-        pulses: how many.
-        force: of a pulse [N].
+        delay, mass: delay and mass from its response to pulses.
+        friction: viscous friction [N s/m].
+        mobility: mobility W, (d, d) [1/kg].
+        resolution: smallest step of a reading [m]; 0 if none was observed.
+        pulses: number of pulses.
+        force: force of a pulse [N].
     """
 
     delay: Estimate
@@ -309,16 +309,16 @@ class FingerFigures:
 
 
 def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> FingerFigures:
-    """Push one finger to and fro along each axis, and let it coast.
+    """Push one finger back and forth along each axis, and let it coast.
 
     Args:
-        bench: of its device.
-        channel: of the finger.
-        force: of a push [N].
-        pulses: in all; ten along each axis at least.
+        bench: bench of its device.
+        channel: channel of the finger.
+        force: force of a push [N].
+        pulses: total number of pulses; at least ten are made along each axis.
 
     Raises:
-        DeviceError: a finger that does not move, or a fault of the device.
+        DeviceError: the finger does not move, or the device has a fault.
     """
     d = bench.shape[1]
     own = bench.port.device.features.resolution
@@ -339,8 +339,8 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
     answer: Response = response(done, max(float(np.trace(drag)) / d, 0.0), max(MOST_DELAY, 3.0 * bench.period))
     if answer.explained < EXPLAINED or not math.isfinite(answer.mass.value):
         raise DeviceError(
-            f"{bench.port.name}: of its motion under pulses {answer.explained:.0%} is that of a mass that is pushed, "
-            f"expected {EXPLAINED:.0%}; bring it to the middle of where it works, and let nothing touch it"
+            f"{bench.port.name}: a pushed mass explains {answer.explained:.0%} of its motion under pulses, "
+            f"expected {EXPLAINED:.0%}; bring it to the middle of its workspace, and let nothing touch it"
         )
     friction = friction_of(answer.mobility, drag, others)
     return FingerFigures(
@@ -349,7 +349,7 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
 
 
 def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> float:
-    """Push until the finger has moved; give its acceleration [m/s^2]."""
+    """Push until the finger has moved; return its acceleration [m/s^2]."""
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
     first = last = bench.tick(channel, push)
@@ -359,17 +359,17 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
     _take_back(bench, channel, push, took)
     if abs(shift) <= SEEN * step:
         raise DeviceError(
-            f"{bench.port.name} moved by {1e6 * abs(shift):.0f} um under {force:.3g} N in {1e3 * took:.0f} ms: let go "
-            "of it, see that its motors are on, or take a larger force"
+            f"{bench.port.name} moved by {1e6 * abs(shift):.0f} um under {force:.3g} N in {1e3 * took:.0f} ms: release "
+            "it, check that its motors are on, or use a larger force"
         )
     if shift < 0.0:
-        raise DeviceError(f"{bench.port.name} goes against a force along axis {axis}: its motors turn the wrong way")
+        raise DeviceError(f"{bench.port.name} moves against a force along axis {axis}: its motors turn the wrong way")
     _bring_home(bench, channel, force, force * took**2 / (2.0 * shift))
     return 2.0 * shift / took**2
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push of so long: twice as long the other way, then once more as it was, so that it ends where it began."""
+    """Undo a push: push twice as long the other way, then once as before, so that it ends where it started."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
@@ -384,7 +384,7 @@ def _shift(first: Sample, last: Sample, channel: int, axis: int) -> float:
 
 
 def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acceleration: float) -> Push:
-    """Push, and take the motion back."""
+    """Push, and undo the motion."""
     samples = bench.rest(BEFORE)
     duration = math.sqrt(2.0 * STEPS * step / acceleration)
     duration = min(max(duration, SHORTEST_PULSE * bench.period), LONGEST_PULSE, MOST_SPEED / acceleration)
@@ -402,7 +402,7 @@ def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acc
 
 
 def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
-    """Lead a finger to where it was at first by a weak spring and damper of at most a force."""
+    """Return a finger to its start by a weak spring and damper with a limited force."""
     readings, home = bench.port.readings, bench.home[channel]
     began = bench.tick().start
     while bench.samples[-1].start - began < LONGEST_WAY:
@@ -418,7 +418,7 @@ def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
 def _coast(
     bench: Bench, channel: int, axis: int, force: float, acceleration: float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Bring a finger to speed and let go of it; times and positions without a force, (n,) and (n, d)."""
+    """Accelerate a finger and release it; return times and positions without force, (n,) and (n, d)."""
     duration = min(SPEED / acceleration, LONGEST_START)
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
@@ -439,7 +439,7 @@ def _coast(
 
 
 def _least_step(bench: Bench, channel: int) -> float:
-    """Find the least step between two readings of a finger that were not the same."""
+    """Find the smallest step between two different readings of a finger."""
     positions = np.array([each.position[channel] for each in bench.samples])
     steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(positions)]
     changes = [each for each in steps if each > 0.0]

@@ -1,4 +1,4 @@
-"""Calibration of a scene's hardware, device by device; its figures as a table, and as TOML that a scene takes over."""
+"""Calibration of a scene's hardware, device by device, with results as text and as TOML for a scene."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-SHARE = 0.02  # of a device's largest force that it is pushed with
-UNTOLD = 3.0  # largest force of a device that tells none [N]
+SHARE = 0.02  # fraction of a device's largest force that pushes use
+UNTOLD = 3.0  # assumed largest force of a device that reports none [N]
 MOST_SHARE = 0.2  # that may be asked for
 PULSES = 200
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceMeasures:
-    """Figures of one device as it is.
+    """Measured properties of one device.
 
     Attributes:
-        fingers: names of those that it moves.
-        key: of its table in the scene, `finger.0.device` or `device.0`.
-        each: figures of each finger, by name.
-        round_trip: of a reading and a writing, the median [s].
-        jitter: from a deadline to the end of its writing, the ends of 98 % of the ticks [s].
-        axes: by finger, what a person found of each axis.
-        zero: by finger, where the scene's origin is read (d,) [m].
+        fingers: names of its fingers.
+        key: key of its table in the scene, `finger.0.device` or `device.0`.
+        each: properties of each finger, by name.
+        round_trip: median time of a reading and a writing [s].
+        jitter: 1st and 99th percentile of the time from a deadline to the end of its writing [s].
+        axes: result of the axis check of each finger, by axis.
+        zero: reading at the scene's origin by finger, (d,) [m].
     """
 
     fingers: tuple[str, ...]
@@ -61,17 +61,17 @@ class DeviceMeasures:
 
     @property
     def delay(self) -> float:
-        """From the end of a writing to the beginning of the reading that sees it, mean of the fingers [s]."""
+        """Time from the end of a writing to the beginning of the reading that shows its effect, mean of fingers [s]."""
         return float(np.mean([each.delay.value for each in self.each.values()]))
 
     @property
     def lateness(self) -> float:
-        """From the reading of a sample to its force, the age of the sample included [s]."""
+        """Time from a sample to its force, including the age of the sample [s]."""
         return max(self.delay + self.round_trip, 0.0)
 
     @property
     def measures(self) -> dict[str, Any]:
-        """The table `measures` of the device in a scene."""
+        """Table `measures` of the device in a scene."""
         each = list(self.each.values())
         table: dict[str, Any] = {
             "mass": float(np.mean([figures.mass.value for figures in each])),
@@ -84,7 +84,7 @@ class DeviceMeasures:
         return table | ({"resolution": resolution} if resolution > 0.0 else {})
 
     def lines(self) -> Iterator[str]:
-        """Write the figures as lines of text."""
+        """Yield the results as lines of text."""
         yield f"{', '.join(self.fingers)} ({self.key})"
         for name, figures in self.each.items():
             delay, mass, friction = figures.delay, figures.mass, figures.friction
@@ -103,17 +103,17 @@ class DeviceMeasures:
             where = "not checked: that needs a person" if zero is None else f"read at {np.round(1e3 * zero, 2)} mm"
             yield f"    origin      {where}"
         low, high = (1e3 * (self.delay + end) for end in self.jitter)
-        own = f"{1e3 * self.round_trip:.3f} ms of it to read and to write"
+        own = f"{1e3 * self.round_trip:.3f} ms of it for reading and writing"
         yield f"  {own}; {low:.3f} to {high:.3f} ms in 98 % of the ticks"
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Figures of a scene's hardware.
+    """Measured properties of a scene's hardware.
 
     Attributes:
-        scene: its name.
-        devices: one after another.
+        scene: name of the scene.
+        devices: properties of each device.
     """
 
     scene: str
@@ -121,16 +121,16 @@ class Calibration:
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """The measures by dotted key, as `gx.load(scene, overrides)` takes them."""
+        """Measures by dotted key, for `gx.load(scene, overrides)`."""
         return {f"{each.key}.measures": each.measures for each in self.devices}
 
     def lines(self) -> Iterator[str]:
-        """Write all figures as lines of text."""
+        """Yield all results as lines of text."""
         for each in self.devices:
             yield from each.lines()
 
     def toml(self) -> str:
-        """Write the measures as TOML: overrides by dotted key, each the table `measures` of a device."""
+        """Write the measures as TOML: overrides by dotted key, each a device's table `measures`."""
         text = [f"# Measures of the hardware of {self.scene}, by `graspfx calibrate`. Put each table into its device,"]
         text += ["#     device = { ..., measures = { ... } }"]
         text += ['# or hand the whole file to a scene: gx.load(scene, tomllib.loads(Path("...").read_text()))']
@@ -150,10 +150,10 @@ def require_hardware(parts: Parts) -> None:
     """Require that a device of a scene is hardware.
 
     Raises:
-        InputError: all are simulations.
+        InputError: all devices are simulated.
     """
     if not parts.hardware:
-        remedy = "a simulated device is as its settings say, and has nothing to be measured"
+        remedy = "a simulated device has the properties of its settings"
         raise InputError("scene", parts.scene.source.name, "one with hardware", remedy)
 
 
@@ -164,27 +164,27 @@ def calibrate(
     share: float = SHARE,
     prompt: Prompt | None = None,
 ) -> Calibration:
-    """Measure the hardware of a scene: lateness, mass, friction, resolution, and with a person zero and axes.
+    """Measure the hardware of a scene: lateness, mass, friction and resolution; with a person also zero and axes.
 
-    Each device is opened alone, settled at zero force, and its fingers are pushed to and fro, one after another, by
-    small pulses, with nobody at them; a scene's own limits hold. Whatever ends it, zero force comes first.
+    Each device is opened separately and settles at zero force. Small pulses then push its fingers back and forth one by
+    one, while nobody holds them. The scene's limits apply. However it ends, forces are set to zero first.
 
     Args:
-        scene: its name, its path, or a Scene.
-        pulses: of each device, shared out among its fingers.
-        share: of a device's largest force that it is pushed with, up to a fifth.
-        prompt: shows a person what to do; without one nobody is asked, and axes and zero are not checked.
+        scene: name, path, or a Scene.
+        pulses: number of pulses per device, divided among its fingers.
+        share: fraction of a device's largest force for the pulses, at most one fifth.
+        prompt: function that tells a person what to do; without it, axes and zero are not checked.
 
     Raises:
-        InputError: a scene without hardware, or a share that is none.
-        DeviceError: a device that does not open, is not at rest, does not move, or has a fault.
-        KeyboardInterrupt: a signal ended it.
+        InputError: the scene has no hardware, or the share is out of range.
+        DeviceError: a device does not open, is not at rest, does not move, or has a fault.
+        KeyboardInterrupt: a signal ended the calibration.
     """
     from graspfx.scene.load import to_scene
 
     scene_ = to_scene(scene)
     if not 0.0 < number("share", share, "a number above zero") <= MOST_SHARE:
-        raise InputError("share", share, f"a share of the largest force, above 0 and at most {MOST_SHARE:g}")
+        raise InputError("share", share, f"a fraction of the largest force, above 0 and at most {MOST_SHARE:g}")
     if not number("pulses", pulses, "a whole number, 1 or more") >= 1:
         raise InputError("pulses", pulses, "a whole number, 1 or more")
     parts = resolve(scene_)
@@ -199,7 +199,7 @@ def _device(parts: Parts, wire: Wire, pulses: int, share: float, prompt: Prompt 
     channels = {names[f]: channel for channel, f in enumerate(wire.fingers.tolist()) if f >= 0}
     axes, zero = dict[str, dict[str, str]](), dict[str, FloatArray]()
     if prompt is not None:
-        prompt(f"bring {', '.join(channels)} to the middle of where they work and let go: they are pushed for a while")
+        prompt(f"bring {', '.join(channels)} to the middle of the workspace and release: pushes follow for a while")
     with on_bench(parts, wire, WallClock()) as bench:
         each = {
             name: finger_figures(bench, channel, _force(bench, channel, share), max(1, pulses // len(channels)))

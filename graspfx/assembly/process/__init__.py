@@ -1,1 +1,1 @@
-"""A servo in a process of its own: what it is told, how it runs there, and who stands guard over it here."""
+"""A servo in a separate process: its orders, its run, and its guard in the recording process."""

@@ -1,4 +1,4 @@
-"""Start of a process beside this one: a fresh interpreter that imports this package, and never the main program."""
+"""Start of another process: a new interpreter that imports this package, but not the main program."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from socket import socketpair
 from graspfx.errors import InputError
 from graspfx.system import child_process
 
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # of numerical libraries: none beside
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # limits numerical libraries to one thread
 
 
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a servo's process; give it and the line to it.
+    """Start a servo's process; return it and the connection to it.
 
     Args:
-        ring: descriptor of the memory that both have.
+        ring: descriptor of the shared memory.
 
     Raises:
         InputError: this system starts no such process.
@@ -26,13 +26,13 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
 
 
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a process that calls `main` of a module with the descriptor of its line and others; give it and the line.
+    """Start a process that calls `main` of a module with descriptors of its connection and other files.
 
-    It is in a group of its own: Ctrl-C on a terminal is for whoever began it, who passes it on.
+    It is in a separate process group: a terminal's Ctrl-C reaches only this process, which passes it on.
 
     Args:
-        module: of this package.
-        descriptors: of files that both have.
+        module: module of this package.
+        descriptors: descriptors of shared files.
 
     Raises:
         InputError: this system starts no such process.

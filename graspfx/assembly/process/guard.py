@@ -1,4 +1,4 @@
-"""Guard over a servo's process: fetches its rows, shows it a sign of life, and takes the force away when it dies."""
+"""Guard of a servo's process: fetches its rows, sends a sign of life, and removes the force if it dies."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from graspfx.system import process_end
 from graspfx.system.scheduling import set_fifo
 
 FloatArray = NDArray[np.float64]
-BACKLOG = 1 << 28  # bytes of rows that may wait for the disk; beyond it rows stay in the ring, the last ones
+BACKLOG = 1 << 28  # bytes of rows that may wait for the disk; beyond this, the last rows stay in the ring buffer
 
 
 class Relay:
-    """Fetches rows, faults and changes of a servo that runs in another process.
+    """Fetches rows, faults and changes from a servo in another process.
 
     Args:
-        ring: of the servo.
-        recorder: of the run.
-        watch: told of each batch of rows by the tick of the first and the count of ticks, such as a viewer; it may look
-            at the recorder's last row then.
-        goals: gives goals of guided hands that were taken by key; None where there are none.
+        ring: ring buffer of the servo.
+        recorder: recorder of the run.
+        watch: function, such as a viewer's, that is called with the first tick and the number of ticks of each batch of
+            rows; it may read the recorder's last row.
+        goals: function that returns the accepted goals of guided hands by key; None without guided hands.
 
     Attributes:
-        ticks: whose rows were fetched.
-        lost: rows that came too late, which are NaN.
-        faults: that the servo has noted.
-        letters: values by the number of the letter that brings them to the servo.
+        ticks: number of ticks whose rows were fetched.
+        lost: number of rows that were overwritten before they were fetched; they are NaN.
+        faults: faults that the servo has reported.
+        letters: values by the number of the letter that carries them to the servo.
     """
 
     def __init__(
@@ -64,10 +64,10 @@ class Relay:
         self._goals = 0  # how many of them were told
 
     def fetch(self) -> None:
-        """Hand the recorder what is new.
+        """Pass new data to the recorder.
 
         Raises:
-            RecordingError: the recorder cannot take it.
+            RecordingError: the recorder cannot store it.
         """
         changes = [*self._changes(), *self._goal_changes()]
         for tick, values in sorted(changes, key=lambda change: change[0]):
@@ -81,12 +81,12 @@ class Relay:
             self._watch(first, self.ticks - first)
 
     def note_fault(self, tick: int, text: str) -> None:
-        """Note a fault from a tick on."""
+        """Record a fault from a tick on."""
         self.faults.append((tick, text))
         self._recorder.fault(tick, text)
 
     def _fetch_rows(self, head: int) -> None:
-        """Copy the rows of as many ticks as the recorder's block has room for."""
+        """Copy as many rows as fit into the recorder's block."""
         rows, place, left = self._recorder.space()
         every, first = self._ring.every, self.ticks
         count = min(left, head - first)
@@ -97,7 +97,7 @@ class Relay:
             piece = min(len(part), SLOTS - at, SLOTS)
             part[:piece] = self._ring.rows[at : at + piece]
             part, at = part[piece:], 0
-        valid = -(-int(self._ring.words[Word.HEAD]) // every) + 1 - SLOTS  # the first that was not being written over
+        valid = -(-int(self._ring.words[Word.HEAD]) // every) + 1 - SLOTS  # first row not being overwritten
         late = min(max(valid - begin, 0), end - begin)
         if late:
             start = -(-place // every)
@@ -109,7 +109,7 @@ class Relay:
         self._recorder.drain()
 
     def _goal_changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """List the goals that were taken since the last time; who comes 16384 of them late has lost some."""
+        """Yield the goals that were accepted since the last call; more than 16384 of them overwrite the first."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
             row = self._ring.goal_log[number % SLOTS]
@@ -118,7 +118,7 @@ class Relay:
         self._goals = count
 
     def _changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """List the changes of keys since the last time; faults that were noted meanwhile are recorded."""
+        """Yield the key changes since the last call; new faults are recorded."""
         for kind, tick, content in self._ring.notes.news():
             if kind == "fault":
                 self.note_fault(tick, content)
@@ -127,38 +127,38 @@ class Relay:
 
 
 PAUSE = 20  # between two looks [ms]
-PATIENCE = 0.5  # for a servo to rest that was asked to [s]
-LONGER = 0.25  # then, until the next step [s]
-OPENING = 30.0  # for a device to open, and for all to come to rest [s]
-CLOSING = 3.0  # for hardware to be closed that was not armed yet [s]
+PATIENCE = 0.5  # time for a servo to rest after the request [s]
+LONGER = 0.25  # time until the next, stronger step [s]
+OPENING = 30.0  # time for a device to open, and for all devices to come to rest [s]
+CLOSING = 3.0  # time to close hardware that was not armed [s]
 STEPS = (process_end.ASK, process_end.KILL)
-DEATH = "death"  # message of the guard's own: the process has ended
+DEATH = "death"  # message of the guard: the process has ended
 
 
 class Guard(Thread):
-    """A thread that begins a servo's process, and ends with it.
+    """A thread that starts a servo's process and ends with it.
 
-    It waits on the process, so that it quenches the hardware within milliseconds of a death without rest. A servo that
-    was asked to rest and does not, that runs and does no tick, or whose hardware does not open, is ended by signals: it
-    may hang in a driver.
+    It waits for the process, so that it removes the hardware's force within milliseconds if the process dies without
+    rest. It ends a servo by signals, because the servo may hang in a driver, if it does not rest on request, makes no
+    ticks, or does not open its hardware.
 
     Args:
-        ring: shared with the process.
-        devices: that are quenched when the process dies with forces on.
-        period: T [s].
-        clock: of its patience with a servo that does nothing.
-        names: of all devices of the scene.
-        watchdog: time by which a tick may be late [s].
+        ring: ring buffer shared with the process.
+        devices: devices whose force is removed if the process dies with forces on.
+        period: sampling period T [s].
+        clock: clock for the timeouts of an inactive servo.
+        names: names of all devices of the scene.
+        watchdog: largest lateness of a tick [s].
 
     Attributes:
-        messages: of the process, each a tuple that begins with its kind; the last one is DEATH.
-        lock: of the relay and its recorder.
-        relay: of the rows, from the moment on that there is one.
-        failure: of the relay; then the servo is asked to rest.
-        report: how the quenching went, a sentence each; empty without.
-        is_settled: whether the hardware has told that it is open and at rest.
-        is_overdue: whether it has not, in time, and was ended.
-        hang: which call of a device did not return, in words; empty without.
+        messages: messages of the process, tuples that begin with their kind; the last one is DEATH.
+        lock: lock of the relay and its recorder.
+        relay: relay of the rows, once it exists.
+        failure: error of the relay, after which the servo is asked to rest.
+        report: sentences about the removal of forces; empty without one.
+        is_settled: whether the hardware has reported that it is open and at rest.
+        is_overdue: whether it has not reported in time and was ended.
+        hang: description of the device call that did not return; empty without one.
     """
 
     def __init__(
@@ -179,8 +179,8 @@ class Guard(Thread):
         self.process: Popen[bytes] | None = None
         self._line: Connection | None = None
         self._watched = -1  # descriptor of the process
-        self._head, self._place = -1, 0  # ticks that were there, and the call that was under way
-        self._since, self._step = 0.0, 0  # when these came, and what was done
+        self._head, self._place = -1, 0  # number of ticks, and the running call, at the last check
+        self._since, self._step = 0.0, 0  # time of their last change, and the steps taken
         self._sent = Lock()
 
     @property
@@ -191,7 +191,7 @@ class Guard(Thread):
     def run(self) -> None:
         try:
             self.process, self._line = boot.start(self._ring.file)
-        except BaseException as error:  # noqa: BLE001 - it is raised by whoever waits for a message
+        except BaseException as error:  # noqa: BLE001 - it is raised where a message is awaited
             self.messages.put(("failed", error))
             self.messages.put((DEATH, ""))
             return
@@ -213,7 +213,7 @@ class Guard(Thread):
             os.close(self._ring.file)
 
     def send(self, word: Any) -> None:
-        """Send the process a word; one that is no more hears nothing."""
+        """Send a message to the process; ignored if the process has ended."""
         with self._sent, suppress(OSError):
             assert self._line is not None
             self._line.send(word)
@@ -223,12 +223,12 @@ class Guard(Thread):
         self._ring.words[Word.STOP] = 1
 
     def interrupt(self, number: int) -> None:
-        """Pass a signal on to the process: it breaks off a driver that hangs."""
+        """Pass a signal on to the process, which interrupts a hanging driver."""
         self.rest()
         self._signal(number)
 
     def kill(self) -> None:
-        """End the process at once; what is open then is quenched."""
+        """End the process at once; the force of open hardware is then removed."""
         self._signal(process_end.KILL)
 
     def _signal(self, number: int) -> None:
@@ -246,7 +246,7 @@ class Guard(Thread):
             words[Word.BEAT] = time.monotonic_ns()
             is_dead = self._watched in ready
             if is_dead:
-                self.process.wait()  # at once: whoever asks for its number is told that it is no more
+                self.process.wait()  # at once, so that queries for its number report its end
                 self._quench()
             if line in ready and not self._receive():
                 poll.unregister(line)
@@ -263,7 +263,7 @@ class Guard(Thread):
             self._hurry()
 
     def _receive(self) -> bool:
-        """Take a message over; return whether there was one."""
+        """Receive a message; return whether there was one."""
         assert self._line is not None
         try:
             if not self._line.poll():
@@ -275,32 +275,32 @@ class Guard(Thread):
             self.messages.put(message)
         except (EOFError, OSError):
             return False
-        except Exception as error:  # noqa: BLE001 - such as a class that only the process knows
+        except Exception as error:  # noqa: BLE001 - for example a class that only the process has
             self.messages.put(("warning", f"a message of the servo's process cannot be read: {error}", UserWarning))
         return True
 
     def _quench(self) -> None:
-        """Take the force away from hardware whose program has died with it."""
+        """Remove the force of hardware whose program has died."""
         if int(self._ring.words[Word.PHASE]) in (Phase.OPEN, Phase.RUNNING) and not self.report:
             self.report = quench_all(self._devices)
 
     def _fetch(self) -> None:
-        """Fetch rows, unless somebody has the recorder now: signs of life must not wait for it."""
+        """Fetch rows unless the recorder is locked, because signs of life must not wait."""
         if not self.lock.acquire(blocking=False):
             return
         try:
             if self.relay is not None and self.failure is None:
                 self.relay.fetch()
-        except BaseException as error:  # noqa: BLE001 - it is raised in the thread of the run, after rest
+        except BaseException as error:  # noqa: BLE001 - it is raised in the run's thread, after rest
             self.failure = error
             self.rest()
         finally:
             self.lock.release()
 
     def _hurry(self) -> None:
-        """End a servo that does not open its hardware, does not rest, or does nothing.
+        """End a servo that does not open its hardware, does not rest, or is inactive.
 
-        First by a signal that a driver's call gives way to.
+        The first step is a signal that interrupts a driver's call.
         """
         words, now = self._ring.words, self._clock.now()
         head, phase, place = int(words[Word.HEAD]), int(words[Word.PHASE]), int(words[Word.CALL])
@@ -314,7 +314,7 @@ class Guard(Thread):
             self._head, self._since, self._step = head, now, 0
         if place != self._place:
             self._place = place
-            if place and not is_told:  # each call has its own time: after another one hung, the others are stopped
+            if place and not is_told:  # each call has its own timeout: after one hung, the other devices are stopped
                 self._since, self._step = now, 0
         call = call_of(place, self._names) if is_running and not is_told else ""
         wait = OPENING if is_opening else CLOSING if not is_running else PATIENCE if is_told else self._still
@@ -324,7 +324,7 @@ class Guard(Thread):
             return
         if call and not self.hang:
             if now - self._since <= self._still and process_end.is_stopped(self.pid):
-                return  # by a signal, not in its driver
+                return  # by a signal, outside its driver
             self.hang = f"{call} has not returned for {now - self._since:.2g} s; all forces are zero"
         self.is_overdue = self.is_overdue or is_opening
         self._signal(STEPS[self._step])

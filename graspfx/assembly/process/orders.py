@@ -1,4 +1,4 @@
-"""What a servo's process is told: its errand, and between ticks orders, letters of new numbers and goals of hands."""
+"""Messages to a servo's process: its task, and between ticks orders, letters with new numbers, and goals of hands."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Errand:
-    """The errand of a servo's process.
+    """The task of a servo's process.
 
-    The process is a fresh interpreter with this one's `sys.path` and folder; it imports the modules of drivers and
-    hands by their names, and never the program that has begun it.
+    The process is a new interpreter with this one's `sys.path` and folder. It imports the modules of drivers and hands
+    by their names, but not the main program.
 
     Attributes:
-        scene: to be run.
-        ticks: to run.
-        width: numbers of a row.
-        selected: whether rows have the columns and ticks alone that the scene asks for.
-        live: keys that may change in mid-run.
-        goals: numbers of the goals of guided hands.
-        trust: whether files outside of the scene's folder may be read.
-        verbosity: of messages that somebody listens to; None for none.
-        path: where modules are looked for.
-        parent: number of the process that records.
+        scene: scene to run.
+        ticks: number of ticks to run.
+        width: number of entries of a row.
+        selected: whether rows have only the columns and ticks that the scene selects.
+        live: keys that may change during the run.
+        goals: size of the goals of guided hands.
+        trust: whether files outside the scene's folder may be read.
+        verbosity: level of messages to pass on; None for none.
+        path: search path of modules.
+        parent: number of the recording process.
     """
 
     scene: Scene
@@ -60,18 +60,18 @@ class Errand:
     parent: int = field(default_factory=os.getpid)
 
     def text(self) -> bytes:
-        """Write it for the other process.
+        """Serialise the task for the other process.
 
         Raises:
-            InputError: the scene holds an object that cannot be carried over.
+            InputError: the scene holds an object that cannot be serialised.
         """
-        self.scene.to_dict()  # which names the key of an object that is no data
+        self.scene.to_dict()  # names the key of an object that is not data
         try:
             return pickle.dumps(self)
         except Exception as error:
             raise InputError(
-                "scene", self.scene, "numbers, texts, lists and tables, which another process can be told",
-                f"a scene with hardware runs in a process of its own: {error}; put what makes the object into a driver "
+                "scene", self.scene, "numbers, texts, lists and tables, which can be sent to another process",
+                f"a scene with hardware runs in a separate process: {error}; create the object in a driver "
                 "of your own",
             ) from error  # fmt: skip
 
@@ -81,17 +81,17 @@ def _verbosity() -> int | None:
 
 
 Index = NDArray[np.intp]
-FARTHEST = 1.0  # that a goal may be from where the hand means to be by itself, along an axis, and of a squeeze [m]
-TRIES = 4  # to read goals that are being written over
+FARTHEST = 1.0  # largest offset along an axis, and largest squeeze, of a goal [m]
+TRIES = 4  # attempts to read goals that are being overwritten
 
 
 class GoalPlace(NamedTuple):
     """Goals of one guided hand.
 
     Attributes:
-        plant: the number of the plant that it moves.
-        memory: a hand's block.
-        entries: of the goals there: offsets, (n d,), then the squeeze.
+        plant: index of the plant that it moves.
+        memory: block of the hand.
+        entries: entries of the goals in it: offsets, (n d,), then the squeeze.
     """
 
     plant: int
@@ -100,7 +100,7 @@ class GoalPlace(NamedTuple):
 
 
 def goal_places(servo: Servo) -> list[GoalPlace]:
-    """List where the goals of a servo's guided hands stand: plant by plant, hand by hand."""
+    """List the places of the goals of a servo's guided hands, plant by plant and hand by hand."""
     places = []
     for j, wiring in enumerate(servo.plants):
         hand: Any = wiring.hand
@@ -112,8 +112,8 @@ class GuideKeys(NamedTuple):
     """Keys of a guided hand.
 
     Attributes:
-        table: its key, as `hand.0`, with a number for the name.
-        fingers: numbers of its fingers.
+        table: key of the hand with a number for the name, such as `hand.0`.
+        fingers: indices of its fingers.
     """
 
     table: str
@@ -132,12 +132,12 @@ def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
 
 
 class GoalSender:
-    """Sends goals of guided hands to a servo in another process; nothing here waits for it.
+    """Sends goals of guided hands to a servo in another process, without waiting for it.
 
     Args:
-        ring: shared with the servo.
-        servo: a copy of the one that runs, at its beginning.
-        keys: of the guided hands.
+        ring: ring buffer shared with the servo.
+        servo: copy of the running servo in its initial state.
+        keys: keys of the guided hands.
     """
 
     def __init__(self, ring: Ring, servo: Servo, keys: Sequence[GuideKeys]) -> None:
@@ -150,21 +150,21 @@ class GoalSender:
         self._number, self._lock = 0, Lock()
 
     def values(self, number: int) -> tuple[FloatArray, float]:
-        """Give the last goals of a hand: offsets (n, d) [m], and the squeeze [m]."""
+        """Return the last goals of a hand: offsets (n, d) [m], and squeeze [m]."""
         own = self._goals[self._starts[number] : self._starts[number + 1]].copy()
         return own[:-1].reshape(-1, self._dimensions), float(own[-1])
 
     def send(self, number: int, offset: Any = None, squeeze: float | None = None, finger: int | None = None) -> None:
-        """Send a hand's goals; what is left out stays.
+        """Send a hand's goals; omitted goals are unchanged.
 
         Args:
-            number: of the hand.
-            offset: (d,) for all its fingers, or (n, d) [m].
-            squeeze: [m].
-            finger: the place among its fingers of the one that `offset` is of; None for all.
+            number: index of the hand.
+            offset: offset (d,) for all its fingers, or (n, d) [m].
+            squeeze: squeeze [m].
+            finger: index among its fingers of the one with this `offset`; None for all.
 
         Raises:
-            InputError: goals that are not finite, of another shape, or beyond `FARTHEST`.
+            InputError: goals are not finite, have another shape, or exceed `FARTHEST`.
         """
         with self._lock:
             offsets, closing = self.values(number)
@@ -186,7 +186,7 @@ class GoalSender:
             self._post()
 
     def send_all(self, servo: Servo) -> None:
-        """Send the goals that stand in a copy of the servo."""
+        """Send the goals in a copy of the servo."""
         with self._lock:
             self._goals = np.concatenate([place.memory[place.entries] for place in goal_places(servo)])
             self._post()
@@ -198,7 +198,7 @@ class GoalSender:
         self._ring.words[Word.GOAL] = self._number = number
 
     def by_key(self, goals: FloatArray) -> Mapping[str, Any]:
-        """Give goals that the servo has taken by the keys of the scene, those that are others than before."""
+        """Return changed goals that the servo has accepted, by keys of the scene."""
         values: dict[str, Any] = {}
         for i, (table, _) in enumerate(self.keys):
             first, last = self._starts[i], self._starts[i + 1]
@@ -212,11 +212,11 @@ class GoalSender:
 
 
 class GoalTaker:
-    """Takes goals over into the hands of a running servo, between two ticks.
+    """Writes new goals into the hands of a running servo between two ticks.
 
     Args:
-        ring: with the goals.
-        servo: that runs.
+        ring: ring buffer with the goals.
+        servo: running servo.
     """
 
     def __init__(self, ring: Ring, servo: Servo) -> None:
@@ -225,11 +225,11 @@ class GoalTaker:
         self._number = int(self._words[Word.GOAL])
 
     def take(self) -> None:
-        """Take the newest goals over, if there are any."""
+        """Accept the newest goals, if there are any."""
         words = self._words
         if words[Word.GOAL] == self._number:
             return
-        for _ in range(TRIES):  # goals that are written over meanwhile are left to the next time
+        for _ in range(TRIES):  # goals that are being overwritten are left to the next call
             number = int(words[Word.GOAL])
             goals = self._ring.goals[number % 2].copy()
             if words[Word.GOAL] == number:
@@ -254,14 +254,14 @@ def _is_near(value: Any) -> bool:
 
 
 class Hold:
-    """A plant with its hand: three memories, of the hand's block, of its gains and of the plant's mechanics.
+    """A plant with its hand, as three memories: the hand's block, its gains and the plant's mechanics.
 
     Args:
-        hand: that holds the plant.
-        plant: itself.
+        hand: hand that holds the plant.
+        plant: plant.
 
     Attributes:
-        memories: the block; K and B, one after the other; masses and dampings. Empty where they do not change.
+        memories: the block; K and B; masses and dampings. A memory is empty if it cannot change.
     """
 
     def __init__(self, hand: Any, plant: Any) -> None:
@@ -274,9 +274,9 @@ class Hold:
         self.memories: list[FloatArray] = [block, gains, mechanics]
 
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
-        """Give all that another hold of the same structure takes over: which memory, entries of it, and numbers.
+        """Yield the memories, entries and numbers that another hold of the same structure adopts.
 
-        A follower of a guided hand goes on where it is, and goals come by themselves.
+        They exclude the followers of a guided hand, which keep their state, and goals, which are sent separately.
         """
         block, _, _ = self.memories
         if len(block):
@@ -291,7 +291,7 @@ class Hold:
             yield 2, np.arange(len(mechanics)), mechanics
 
     def adopt(self, other: Any) -> None:
-        """Take over gains and mechanics that were written to the memories; the plant takes hold next."""
+        """Adopt gains and mechanics from the memories; the plant must then take hold again."""
         _, gains, mechanics = self.memories
         if len(gains):
             hand: Any = self._hand
@@ -305,11 +305,11 @@ def is_carried(hand: Any) -> bool:
     return isinstance(hand, Steerable) and isinstance(hand, FusedHand) and hasattr(hand, "regain")
 
 
-LOOK = 0.002  # between two looks whether a pause is over [s]
+LOOK = 0.002  # interval of checks whether a pause is over [s]
 
 
 class Pause(Protocol):
-    """Tells whether ticks are to wait."""
+    """Tells whether ticks must wait."""
 
     @property
     def is_paused(self) -> bool:
@@ -318,14 +318,14 @@ class Pause(Protocol):
 
 
 class PausingPacer(Pacer):
-    """A pacer whose ticks wait as long as orders say so; after a pause the grid of deadlines begins anew.
+    """A pacer whose ticks wait during pauses; after a pause the grid of deadlines starts anew.
 
     Args:
-        period: T [s].
-        clock: to wait on.
+        period: sampling period T [s].
+        clock: clock for waiting.
 
     Attributes:
-        orders: that say so; None for none.
+        orders: source of pauses; None without pauses.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
@@ -345,24 +345,24 @@ class PausingPacer(Pacer):
         return 0
 
 
-SILENCE = 500_000_000  # of the other process, after which it is no more [ns]
-SIMULATED_SILENCE = 10_000_000_000  # where no hand feels anything: a page and a browser may take all of a machine [ns]
-LETTER = "letter"  # in place of keys: the number of the letter whose values hold
-NO_RECORDER = "the process that records gives no sign of life"
+SILENCE = 500_000_000  # silence of the other process after which it counts as dead [ns]
+SIMULATED_SILENCE = 10_000_000_000  # the same without hardware, because a browser may use all of a machine [ns]
+LETTER = "letter"  # instead of keys: number of the letter whose values apply
+NO_RECORDER = "the recording process gives no sign of life"
 
 
 class ParentGone(BaseException):
-    """The process that began this one has gone away, or has no use for it."""
+    """The process that started this one has ended or no longer needs it."""
 
 
 class Orders:
-    """Tells a servo whether to stop, before each tick and while it waits for one; letters are taken then.
+    """Tells a servo whether to stop, before each tick and while it waits, and accepts letters.
 
     Args:
-        ring: with the words and letters.
-        servo: that is told.
-        recorder: that notes which letter holds from which tick on.
-        pacer: of the ticks.
+        ring: ring buffer with the words and letters.
+        servo: servo that receives the orders.
+        recorder: recorder of the first tick of each letter.
+        pacer: pacer of the ticks.
 
     Attributes:
         cause: Reason why the other process ended; empty while it runs.
@@ -380,7 +380,7 @@ class Orders:
 
     @property
     def has_news(self) -> bool:
-        """Whether a letter has come that was not taken yet."""
+        """Whether there is a letter that was not accepted yet."""
         return bool(self._words[Word.MAIL] != self._number)
 
     def __call__(self) -> bool:
@@ -404,7 +404,7 @@ class Orders:
         return bool(halt and self._servo.ticks >= halt - 1)
 
     def _take(self) -> None:
-        """Write a letter's numbers into the servo's memories, between two ticks."""
+        """Write a letter's numbers into the servo's memories between two ticks."""
         number, servo = int(self._words[Word.MAIL]), self._servo
         letter = read_letter(self._ring.letters[number % 2])
         entries = [(self._memories[memory], places, numbers) for memory, places, numbers in letter.entries]
@@ -419,6 +419,6 @@ class Orders:
 
 
 def memories(servo: Servo) -> list[FloatArray]:
-    """List the memories that a letter may write to: of the objects' grasps, then of the safety chain beside each."""
+    """List the memories that a letter may write to: the objects' grasps, then the safety chain of each."""
     chain = servo.safety.buffers if servo.safety is not None else []
     return [*(part.grasped.block for part in servo.objects), *chain]

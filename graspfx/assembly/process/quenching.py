@@ -1,4 +1,4 @@
-"""Quenching of hardware whose program has died: each driver takes the force away by its own `quench`."""
+"""Removal of the force of hardware whose program has died, by each driver's `quench`."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ PATIENCE = 2.0  # for all devices [s]
 
 @dataclass(frozen=True)
 class Quencher:
-    """A device that a person may hold, and how its force is taken away when its program has died.
+    """A device that a person may hold, and the way to remove its force if its program dies.
 
     Attributes:
-        name: of the device, in messages.
-        quench: without arguments; None where the hardware's own watchdog has to do.
-        watchdog: of the hardware [s]; None without.
+        name: name of the device in messages.
+        quench: function without arguments; None if the hardware's own watchdog must suffice.
+        watchdog: timeout of the hardware's watchdog [s]; None without one.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Quencher:
     watchdog: float | None
 
     def act(self) -> str:
-        """Take the force away; say how that went."""
+        """Remove the force; return a report."""
         if self.quench is None:
             return f"the watchdog of {self.name} drops its force within {self.watchdog:g} s"
         began = time.monotonic()

@@ -1,7 +1,7 @@
-"""The servo's process: builds the scene, opens its hardware, runs it, and rests when whoever records says so, or dies.
+"""The servo's process: builds the scene, opens its hardware, runs, and rests if the recording process asks or dies.
 
-It says how far it is on a line to the other process, and waits there for leave to open the hardware, to run, and to let
-go of it once the files are closed.
+It reports its progress to the other process, and waits for permission to open the hardware, to run, and to release
+the hardware after the files are closed.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 def main(line_: int, ring_: int) -> None:
-    """Do the errand that comes on the line.
+    """Do the task that is received on the connection.
 
     Args:
-        line_: descriptor of the line.
-        ring_: descriptor of the memory for rows.
+        line_: descriptor of the connection.
+        ring_: descriptor of the shared memory of rows.
     """
     die_with_parent(KILL)  # no hardware is open yet
     for name in NAMES:
@@ -50,7 +50,7 @@ def main(line_: int, ring_: int) -> None:
         with _tell_aside(line, errand):
             _serve(errand, line, ring_)
     except (EOFError, BrokenPipeError, ConnectionResetError):
-        sys.exit(1)  # whoever began this is no more
+        sys.exit(1)  # the parent process has ended
     except BaseException as error:  # noqa: BLE001 - it is raised in the other process
         line.send(("failed", pack_error(error)))
 
@@ -83,7 +83,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             _run(errand, line, ring, servo, hardware)
             if not hardware.has_unstopped:
                 _await_close(line)
-        if not hardware.has_unstopped:  # else it ends as if in the run: the guard takes the force away
+        if not hardware.has_unstopped:  # otherwise it ends as in the run: the guard removes the force
             ring.words[Word.PHASE] = Phase.CLOSED
     line.send(("closed",))
 
@@ -101,14 +101,14 @@ def _at_devices(servo: Servo, parts: Parts, ready: Callable[[Exits], None]) -> I
 
 
 class Simulations:
-    """Simulations alone, on the wall's clock: a run without hardware.
+    """Simulated devices on the wall clock: a run without hardware.
 
     Args:
-        servo: that is ready to tick.
-        exits: signals that ask the run to end.
+        servo: servo that is ready to tick.
+        exits: signals that end the run.
 
     Attributes:
-        pacer: of the ticks.
+        pacer: pacer of the ticks.
     """
 
     has_unstopped = False  # device, as there is none
@@ -117,7 +117,7 @@ class Simulations:
         self._servo, self._exits, self.pacer = servo, exits, PausingPacer(servo.period)
 
     def header(self, header: Header) -> Header:
-        """Give a header as it is."""
+        """Return a header unchanged."""
         return header
 
     def run(self, ticks: int, recorder: RingRecorder, stop: Callable[[], bool]) -> None:
@@ -126,12 +126,12 @@ class Simulations:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`."""
+        """Items of the run's `Outcome`."""
         return {"cause": self._exits.cause, **self.pacer.outcome}
 
 
 def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: Hardware | Simulations) -> None:
-    """Run until the end, an order or a fault; say how it went when every force is zero."""
+    """Run until the end, an order or a fault; report the outcome when every force is zero."""
     recorder, error = RingRecorder(ring), b""
     orders = Orders(ring, servo, recorder, hardware.pacer)
     if isinstance(hardware.pacer, PausingPacer):
@@ -151,7 +151,7 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
 
 
 def _await_close(line: Connection) -> None:
-    """Wait until the files are closed; whoever has gone away closes them no more."""
+    """Wait until the files are closed or the other process has ended."""
     try:
         line.recv()
     except (EOFError, OSError):
@@ -164,7 +164,7 @@ def _require(word: Any, expected: str) -> None:
 
 
 def _wait_for_orders(number: int, frame: object) -> None:
-    """Do nothing about a signal: it is heeded while hardware is open, and before that whoever records is asked."""
+    """Ignore a signal: it is handled while hardware is open, and before that by the recording process."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A servo's process as its recorder sees it: begun, made ready, run, written to, rested and closed."""
+"""The recording process's view of a servo's process: start, preparation, run, updates, rest and close."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-TAKEN = 5e-4  # between two looks whether a letter was taken [s]
+TAKEN = 5e-4  # interval of checks whether a letter was accepted [s]
 
 
 def letter_of(servo: Servo, update: Update) -> Letter:
-    """Write an update as a letter.
+    """Convert an update to a letter.
 
     Args:
-        servo: a copy of the one that runs, whose parts the update is of.
-        update: of its parts.
+        servo: copy of the running servo, to whose parts the update refers.
+        update: update of its parts.
 
     Raises:
-        InputError: it changes a part that is more than numbers.
+        InputError: it changes more than numbers.
     """
     own = memories(servo)
     places = {id(memory): i for i, memory in enumerate(own)}
@@ -56,7 +56,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     entries = [
         (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
     ]
-    if servo.ticks == 0:  # a copy that has not run either has the same numbers: a mesh has a hundred thousand
+    if servo.ticks == 0:  # a copy that has not run has the same numbers; a mesh has a hundred thousand
         entries = [_news(own[i], i, where, numbers) for i, where, numbers in entries]
     anew = {id(part): new for part, new in update.parts}
     for j, wiring in ((j, servo.plants[j]) for j in update.plants):
@@ -70,7 +70,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
 
 
 def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
-    """Leave out numbers that a memory has already, to the bit."""
+    """Omit numbers that a memory already has, bit by bit."""
     differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
     return number, where[differ], numbers[differ]
 
@@ -78,16 +78,16 @@ def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) ->
 def _refusal(values: Mapping[str, Any]) -> InputError:
     return InputError(
         ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
-        "a run in real time has such parts in another process; begin with such values",
+        "such parts run in another process in real time; start the run with such values",
     )  # fmt: skip
 
 
 class Mail:
-    """Posts letters to a servo, each once the one before was taken.
+    """Posts letters to a servo, each after the previous one was accepted.
 
     Args:
-        ring: shared with the servo.
-        relay: that records what holds from which tick on.
+        ring: ring buffer shared with the servo.
+        relay: relay that records the first tick of each change.
     """
 
     def __init__(self, ring: Ring, relay: Relay) -> None:
@@ -95,12 +95,12 @@ class Mail:
         self._number = int(ring.words[Word.MAIL])
 
     def post(self, letter: Letter, values: Mapping[str, Any], require: Callable[[], object]) -> int:
-        """Post a letter and wait until it was taken; give the tick from which on it holds.
+        """Post a letter and wait until it is accepted; return its first tick.
 
         Args:
-            letter: to the servo.
-            values: that are recorded for it, by key.
-            require: called again and again; raises where the servo takes no letters any more.
+            letter: letter to the servo.
+            values: values to record for it, by key.
+            require: function that is called repeatedly and raises if the servo no longer accepts letters.
         """
         ring, number = self._ring, self._number + 1
         require()
@@ -114,23 +114,23 @@ class Mail:
         return int(ring.words[Word.TICK])
 
 
-LOOK = 0.01  # between two looks whether to stop [s]
-FAREWELL = 3.0  # for a process to end that has closed its hardware [s]
+LOOK = 0.01  # interval of checks whether to stop [s]
+FAREWELL = 3.0  # time for a process to end after it has closed its hardware [s]
 
 
 class ServoProcess:
-    """A servo in a process of its own, with its hardware open and at rest; `servo_process` makes it.
+    """A servo in a separate process, with its hardware open and at rest; `servo_process` creates it.
 
     Args:
-        guard: of the process.
-        ring: shared with it.
-        layout: of its rows.
-        exits: signals that ask the run to end.
+        guard: guard of the process.
+        ring: ring buffer shared with it.
+        layout: layout of its rows.
+        exits: signals that end the run.
 
     Attributes:
-        engine: that runs the ticks.
-        cause: of the end, if the process died; else empty.
-        error: that the run ended in, in the process; None without.
+        engine: name of the engine that runs the ticks.
+        cause: cause of the end, if the process died; otherwise empty.
+        error: error that ended the run in the process; None without one.
     """
 
     def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
@@ -141,12 +141,12 @@ class ServoProcess:
         self._ticks: int | None = None
         self._result: dict[str, Any] = {}
         self.error: BaseException | None = None
-        self._waits, self._doing = ExitStack(), ""  # waits that are shown, and the last one's text
+        self._waits, self._doing = ExitStack(), ""  # shown waits, and the text of the last one
         self.relay: Relay | None = None
 
     @property
     def header(self) -> Header:
-        """Header of the recording, as the process has written it."""
+        """Header of the recording, written by the process."""
         assert self._header is not None
         return self._header
 
@@ -157,7 +157,7 @@ class ServoProcess:
 
     @property
     def has_rested(self) -> bool:
-        """Whether every force is zero for good, or the process is no more."""
+        """Whether every force is permanently zero, or the process has ended."""
         return self._has_rested
 
     def begin(
@@ -166,7 +166,7 @@ class ServoProcess:
         watch: Callable[[int, int], object] | None = None,
         goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
     ) -> Relay:
-        """Arm and run, with rows fetched for a recorder; `watch` and `goals` as of `Relay`."""
+        """Arm and run, and fetch rows for a recorder; `watch` and `goals` as in `Relay`."""
         relay = self.relay = Relay(self.ring, recorder, watch, goals)
         with self.guard.lock:
             self.guard.relay = relay
@@ -174,7 +174,7 @@ class ServoProcess:
         return relay
 
     def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
-        """Run to the end, or until `stop` says so; whatever happens, zero force is the first that comes after it."""
+        """Run to the end, or until `stop` returns true; whatever happens, the next force is zero."""
         self.begin(recorder)
         try:
             while not self.await_rest(LOOK):
@@ -188,7 +188,7 @@ class ServoProcess:
             raise self.guard.failure
 
     def rest(self) -> None:
-        """Let every force be zero; return when it is, and all rows were fetched."""
+        """Set every force to zero; return when this is done and all rows are fetched."""
         self.guard.rest()
         while not self.await_rest(1.0):
             pass
@@ -211,7 +211,7 @@ class ServoProcess:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`."""
+        """Items of the run's `Outcome`."""
         cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else self.guard.hang)
         lost = {} if self.relay is None else {"lost": self.relay.lost}
         result = {"skipped": int(self.ring.words[Word.SKIPPED]), **self._result, **lost}
@@ -220,7 +220,7 @@ class ServoProcess:
     # Messages of the process --------------------------------------------------------------------------------------
 
     def await_rest(self, seconds: float) -> bool:
-        """Wait for the servo's rest; return whether it has come."""
+        """Wait for the servo's rest; return whether it is reached."""
         end = left = time.monotonic() + seconds
         while not self._has_rested and left > 0.0:
             self._take(max(end - time.monotonic(), 0.0))
@@ -228,7 +228,7 @@ class ServoProcess:
         return self._has_rested
 
     def _take(self, seconds: float) -> Any:
-        """Take a message over, if one comes in that time; give it if it is not dealt with here."""
+        """Receive a message within a time; return it if it is not handled here."""
         try:
             kind, *rest = self.guard.messages.get(timeout=seconds)
         except Empty:
@@ -259,7 +259,7 @@ class ServoProcess:
         return None
 
     def expect(self, word: str) -> tuple[Any, ...]:
-        """Wait for a message of a kind; what the process raises meanwhile is raised here.
+        """Wait for a message of a kind; errors of the process are raised here.
 
         Raises:
             DeviceError: the process died.
@@ -269,7 +269,7 @@ class ServoProcess:
             message = self._take(0.05)
             if self._has_ended and self.guard.is_overdue:
                 report = "".join(f"; {text}" for text in self.guard.report)
-                do = "see that it is switched on, plugged in, and that no other program has it"
+                do = "check that it is switched on and plugged in, and that no other program uses it"
                 raise DeviceError(f"{self._doing} took more than {OPENING:g} s and was ended{report}; {do}")
             if message is not None and message[0] == "failed" and not self.guard.is_overdue:
                 if self.exits.numbers:
@@ -289,7 +289,7 @@ class ServoProcess:
             log.warn(REMEDY, RealTimeWarning)
 
     def close(self) -> None:
-        """Let the process close its hardware, and end."""
+        """Let the process close its hardware and end."""
         self.guard.send("close")
         end = time.monotonic() + FAREWELL
         while not self._has_ended and time.monotonic() < end:
@@ -300,7 +300,7 @@ class ServoProcess:
             self._take(0.05)
         self.guard.join()
         self._waits.close()
-        if self.guard.report and not self.cause:  # of devices that did not let themselves be stopped
+        if self.guard.report and not self.cause:  # devices that could not be stopped
             log.info("%s", "; ".join(self.guard.report))
 
 
@@ -308,22 +308,22 @@ class ServoProcess:
 def servo_process(
     parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
 ) -> Iterator[ServoProcess]:
-    """Begin a process with a scene's servo, its hardware open and at rest; closed, and ended, in the end.
+    """Start a process with a scene's servo, and open its hardware; close it and end the process at the end.
 
     Args:
-        parts: of the scene.
-        layout: of its rows.
-        every: ticks from one row to the next.
-        ticks: to run.
-        selected: whether rows are what the scene's `record` asks for.
-        live: keys that may change in mid-run.
-        goals: numbers of the goals of guided hands.
+        parts: parts of the scene.
+        layout: layout of its rows.
+        every: number of ticks from one row to the next.
+        ticks: number of ticks to run.
+        selected: whether rows have only what the scene's `record` selects.
+        live: keys that may change during the run.
+        goals: size of the goals of guided hands.
 
     Raises:
-        InputError: the scene cannot be carried over; hardware without a watchdog or `quench`; a finger that is inside
-            its object; and whatever else the process raises before its run.
-        DeviceError: a device that does not open or is not at rest; a process that died.
-        KeyboardInterrupt: a signal came before the run.
+        InputError: the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
+                inside its object. Other errors of the process before its run are raised too.
+            DeviceError: a device does not open or is not at rest, or the process died.
+            KeyboardInterrupt: a signal arrived before the run.
     """
     errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)
     errand.text()

@@ -17,12 +17,12 @@ from graspfx.numeric import finite, number
 FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-10  # of the coefficient
-SLACK = 1e-10  # of the largest normal force: what counts as none
+SLACK = 1e-10  # fraction of the largest normal force that counts as zero
 RANK = 1e-9  # relative, of G
-LEAST = 1e-7  # a coefficient below which it is zero: tangents of that size drown in rounding
-LARGEST = 1e6  # a coefficient beyond which there is none
-GROWTH = 20.0  # of the barrier's weight between its centres
-STEPS = 60  # of Newton's method for one centre
+LEAST = 1e-7  # smaller coefficients count as zero, because such tangential forces are below rounding
+LARGEST = 1e6  # larger coefficients count as infinite
+GROWTH = 20.0  # factor on the barrier's weight between centres
+STEPS = 60  # largest number of Newton steps per centre
 
 
 def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
@@ -30,9 +30,9 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
     Without a wrench, it is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench w, it
     is the least for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The bound L is required: as L
-    grows the coefficient goes to zero, since a harder squeeze carries more. mu f_n is bilinear in mu and f, so that mu
-    is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by a
-    barrier method in the internal forces.
+    grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is bilinear in mu and f, so
+    that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by
+    a barrier method in the internal forces.
 
     Args:
         grasp: Grasp of hard contacts with normals.
@@ -56,7 +56,7 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
     G = np.where(moments[:, None], G / size, G)
     if wrench is None:
         if normal_force is not None:
-            raise InputError("normal_force", normal_force, "none without a wrench: closure does not depend on it")
+            raise InputError("normal_force", normal_force, "None without a wrench")
         if np.linalg.matrix_rank(G, tol=RANK * np.linalg.norm(G, 2)) < len(G):
             return math.inf
         if force_closure(grasp, 0.0):
@@ -65,7 +65,7 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         return _bisected(lambda mu: pushes.has_slack(mu, -SLACK))
     w = finite("wrench", wrench)
     if w.shape != (len(G),):
-        raise InputError("wrench", w, f"a wrench of {len(G)} components, one per free freedom")
+        raise InputError("wrench", w, f"a wrench of {len(G)} components, one per degree of freedom")
     L = number("normal_force", normal_force, "a force above zero [N]", "without a bound the infimum is 0", zero=False)
     w = np.where(moments, w / size, w) / L
     base = np.linalg.lstsq(G, w, rcond=RANK)[0]

@@ -19,8 +19,8 @@ class Measures:
     """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can make (Yoshikawa and Nagai 1991).
 
     Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length
-    l. Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N]. There are as many as
-    the object has freedoms. Freedoms that the grasp can neither resist nor move have the value zero.
+    l. Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N], one for each degree
+    of freedom of the object. Degrees of freedom that the grasp can neither resist nor move have the value zero.
 
     Attributes:
         singular_values: Half axes, (w,), in descending order.

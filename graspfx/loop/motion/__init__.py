@@ -1,4 +1,4 @@
-"""How a hand means to move its fingers: motions, and turns about an axis."""
+"""Intended motions of a hand: translations, and turns about an axis."""
 
 from __future__ import annotations
 

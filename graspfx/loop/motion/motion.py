@@ -37,15 +37,15 @@ FloatArray = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 EXPECTED = "a CSV file with columns t, x[, y[, z]]"
-ROUNDING = 1e-12  # relative; of times that were meant to be the same
+ROUNDING = 1e-12  # relative tolerance for equal times
 
 
 class Motion(Protocol):
-    """An offset from where the hand rests, as a function of time; with d = 1 also an angle [rad] or a squeeze [m]."""
+    """An offset from the rest position as a function of time; with d = 1 also an angle [rad] or a squeeze [m]."""
 
     @property
     def dimensions(self) -> int | None:
-        """d, or None for a motion that suits any."""
+        """Number of dimensions d, or None for a motion that suits any d."""
         ...
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
@@ -54,7 +54,7 @@ class Motion(Protocol):
 
 
 class Part(NamedTuple):
-    """One term of a motion: a `MotionPart`, or a motion that is none of ours."""
+    """One term of a motion: a `MotionPart`, or a third-party motion."""
 
     entries: FloatArray
     source: Motion | None = None
@@ -64,11 +64,11 @@ class CourseBlock(NamedTuple):
     """A motion laid out as a `Course`."""
 
     entries: FloatArray
-    structure: NDArray[np.intp]  # entries that never change and pick what is done
-    others: list[tuple[int, Motion]]  # where `OtherPart` of others' motions stand
+    structure: NDArray[np.intp]  # constant entries that select the computation
+    others: list[tuple[int, Motion]]  # entries of the `OtherPart` of third-party motions
 
     def ask(self, memory: FloatArray, start: int, time: float) -> None:
-        """Write others' motions at a time into the course that stands at an entry of a memory."""
+        """Evaluate third-party motions at a time and write them into the course at an entry of a memory."""
         for at, motion in self.others:
             part = OtherPart(memory, start + at)
             d, (x, v) = part.dimensions, motion.at(time)
@@ -80,7 +80,7 @@ HEADER = entries_of(MotionPart, "kind", "entries", "count", "dimensions")
 
 
 def lay_out(parts: Sequence[Part], d: int) -> CourseBlock:
-    """Lay out in d dimensions what is made of these parts."""
+    """Lay out a motion of these parts in d dimensions."""
     blocks = [part.entries if part.source is None else _other(d) for part in parts]
     first = start_of(Course, "parts")
     starts = [first + sum(map(len, blocks[:k])) for k in range(len(blocks))]
@@ -99,14 +99,14 @@ def _other(d: int) -> FloatArray:
 
 
 def parts_of(motion: Motion) -> Sequence[Part]:
-    """List the parts that a motion of ours is made of; another, or one whose `at` is another, is one part."""
+    """List the parts of a motion of this package; a third-party motion, or one that overrides `at`, is one part."""
     if isinstance(motion, _Parts) and type(motion).at is _Parts.at:
         return motion.parts
     return [Part(np.zeros(0), motion)]
 
 
 class _Parts:
-    """Parts that our motions have in common: those that they are made of, and the kernel that adds these up."""
+    """Base class of this package's motions: their parts, and the kernel that adds them up."""
 
     def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
         self.dimensions = dimensions
@@ -134,15 +134,15 @@ class Rest(_Parts):
 class Sine(_Parts):
     """x(t) = a s((t - begin) / ramp) sin(2 pi f (t - begin)) along one direction, zero before `begin`.
 
-    s is the minimum-jerk step, 1 throughout when `ramp` is zero: then the velocity jumps by 2 pi f a at `begin`.
+    s is the minimum-jerk step. If `ramp` is zero, s = 1 and the velocity jumps by 2 pi f a at `begin`.
 
     Args:
         amplitude: a [m].
         frequency: f [Hz].
-        axis: the direction: a vector (d,) of any length above zero, or 0, 1, 2 for an axis, with `dimensions`.
-        begin: [s].
-        ramp: over which the amplitude fades in [s].
-        dimensions: d, needed when `axis` is a number.
+        axis: direction: a vector (d,) of any length above zero, or 0, 1 or 2 for an axis, with `dimensions`.
+        begin: time of the first motion [s].
+        ramp: time over which the amplitude fades in [s].
+        dimensions: d, required if `axis` is a number.
     """
 
     def __init__(
@@ -168,12 +168,12 @@ class Sine(_Parts):
 
 
 class Reach(_Parts):
-    """x(t) = s((t - begin) / duration) displacement, s the minimum-jerk step; it stays there.
+    """x(t) = s((t - begin) / duration) displacement with the minimum-jerk step s; it then stays there.
 
     Args:
-        displacement: (d,) [m].
-        begin: [s].
-        duration: [s].
+        displacement: final offset (d,) [m].
+        begin: start time [s].
+        duration: duration of the step [s].
     """
 
     def __init__(self, displacement: ArrayLike, begin: float = 0.0, duration: float = 1.0) -> None:
@@ -187,14 +187,15 @@ class Reach(_Parts):
 
 
 class Path(_Parts):
-    """A recorded path: cubic between its points and continuous in velocity, without overshoot; it holds its ends.
+    """A recorded path: a monotone cubic interpolation of its points, constant before the first and after the last.
 
-    The slopes are those of F. N. Fritsch and R. E. Carlson (Monotone piecewise cubic interpolation, SIAM J. Numerical
-    Analysis 17(2), 1980) as SciPy's PchipInterpolator has them. A path that is moving at an end stops there at once.
+    Its velocity is continuous and it does not overshoot. The slopes are those of F. N. Fritsch and R. E. Carlson
+    (Monotone piecewise cubic interpolation, SIAM J. Numerical Analysis 17(2), 1980), as in SciPy's PchipInterpolator. A
+    path that moves at one of its ends stops there abruptly.
 
     Args:
-        times: (N,) increasing, two at least [s].
-        positions: (N, d), or (N,) for d = 1, offsets from where the hand rests [m].
+        times: increasing times (N,), at least two [s].
+        positions: offsets from the rest position, (N, d), or (N,) for d = 1 [m].
     """
 
     def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
@@ -218,14 +219,14 @@ class Path(_Parts):
 
     @classmethod
     def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
-        """Read the path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
+        """Read a path from a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
 
         Args:
-            file: a relative one starts in `folder`, the current one if None.
-            folder: see there.
+            file: path of the file, absolute or relative to `folder`.
+            folder: folder of a relative path; the current one if None.
 
         Raises:
-            InputError: no such file, or not such a table, with the line.
+            InputError: the file is missing, or is not such a table; the message names the line.
         """
         path = to_path("path", file, folder=folder)
         require_file("path", str(file), path, EXPECTED)
@@ -242,13 +243,13 @@ class Path(_Parts):
 
 
 class Levels(_Parts):
-    """From level to level by minimum-jerk steps, each held until the next begins; zero before the first. d = 1.
+    """Levels reached by minimum-jerk steps, each held until the next step begins; zero before the first. d = 1.
 
         x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
 
     Args:
-        steps: (N, 3), each x_k, begin_k [s] and duration_k [s]; none begins before the one before it has ended. A
-            duration of zero is a jump, which has no velocity.
+        steps: rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
+                duration of zero is a jump, whose velocity is zero.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
@@ -263,28 +264,28 @@ class Levels(_Parts):
         part.array(LevelsPart.begins)[:], part.array(LevelsPart.durations)[:] = begin, duration
         part.array(LevelsPart.levels)[1:] = table[:, 0]
         super().__init__(1, [Part(part.buffer)])
-        self.end = float(begin[-1] + duration[-1])  # [s]; from here on nothing moves
+        self.end = float(begin[-1] + duration[-1])  # time after which nothing moves [s]
         self.last = float(table[-1, 0])
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Tell whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
+    """Tell whether a step that begins at `following` overlaps this one, by more than the rounding of 0.1 + 0.2."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
 
 class Sum(_Parts):
-    """Motions that add up.
+    """Sum of motions.
 
     Args:
-        motions: one at least, all of the same number of dimensions.
+        motions: one or more motions of the same number of dimensions.
     """
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         dimension_set = {motion.dimensions for motion in motions} - {None}
         if not motions or len(dimension_set) > 1:
             numbers = [motion.dimensions for motion in motions]
-            raise InputError("motions", numbers, "one motion at least, all of the same number of dimensions")
+            raise InputError("motions", numbers, "one or more motions of the same number of dimensions")
         dimensions = dimension_set.pop() if dimension_set else None
         super().__init__(dimensions, [part for motion in motions for part in parts_of(motion)])
 
@@ -311,7 +312,7 @@ def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArra
 
 
 def floats(name: str, value: ArrayLike) -> FloatArray:
-    """Make an array of floats from what a caller gave, or raise InputError."""
+    """Convert a value to an array of floats, or raise InputError."""
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -319,7 +320,7 @@ def floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
-    """Give the dimensions of a CSV reader's columns, and its rows."""
+    """Return the number of dimensions of a CSV table and its rows."""
     names = [name.strip() for name in next(rows, [])]
     d = len(names) - 1
     if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:
@@ -346,7 +347,7 @@ def _vector(name: str, value: ArrayLike, expected: str) -> FloatArray:
 
 
 def _padded(components: FloatArray) -> Vector:
-    """Give a vector in space whose further components are zero."""
+    """Extend a vector to three dimensions with zeros."""
     x, y, z = [*components.tolist(), 0.0, 0.0][:3]
     return Vector(x, y, z)
 

@@ -43,7 +43,7 @@ class ReachPart(MotionPart):
 
 
 class PathPart(MotionPart):
-    """Cubics between times; the first four of a row are by powers, from the highest on, d components each."""
+    """Cubics between times; each row begins with four coefficients in descending powers, d components each."""
 
     times: Floats = floats("count")  # [s]
     cubics: Table = table("count - 1", "4 * dimensions")
@@ -69,13 +69,13 @@ class TremorPart(MotionPart):
 
 
 class OtherPart(MotionPart):
-    """A motion of the caller's, who writes it for each time."""
+    """A motion whose values the caller writes for each time."""
 
     now: Displacement
 
 
 class Course(Record):
-    """A motion: it is what its parts add up to."""
+    """A motion, the sum of its parts."""
 
     count: int  # of parts
     entries: int  # of all parts
@@ -113,7 +113,7 @@ class HandState(Record):
 
 
 class GuidedHandState(Record):
-    """A hand whose targets are led aside by goals that change in mid-run, each behind a follower."""
+    """A hand whose targets are offset by goals that change during a run, each smoothed by a follower."""
 
     fingers: int  # n
     dimensions: int  # d

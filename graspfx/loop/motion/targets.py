@@ -1,4 +1,4 @@
-"""Where a hand means its fingers to be at a time: motions, squeeze and turns."""
+"""Target positions of a hand's fingers: motions, squeeze and turns."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from graspfx.spatial import ZERO, Matrix, Vector, cross
 def minimum_jerk(s: float) -> tuple[float, float]:
     """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
 
-    The step with the least integral of squared jerk between two states of rest (T. Flash and N. Hogan, The coordination
-    of arm movements, J. Neuroscience 5(7), 1985).
+    Of all steps between two states of rest, this one has the smallest integral of squared jerk (T. Flash and N. Hogan,
+    The coordination of arm movements, J. Neuroscience 5(7), 1985).
     """
     if s <= 0.0:
         return 0.0, 0.0
@@ -43,7 +43,7 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 def step(since: float, duration: float) -> tuple[float, float]:
-    """Compute the minimum-jerk step from 0 to 1 that began `since` ago [s], and its rate [1/s]; 1 without duration."""
+    """Compute a minimum-jerk step from 0 to 1, `since` [s] after its start, and its rate [1/s]; 1 without duration."""
     if duration > 0.0:
         s, ds = minimum_jerk(since / duration)
         return s, ds / duration
@@ -52,7 +52,7 @@ def step(since: float, duration: float) -> tuple[float, float]:
 
 @kernel
 def count_until(times: Floats, count: int, t: float) -> int:
-    """Count those of increasing times that are not after t."""
+    """Count the elements of increasing `times` that are <= t."""
     low, high = 0, count
     while low < high:
         middle = (low + high) // 2
@@ -113,7 +113,7 @@ def add_path(part: PathPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
-    """Add levels: the one that was reached last, or the step to the next."""
+    """Add the level that was reached last, or the step to the next one."""
     count, durations, levels = part.count, part.durations, part.levels
     k = count_until(part.begins, count, t) - 1
     level = levels[k + 1]
@@ -150,7 +150,7 @@ def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_other(part: OtherPart, now: Displacement) -> None:
-    """Add a motion of the caller's."""
+    """Add a motion written by the caller."""
     for j in range(part.dimensions):
         now.value[j] += part.now.value[j]
         now.rate[j] += part.now.rate[j]
@@ -185,7 +185,7 @@ def displace(course: Course, t: float, now: Displacement) -> None:
 
 @inline
 def vector_at(components: Floats, i: int) -> Vector:
-    """Read one of some vectors in space."""
+    """Read vector i of an array of vectors in space."""
     return Vector(components[3 * i], components[3 * i + 1], components[3 * i + 2])
 
 
@@ -258,7 +258,7 @@ def target(hand: HandState, t: float) -> None:
 
 @kernel
 def arrange(hand: HandState, t: float) -> None:
-    """Compute r and r' of a hand from its squeeze and its motion at time t, which stand in its block."""
+    """Compute r and r' of a hand at time t from the squeeze and the motion in its block."""
     n, d, turns = hand.fingers, hand.dimensions, hand.turns
     closing, shift = hand.closing, hand.shift
     position, velocity, rest, along = hand.position, hand.velocity, hand.rest, hand.along
@@ -287,7 +287,7 @@ def arrange(hand: HandState, t: float) -> None:
 
 @kernel
 def follow_goals(guide: GuidedHandState, t: float) -> None:
-    """Let the followers of a guided hand go on to time t; one that is there already stays."""
+    """Advance the followers of a guided hand to time t, if they are not there yet."""
     h = t - guide.time
     if h <= 0.0:
         return

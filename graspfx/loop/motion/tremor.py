@@ -1,4 +1,4 @@
-"""A tremor: sines in a narrow band of frequencies, with random phases, the same ones for one seed."""
+"""A tremor: sines in a narrow frequency band with random phases, reproducible by a seed."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ SINES = 16  # of a tremor on one axis
 class Tremor(_Parts):
     """x_a(t) = A s((t - begin)/ramp) sqrt(2/N) sum_k sin(2 pi f_ak t + phi_ak) on each axis a, zero before `begin`.
 
-    The N frequencies are drawn one from each of N equal parts of the band, the phases evenly: by the central limit
-    theorem nearly Gaussian, flat over the band, of root mean square A over a long time (M. Shinozuka, Simulation of
-    multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). A function of time
-    alone: the same at every period of sampling.
+    One frequency is drawn from each of N equal parts of the band; the phases are uniform. By the central limit theorem
+    x is nearly Gaussian, with a flat spectrum over the band and a long-time root mean square A (M. Shinozuka,
+    Simulation of multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). It
+    depends on time only, not on the sampling period.
 
     Args:
         amplitude: A, root mean square [m].
-        frequency: the middle of the band [Hz].
-        width: of the band [Hz]; zero is one sine.
-        dimensions: d.
-        seed: of the random numbers, whole numbers of zero or more.
-        begin: [s].
-        ramp: over which it fades in by a minimum-jerk step [s].
+        frequency: centre of the band [Hz].
+        width: width of the band [Hz]; zero gives one sine.
+        dimensions: number of dimensions d.
+        seed: seed of the random numbers, whole numbers of zero or more.
+        begin: start time [s].
+        ramp: time over which it fades in by a minimum-jerk step [s].
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Tremor(_Parts):
         super().__init__(dimensions, [Part(part.buffer)])
 
     def over(self, times: FloatArray) -> FloatArray:
-        """Compute the offsets at many times (M,) at once, (M, d) [m]: those of `at`, but for rounding."""
+        """Compute the offsets at times (M,), (M, d) [m]; they equal those of `at` up to rounding."""
         part = TremorPart(self.parts[0].entries)
         frequency = part.array(TremorPart.frequency).reshape(part.dimensions, part.count)
         phase = part.array(TremorPart.phase).reshape(part.dimensions, part.count)
@@ -76,12 +76,12 @@ class Tremor(_Parts):
 
 
 def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Draw frequencies, one from each of `count` equal parts of a band, and phases: (count,) each.
+    """Draw one frequency from each of `count` equal parts of a band, and phases: (count,) each.
 
     Args:
-        seed: whole numbers of zero or more.
+        seed: seed, whole numbers of zero or more.
         low, high: ends of the band.
-        count: of sines.
+        count: number of sines.
     """
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(list(seed))))
     places = (np.arange(count) + random.random(count)) / count

@@ -1,4 +1,4 @@
-"""Turns of a hand: all its targets about an axis through a point, by an angle that changes in time."""
+"""Turns of a hand: rotations of all its targets about a fixed axis by an angle that varies in time."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Turn:
     """r -> c + R (r - c) and r' -> R r' + angle' u x R (r - c), R the rotation by angle(t) about u.
 
     Args:
-        angle: in time, of one dimension [rad].
-        centre: c, (2,) or (3,) [m].
-        axis: u, (3,) of any length above zero, or 0, 1, 2 for an axis; None in the plane, where it is z.
+        angle: angle as a one-dimensional motion [rad].
+        centre: centre c, (2,) or (3,) [m].
+        axis: direction u, (3,) of any length above zero, or 0, 1 or 2 for an axis; None in the plane, where it is z.
     """
 
     def __init__(self, angle: Motion, centre: ArrayLike, axis: int | ArrayLike | None = None) -> None:
@@ -28,11 +28,11 @@ class Turn:
         if c.shape not in ((2,), (3,)) or not np.isfinite(c).all():
             raise InputError("centre", centre, "finite components (2,) or (3,) of a point [m]")
         if angle.dimensions not in (None, 1):
-            raise InputError("angle", angle.dimensions, "a motion of one dimension, an angle [rad]")
+            raise InputError("angle", angle.dimensions, "a one-dimensional motion, the angle [rad]")
         self.dimensions = d = len(c)
         if d == 2:
             if axis is not None:
-                raise InputError("axis", axis, "no axis in the plane: it is z")
+                raise InputError("axis", axis, "no axis, because in the plane it is always z")
             u = direction(2, 3)
         else:
             if axis is None:
@@ -54,8 +54,8 @@ class Turn:
         return CourseBlock(self._entries, fixed, [(start + at, angle) for at, angle in others])
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (n, d) [m] and velocities (n, d) [m/s] after this turn, from those before it; the same arrays
-        while there is nothing to turn."""
+        """Turn positions (n, d) [m] and velocities (n, d) [m/s]; return the same arrays while the angle and its rate
+        are zero."""
         block, position, velocity = self._entries.copy(), np.array(r, dtype=float), np.array(v, dtype=float)
         self._course.ask(block, start_of(Turning, "angle"), time)
         places = Floats(position.reshape(-1).data), Floats(velocity.reshape(-1).data)

@@ -98,7 +98,7 @@ class PortLog:
             assert isinstance(device, SwitchedDevice)
             bits: object = device.switches
             if isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 0 <= bits < 1 << self._count:
-                return f"told {abbreviate(bits)} for its switches, expected the bits of {self._count}"
+                return f"returned {abbreviate(bits)} for its switches, expected the bits of {self._count}"
             self._switches[0] = bits
         if self._raw is not None:
             assert isinstance(device, RawDevice)

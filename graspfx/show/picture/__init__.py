@@ -1,1 +1,1 @@
-"""Pictures of one instant, painted in three dimensions."""
+"""Pictures of one instant in three dimensions."""

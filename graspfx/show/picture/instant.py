@@ -1,4 +1,4 @@
-"""Geometry at one instant of a recording, as a scene's tables describe it: what every way of drawing it shares."""
+"""Geometry of a scene at one instant of a recording, common to all kinds of drawing."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ FloatArray = NDArray[np.float64]
 Table = Mapping[str, Any]
 
 ENDLESS = ("plane", "half-space")
-PATCH = 1.15  # of an endless plane, as a share of the extent
-LEAST = 1e-3  # [m]: extent of a scene whose points coincide
-DOT = 0.03  # radius at which an object without a shape is drawn, as a share of the extent
-APART = 0.14  # from finger to finger across the line, where no shape keeps them apart, as a share of the extent
-TIP = 0.016  # radius at which a fingertip that is a point is drawn, as a share of the extent
+PATCH = 1.15  # size of an infinite plane, as a fraction of the extent
+LEAST = 1e-3  # extent of a scene whose points coincide [m]
+DOT = 0.03  # drawn radius of an object without a shape, as a fraction of the extent
+APART = 0.14  # distance of fingers across a line without shapes, as a fraction of the extent
+TIP = 0.016  # drawn radius of a point fingertip, as a fraction of the extent
 THINGS = ("#c3d2e0", "#e3d3b4", "#cfdcc4", "#dccbdc")  # colours of objects in turn
 FIXED, EDGE = "#d5d2cc", "#4a4f55"
 
 
 class Obstacle(NamedTuple):
-    """An obstacle: its name, the table of its shape, None where it has none, and where that is."""
+    """An obstacle: its name, the table of its shape (None without one), and its pose."""
 
     name: str
     shape: Table | None
@@ -39,7 +39,7 @@ class Obstacle(NamedTuple):
 
 
 def lifted(values: FloatArray, dimensions: int) -> FloatArray:
-    """Lift vectors on a line or in the plane into the plane or into space."""
+    """Extend vectors on a line or in the plane to the plane or to space."""
     missing = dimensions - values.shape[-1]
     return np.asarray(np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)) if missing else values
 
@@ -50,7 +50,7 @@ def object_tables(table: Table) -> dict[str, Table]:
 
 
 def is_fixed(own: Table) -> bool:
-    """Tell whether the table of an object leaves it no direction in which it is free."""
+    """Tell whether all degrees of freedom in an object's table are locked."""
     free = own.get("free")
     return free is not None and not any(free)
 
@@ -74,17 +74,17 @@ def fingertip_radii(table: Table, count: int) -> FloatArray:
 
 
 def apart_on_a_line(count: int) -> FloatArray:
-    """Set fingers apart across a line, (n,), as shares of the distance from one to the next."""
+    """Place fingers across a line, (n,), in units of their distance."""
     return np.asarray(0.5 * (count - 1) - np.arange(count))
 
 
 def colours_of(names: Sequence[str], movable: Sequence[str]) -> list[str]:
-    """Colour objects and obstacles: those that move in turn, the others alike."""
+    """Assign colours to objects and obstacles: cyclic ones to movable objects, one to all others."""
     return [THINGS[movable.index(name) % len(THINGS)] if name in movable else FIXED for name in names]
 
 
 def slid(surface: Surface, middle: FloatArray) -> Surface:
-    """Slide a piece of an endless surface to where it is nearest to the middle."""
+    """Move the drawn part of an infinite surface to the point closest to the centre."""
     v = surface.vertices
     if len(middle) == 3:
         along = np.array([v[1] - v[0], v[3] - v[0]])
@@ -97,21 +97,21 @@ def slid(surface: Surface, middle: FloatArray) -> Surface:
 
 
 def _listed(table: Table, key: str) -> Sequence[Any]:
-    """List the tables of a key, which may be a single one."""
+    """List the tables of a key, which may be a single table."""
     tables = table.get(key, ())
     return tables if isinstance(tables, list | tuple) else [tables]
 
 
 @dataclass(frozen=True)
 class Thing:
-    """An object or an obstacle, its surface where it is.
+    """An object or an obstacle with its placed surface.
 
     Attributes:
-        name: in the scene.
-        surface: in the world; one without end is a piece of it.
-        fixed: an obstacle, or an object that cannot move.
-        endless: a plane or half-space.
-        path: of its centre so far (k, d) [m].
+        name: name in the scene.
+        surface: surface in the world, or a part of an infinite one.
+        fixed: whether it is an obstacle, or an object that cannot move.
+        endless: whether it is a plane or half-space.
+        path: path of its centre so far (k, d) [m].
     """
 
     name: str
@@ -123,25 +123,25 @@ class Thing:
 
 @dataclass(frozen=True)
 class Instant:
-    """One instant, ready to be drawn.
+    """One instant, prepared for drawing.
 
     Attributes:
-        dimensions: 2 or 3; what happens on a line is put into the plane.
-        on_a_line: it was.
-        time: [s].
-        extent: size of all that is drawn, arrows and endless surfaces apart [m].
-        middle: (d,) of that [m].
+        dimensions: number of dimensions, 2 or 3; a line is drawn in the plane.
+        on_a_line: whether the scene is on a line.
+        time: time of the instant [s].
+        extent: size of the drawing without arrows and infinite surfaces [m].
+        middle: centre of the drawing (d,) [m].
         things: objects and obstacles.
-        names: of the fingers.
-        tips: (n, d) fingertips [m].
-        radii: (n,) of the balls that they are, zero for points [m].
-        contacts: (n, d) where forces act [m].
-        forces: (n, d) on the object [N].
-        parts: their internal and external parts (n, d) [N], zero for a free finger; None if the recording does not say.
-        touching: (n,).
-        paths: of the fingertips so far (k, n, d) [m].
-        title: of the scene.
-        notes: what could not be drawn, and why.
+        names: names of the fingers.
+        tips: positions of the fingertips (n, d) [m].
+        radii: radii of ball fingertips, zero for points (n,) [m].
+        contacts: points where forces act (n, d) [m].
+        forces: forces on the object (n, d) [N].
+        parts: internal and external parts of the forces (n, d) [N], zero for a free finger; None if not recorded.
+        touching: mask of touching fingers (n,).
+        paths: paths of the fingertips so far (k, n, d) [m].
+        title: title of the scene.
+        notes: reasons for omitted parts.
     """
 
     dimensions: int
@@ -163,15 +163,15 @@ class Instant:
 
 
 def instant(recording: Recording, time: float | None = None, folder: Path | None = None) -> Instant:
-    """Read a recording at a time.
+    """Read one instant of a recording.
 
     Args:
-        recording: with at least one tick.
-        time: [s]; by default where most fingers touch and the sum of their forces is largest, or the end.
-        folder: where paths of meshes start; the scene's own folder if not given.
+        recording: recording with at least one tick.
+        time: time [s]; by default the one with most touching fingers and the largest sum of forces, or the end.
+        folder: folder of relative mesh paths; by default the scene's folder.
 
     Raises:
-        InputError: no ticks, or a time outside the recording.
+        InputError: the recording has no ticks, or the time is outside it.
     """
     k = _tick(recording, time)
     d = max(recording.layout.dimensions, 2)
@@ -180,7 +180,7 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
     tips = lifted(_tips(recording), d)  # (N, n, d)
     finite = np.isfinite(tips[k]).all(axis=1)
     if not finite.all():
-        notes.append("fingers that are nowhere are left out")
+        notes.append("fingers without finite positions are omitted")
     table = recording.header.scene_table
     radii = fingertip_radii(table, len(recording.layout.fingers))
     described = [each for each in _described(recording, table, k, d, notes) if np.isfinite(each[2]).all()]
@@ -251,7 +251,7 @@ def _tick(recording: Recording, time: float | None) -> int:
         return int(np.where(many == many[total > 0.0].max(), total, -1.0).argmax())
     k = round(time / recording.row_period) if np.isfinite(time) else -1
     if not 0 <= k < N:
-        raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, which the recording holds")
+        raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, within the recording")
     return k
 
 
@@ -273,13 +273,13 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
         yield name, shape, lifted(x, d)[k], None if q is None else q[k], is_fixed(own), path
     for each in obstacles(table, d):
         if each.shape is None:
-            notes.append(f"{each.name} has no shape that could be drawn")
+            notes.append(f"{each.name} has no shape to draw")
             continue
         yield each.name, each.shape, each.position, each.orientation, True, each.position[None, :]
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Give the pose of the frame in which the scene describes a shape, over time, from its centre if that is known."""
+    """Return the pose of a shape's frame over time, from the body's centre if recorded."""
     describe = getattr(recording, "described_pose", None)
     if describe is not None:
         position, orientation = describe(name)

@@ -1,4 +1,4 @@
-"""Surfaces in space painted as pixels and outlines: cameras, the best view, depth and shade."""
+"""Rendering of surfaces in space as pixels and outlines: camera, best view, depth and shading."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-CREASE = 30.0  # [degrees] between triangles, from which on their edge is sharp
-WELD = 1e-7  # of the extent: corners nearer to one another are one
+CREASE = 30.0  # angle between triangles above which their edge is sharp [degrees]
+WELD = 1e-7  # fraction of the extent below which corners coincide
 BEHIND = -np.inf
-ROUND = 1e-9  # by which rounding may put a pixel on an edge beside it
+ROUND = 1e-9  # tolerance for pixels on an edge, for rounding
 AMBIENT, DIFFUSE, GLOSS = 0.55, 0.45, 0.14
 SHARPNESS = 24.0
 LIGHT = (-0.45, 0.65, 0.75)  # to the right, up, towards the viewer
 
 
 class Layer:
-    """Pixels with the depth and the colour of what is nearest.
+    """Pixels with the depth and the colour of the nearest surface.
 
     Args:
-        low, high: corners of what is seen, to the right and up (2,) [m].
-        pixels: along the longer side.
+        low, high: corners of the view, to the right and up (2,) [m].
+        pixels: number of pixels along the longer side.
     """
 
     def __init__(self, low: FloatArray, high: FloatArray, pixels: int) -> None:
@@ -45,7 +45,7 @@ class Layer:
         self.colour = np.zeros((height, width, 3), dtype=np.float32)
 
     def add(self, corners: FloatArray, normals: FloatArray, colour: tuple[float, float, float]) -> None:
-        """Add triangles: corners as seen (f, 3, 3) [m], the surface's normals there (f, 3, 3)."""
+        """Add triangles: corners in view coordinates (f, 3, 3) [m], and surface normals there (f, 3, 3)."""
         flat = (corners[..., :2] - self.low) / self.cell - 0.5  # pixel k has its middle at k
         height, width = self.depth.shape
         first = np.maximum(np.ceil(flat.min(axis=1)).astype(int), 0)
@@ -88,7 +88,7 @@ class Layer:
         return rgba
 
     def clear_depth(self, reach: int) -> FloatArray:
-        """Give at each pixel the farthest depth within a reach: what lies behind that is hidden, also at rims."""
+        """Compute at each pixel the farthest depth within a reach; points behind it are hidden, also at rims."""
         depth = self.depth.copy()
         for one in (depth, depth.T):  # along columns, then along rows
             whole = one.copy()
@@ -105,14 +105,14 @@ class Layer:
         return other
 
     def pixel(self, flat: FloatArray) -> IntArray:
-        """Find the pixels (row, column) of points (k, 2) [m]; of one outside, the nearest."""
+        """Find the pixels (row, column) of points (k, 2) [m]; for outside points, the nearest pixel."""
         height, width = self.depth.shape
         at = np.floor((flat - self.low) / self.cell).astype(np.int64)
         return np.clip(at, 0, [width - 1, height - 1])[:, ::-1]
 
 
 def halved(rgba: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Average two by two pixels, so that rims are smooth."""
+    """Average blocks of two by two pixels for smooth rims."""
     height, width = (size // 2 for size in rgba.shape[:2])
     four = rgba[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 4)
     alpha = four[..., 3:].sum(axis=(1, 3))
@@ -121,14 +121,14 @@ def halved(rgba: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def weld(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Number the corners of faces (f, 3) so that those at one place have one number."""
+    """Number the corners of faces (f, 3) so that coincident corners have the same number."""
     extent = float(np.ptp(vertices, axis=0).max()) or 1.0
     _, label = np.unique(np.round(vertices / (WELD * extent)), axis=0, return_inverse=True)
     return np.asarray(label.reshape(-1)[faces], dtype=np.int64)
 
 
 def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Average the normals (f, 3, 3) of the triangles around each corner, as far as no crease is between."""
+    """Average the normals (f, 3, 3) of triangles around each corner that no crease separates."""
     corners = vertices[faces]
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # by area
     lengths = np.linalg.norm(doubled, axis=1, keepdims=True)
@@ -152,12 +152,12 @@ def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 BoolArray = NDArray[np.bool_]
 
-PIXELS = 1560  # along the longer side, four of which become one
-REACH = 2  # pixels about a point, all of which must be nearer for it to be hidden
-NEARER = 0.004  # by which lines on a surface come before it, as a share of the extent
-SHORTEST = 0.006  # pieces of a line, visible or hidden, that are none, as a share of the extent
+PIXELS = 1560  # pixels along the longer side before averaging
+REACH = 2  # pixels around a point that must all be nearer to hide it
+NEARER = 0.004  # offset of lines in front of their surface, as a fraction of the extent
+SHORTEST = 0.006  # shortest visible or hidden piece of a line, as a fraction of the extent
 OUTLINE = 0.8  # [points]
-BEFORE = 0.02  # room about the surfaces, as a share of the extent
+BEFORE = 0.02  # margin around the surfaces, as a fraction of the extent
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ class Camera:
     """A viewer infinitely far away.
 
     Args:
-        azimuth: [degrees] from x towards y.
-        elevation: [degrees] above the plane of x and y.
+        azimuth: angle from x towards y [degrees].
+        elevation: angle above the plane of x and y [degrees].
     """
 
     azimuth: float
@@ -174,7 +174,7 @@ class Camera:
 
     @property
     def axes(self) -> FloatArray:
-        """To the right, up and towards the viewer, unit vectors in rows (3, 3)."""
+        """Unit vectors to the right, up and towards the viewer, in rows (3, 3)."""
         a, e = radians(self.azimuth), radians(self.elevation)
         return np.array(
             [
@@ -191,10 +191,10 @@ class Camera:
 
 @dataclass
 class Painter:
-    """Collects solids, then paints them and tells what they hide.
+    """Collects solids, renders them and determines hidden points.
 
     Args:
-        camera: from where it is seen.
+        camera: camera of the view.
         extent: size of the picture [m].
     """
 
@@ -208,22 +208,22 @@ class Painter:
     def add(
         self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False, hides: bool = True
     ) -> None:
-        """Add a surface of this colour; with an outline, its creases and its rim against what is behind.
+        """Add a surface with a colour and, on request, an outline of its creases and silhouette.
 
         Args:
-            both_sides: it is open, and seen from behind too.
-            hides: lines behind it are hidden; not so behind a fingertip, which would hide its own arrow.
+            both_sides: whether it is open and visible from behind.
+            hides: whether it hides lines; a fingertip does not, since it would hide its own arrow.
         """
         self._solids.append((solid, colour, outline, both_sides, hides))
         self._layer = self._clear = self._all = None
 
     def bounds(self) -> FloatArray:
-        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may leave them."""
+        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may exceed them."""
         flat = np.concatenate([self.camera.project(solid.vertices)[:, :2] for solid, *_ in self._solids])
         return np.array([flat.min(axis=0), flat.max(axis=0)])
 
     def draw(self, axes: Axes) -> None:
-        """Paint the solids, and draw their outlines where nothing hides them."""
+        """Render the solids, and draw their visible outlines."""
         from matplotlib.collections import LineCollection
 
         layer = self._things()[0].copy()
@@ -246,10 +246,10 @@ class Painter:
             )
 
     def pieces(self, points: FloatArray, *, before_all: bool = False) -> Iterator[tuple[FloatArray, bool]]:
-        """Cut a line through points (k, 3) into pieces as seen (j, 3), with whether each is visible.
+        """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
 
         Args:
-            before_all: whether solids that hide nothing else hide it; they do once all is drawn.
+            before_all: whether solids that hide no lines hide this one.
         """
         layer, clear = self._all if before_all and self._all else self._things()
         return self._cut(points, layer, clear, SHORTEST * self.extent)
@@ -260,7 +260,7 @@ class Painter:
         return ~_visible(self.camera.project(points), layer, clear, NEARER * self.extent)
 
     def _things(self) -> tuple[Layer, FloatArray]:
-        """Depths of all that hides."""
+        """Layer and depths of all hiding surfaces."""
         if self._layer is None or self._clear is None:
             low, high = self.bounds()
             room = BEFORE * self.extent
@@ -308,7 +308,7 @@ def _visible(seen: FloatArray, layer: Layer, clear: FloatArray, nearer: float) -
 
 
 def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:
-    """List runs of equal values; one that is too short joins the run before it."""
+    """List runs of equal values; a run that is too short joins the previous one."""
     ends = [0, *(np.flatnonzero(np.diff(visible)) + 1).tolist(), len(visible)]
     runs: list[tuple[int, int]] = []
     for begin, end in pairwise(ends):
@@ -320,7 +320,7 @@ def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:
 
 
 def _edges(solid: Surface, camera: Camera) -> Sequence[FloatArray]:
-    """List edges (2, 3) at creases that are seen, at the rim, and where a surface ends."""
+    """List edges (2, 3) at visible creases, at the silhouette and at the boundary of a surface."""
     f = weld(solid.vertices, solid.faces)
     corners = solid.vertices[solid.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -341,17 +341,17 @@ def _edges(solid: Surface, camera: Camera) -> Sequence[FloatArray]:
 
 
 ELEVATIONS = (22.0, 35.0, 50.0)
-FRONT = -60.0  # [degrees], the azimuth that is taken if none is better
-ALONG_AN_AXIS = (45, 60, 75)  # [degrees] from there, where a box shows one of its faces edge on, or nearly
+FRONT = -60.0  # default azimuth [degrees]
+ALONG_AN_AXIS = (45, 60, 75)  # azimuths relative to it at which a face of a box is almost edge-on [degrees]
 
 
 def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[float, float]:
-    """Find a view with most contacts on the near side and apart from each other; the usual corner if none is better.
+    """Find the view with most contacts on the near side and well separated; by default the usual corner.
 
     Args:
-        contacts: points that are to be seen (n, 3) [m].
-        out: directions away from the object there (n, 3).
-        extent: size of what is drawn [m].
+        contacts: points to show (n, 3) [m].
+        out: outward directions of the object there (n, 3).
+        extent: size of the drawing [m].
 
     Returns:
         Azimuth and elevation [degrees].

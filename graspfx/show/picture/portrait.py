@@ -40,13 +40,13 @@ APART = 1.6  # from the middle of the two to either, in halves of a shaft's widt
 
 @dataclass(frozen=True)
 class Arrow:
-    """One force at one finger.
+    """One force of one finger.
 
     Attributes:
-        finger: its number.
-        tail, tip: (d,) [m].
-        colour: of the part, or of the finger.
-        offset: how far it stands beside its line, to the left of its way if positive, in halves of a shaft's width.
+        finger: index of the finger.
+        tail, tip: ends of the arrow (d,) [m].
+        colour: colour of the part, or of the finger.
+        offset: lateral offset from its line, positive to the left of its direction, in half shaft widths.
     """
 
     finger: int
@@ -61,19 +61,19 @@ def finger_colours(now: Instant) -> list[str]:
 
 
 def radius(now: Instant, i: int) -> float:
-    """Radius at which a fingertip is drawn [m]."""
+    """Drawn radius of a fingertip [m]."""
     return float(now.radii[i]) or TIP * now.extent
 
 
 def shown_forces(now: Instant, forces: Forces) -> list[tuple[FloatArray, list[str]]]:
-    """List the forces (n, d) that are drawn, each with the fingers' colours: two parts, or the total."""
+    """List the forces (n, d) to draw, each with the fingers' colours: two parts, or the total."""
     if forces == "total" or now.parts is None:
         return [(now.forces, finger_colours(now))]
     return [(part, [colour] * len(now.names)) for part, colour in zip(now.parts, (INTERNAL, EXTERNAL), strict=True)]
 
 
 def outward(now: Instant) -> FloatArray:
-    """Place a point a little outside of each contact: against its force, or away from the middle."""
+    """Compute a direction out of the object at each contact: against its force, or away from the centre."""
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -82,15 +82,15 @@ def outward(now: Instant) -> FloatArray:
 
 
 def arrows(now: Instant, scale: float, forces: Forces, flat: FloatArray) -> list[Arrow]:
-    """Place the arrows: outside of the object, ending where a force pushes in, beginning where it pulls out.
+    """Place the arrows outside the object; an arrow ends at a pushing force and begins at a pulling one.
 
-    Two at one finger that would lie on one another as seen stand side by side.
+    Two arrows of one finger that would overlap in the view are placed side by side.
 
     Args:
-        now: the instant.
-        scale: [m/N].
-        forces: "two", internal and external, or "total".
-        flat: directions to the right and up, as seen (2, d).
+        now: instant to draw.
+        scale: length per force [m/N].
+        forces: "two" for internal and external, or "total".
+        flat: directions to the right and up in the view (2, d).
     """
     out = outward(now) - now.contacts
     placed: list[Arrow] = []
@@ -115,7 +115,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     if size == 0.0 or abs(a[0] * b[1] - a[1] * b[0]) > ALONG * size:
         return own
-    turn = 1.0 if a @ b > 0.0 else -1.0  # to the left of a way is to the right of the opposite one
+    turn = 1.0 if a @ b > 0.0 else -1.0  # left of a direction is right of the opposite one
     first, second = own
     return [
         Arrow(first.finger, first.tail, first.tip, first.colour, APART),
@@ -124,7 +124,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
 
 
 def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None) -> None:
-    """Draw an arrow; in space, dashed where something hides it, and its head, then an outline, always."""
+    """Draw an arrow; in space it is dashed where hidden, but its head is always drawn, with an outline."""
     from matplotlib.patches import Polygon
 
     half = SHAFT * extent
@@ -156,7 +156,7 @@ def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None
 
 
 def head(ends: FloatArray, half: float) -> FloatArray:
-    """Give the corners (3, 2) of an arrow's head."""
+    """Return the corners (3, 2) of an arrow's head."""
     along = _unit(ends[1] - ends[0])
     length = _head(ends, half)
     side = WIDE * half * min(1.0, 1.5 * length / (HEAD * half)) * _left(along)
@@ -179,7 +179,7 @@ def _left(along: FloatArray) -> FloatArray:
 
 
 def points(placed: list[Arrow]) -> Iterator[FloatArray]:
-    """Yield points along the arrows, that words keep clear of."""
+    """Yield points along the arrows, which labels avoid."""
     for arrow in placed:
         for share in np.linspace(0.0, 1.0, 12):
             yield arrow.tail + share * (arrow.tip - arrow.tail)
@@ -208,27 +208,27 @@ def picture(
     width: str = "screen",
     form: str = "",
 ) -> tuple[str, ...]:
-    """Draw one instant of a recording, in space or in the plane, to scale, and write the picture.
+    """Draw one instant of a recording to scale, in space or in the plane, and write the picture.
 
-    Forces are those of the fingers on the object, each as its internal and its external part, or as their total. An
-    arrow stands outside of the object: it ends where it pushes in and begins where it pulls out. A part of it behind
-    an object is dashed.
+    The arrows show the forces of the fingers on the object, as internal and external parts or in total. They are
+    outside
+    the object: an arrow ends at a pushing force and begins at a pulling one. Parts behind an object are dashed.
 
     Args:
-        recording: of a run.
-        path: of the picture; its ending chooses the format.
-        time: [s]; by default where most fingers touch and their forces are largest, or the end.
-        view: azimuth and elevation of the viewer [degrees], in space; by default from where the fingers are seen best.
-        folder: where relative paths of meshes start; that of the scene if None.
-        forces: "two" or "total".
+        recording: recording of a run.
+        path: path of the picture, whose suffix selects the format.
+        time: time [s]; by default the one with most touching fingers and the largest forces, or the end.
+        view: azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
+        folder: folder of relative mesh paths; that of the scene if None.
+        forces: "two" for internal and external parts, or "total".
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: "png", "svg" or "pdf", whatever the ending.
+        form: format "png", "svg" or "pdf", which overrides the suffix.
 
     Returns:
-        What could not be drawn and why, a sentence each.
+        Sentences about omitted parts.
 
     Raises:
-        InputError: a recording without a tick, a time outside it, no such width, or an ending that no format has.
+        InputError: the recording has no ticks, the time is outside it, or the width or the suffix is unknown.
     """
     style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
     drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
@@ -245,7 +245,7 @@ def portrait(
     forces: Forces = "two",
     width: str = "screen",
 ) -> tuple[Sheet, tuple[str, ...]]:
-    """Draw what `picture` writes; return it with what could not be drawn."""
+    """Draw the picture of `picture`; return it with sentences about omitted parts."""
     if forces not in ("two", "total"):
         raise InputError("forces", forces, "two or total")
     now = instant(recording, time, folder)
@@ -369,7 +369,7 @@ def _thing_colours(now: Instant) -> list[str]:
 
 
 def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
-    """List the ways that fingertips and objects have come, of those that have come some way; none on a line."""
+    """List the paths of fingertips and objects that have moved; none on a line."""
     if now.on_a_line:
         return []
     ways = [(now.paths[:, i], colour) for i, colour in enumerate(finger_colours(now))]
@@ -380,7 +380,7 @@ def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
 
 
 def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray, text: float) -> None:
-    """Fit equal axes about the drawing, with room for names."""
+    """Set equal axes around the drawing, with room for names."""
     size = float(np.max(high - low))
     room = 0.06 * size
     widest = max((len(name) for name in _names(now)), default=0) * LETTER * text / (72.0 * SCREEN)
@@ -390,7 +390,7 @@ def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray, text: floa
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
-    """Draw contact points of the fingers that touch; a ball shows itself where it touches."""
+    """Draw contact points of touching fingers, except balls, which show their contact themselves."""
     dots = visible & now.touching & (now.radii == 0.0)
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
@@ -398,7 +398,7 @@ def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]
 def _label(
     axes: Axes, now: Instant, placed: Sequence[Arrow], tips: FloatArray, middle: FloatArray, text: float
 ) -> None:
-    """Write names beyond the outer ends of arrows, clear of arrows and of each other."""
+    """Write names beyond the outer ends of arrows, without overlap with arrows or each other."""
     from matplotlib.patheffects import withStroke
 
     unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # of data in a point
@@ -419,14 +419,14 @@ def _label(
 
 
 def _names(now: Instant) -> list[str]:
-    """Name the fingers: by their names, or, where there are many, by their numbers."""
+    """Return labels of the fingers: their names, or numbers if there are many."""
     return list(map(str, range(len(now.names)))) if len(now.names) > MOST_NAMES else list(now.names)
 
 
 def _free_place(
     mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Search around a mark, from a direction on, for a place where a box meets no occupied one and no busy point."""
+    """Search around a mark, starting in a direction, for a place for a box without overlap."""
     places = []
     for ring in RINGS:
         for turn in TURNS:
@@ -438,7 +438,7 @@ def _free_place(
 
 
 def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: float) -> None:
-    """Add title and scales, and give the panel the height that the drawing asks for."""
+    """Add title and scales, and set the panel's height for the drawing."""
     width, height = (float(np.ptp(each)) for each in (axes.get_xlim(), axes.get_ylim()))
     axes.set_aspect("equal")
     drawing.heights[0] = drawing.width.inches * min(max(height / width, LOW), HIGH)
@@ -454,7 +454,7 @@ def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: floa
 
 
 def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: float) -> None:
-    """Draw a scale under the picture, from its right end; lengths are shares of the picture's width."""
+    """Draw a scale under the picture, from its right end; lengths are fractions of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
         arrowprops={"arrowstyle": arrow, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
@@ -467,7 +467,7 @@ def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: 
 
 
 def _explain(drawing: Sheet, placed: Sequence[Arrow]) -> None:
-    """Name the two forces in the strip above the picture."""
+    """Add a legend of the two forces in the strip above the picture."""
     from matplotlib.lines import Line2D
 
     names = {INTERNAL: "internal force", EXTERNAL: "external force"}
@@ -479,7 +479,7 @@ def _explain(drawing: Sheet, placed: Sequence[Arrow]) -> None:
 
 
 def nice(value: float) -> float:
-    """Find the largest of 1, 2 and 5 times a power of ten that is not above."""
+    """Find the largest number of the form 1, 2 or 5 times a power of ten that does not exceed a value."""
     power = 10.0 ** floor(log10(value))
     share = value / power
     return (5.0 if share >= 5.0 else 2.0 if share >= 2.0 else 1.0) * power

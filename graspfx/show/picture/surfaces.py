@@ -1,4 +1,4 @@
-"""The surface of a shape as triangles in space, or its outline in the plane, from the table that describes it."""
+"""The surface of a shape as triangles in space, or its outline in the plane, from the shape's table."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-POLE = 1e-12  # of a radius: what is nearer to the axis is a point
+POLE = 1e-12  # fraction of a radius below which a ring is a point
 TURN = 96  # facets of a full circle
-GRID = 14  # cells along the edge of a box: small ones, so that a painter sorts them rightly
-LINE = 0.3  # half the height at which what lies on a line is drawn, as a share of its width
-BAND = 0.08  # depth of the ground that is drawn under a half-space, as a share of the picture
+GRID = 14  # cells along the edge of a box, small enough for correct depth sorting
+LINE = 0.3  # half the drawn height of shapes on a line, as a fraction of their width
+BAND = 0.08  # drawn depth of the ground below a half-space, as a fraction of the picture
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles in the frame of their shape, or in the plane one polygon.
+    """Triangles in the shape's frame, or one polygon in the plane.
 
     Attributes:
-        vertices: (v, 3) in space, the corners (v, 2) of an outline in the plane [m].
-        faces: (f, 3), counter-clockwise seen from outside; empty in the plane.
+        vertices: vertices (v, 3) in space, or corners of the outline (v, 2) in the plane [m].
+        faces: triangles (f, 3), counter-clockwise seen from outside; empty in the plane.
     """
 
     vertices: FloatArray
     faces: IntArray
 
     def placed(self, position: ArrayLike, orientation: ArrayLike | None) -> Surface:
-        """Move the surface into the world: turn it by a quaternion x, y, z, w or an angle, then shift it."""
+        """Transform the surface to the world: rotate it by a quaternion x, y, z, w or an angle, then translate it."""
         x = np.zeros(self.vertices.shape[1])
-        x[: np.size(position)] = position  # a position on a line is one along x
+        x[: np.size(position)] = position  # a position on a line is along x
         return Surface(self.vertices @ rotation(orientation, len(x)).T + x, self.faces)
 
 
 def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
-    """Give the matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or of no turn."""
+    """Return the rotation matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or the identity."""
     if orientation is None:
         return np.eye(dimensions)
     if dimensions == 2:
@@ -62,13 +62,13 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
     """Build the surface that a shape's table describes.
 
     Args:
-        shape: the table: `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
-        dimensions: d; what is on a line is drawn in the plane.
-        extent: how large a part of an endless plane is [m].
-        folder: where the path of a mesh starts.
+        shape: table with `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
+        dimensions: number of dimensions d; a line is drawn in the plane.
+        extent: size of the drawn part of an infinite plane [m].
+        folder: folder of relative mesh paths.
 
     Raises:
-        InputError: a kind that cannot be drawn, or a table that lacks something.
+        InputError: the kind cannot be drawn, or the table is incomplete.
     """
     kind = shape.get("kind", "mesh" if "mesh" in shape or "vertices" in shape else None)
     if kind == "mesh" and dimensions == 3:
@@ -98,7 +98,7 @@ def _arc(radius: float, begin: float, end: float, steps: int) -> tuple[FloatArra
 
 
 def _revolved(r: FloatArray, z: FloatArray, turn: int = TURN) -> Surface:
-    """Turn a profile about z, from the top to the bottom of what it encloses."""
+    """Revolve a profile about z, from the top to the bottom of the enclosed solid."""
     angle = 2.0 * pi * np.arange(turn) / turn
     rings = np.stack(
         [np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.repeat(z[:, None], turn, axis=1)], axis=2
@@ -159,12 +159,12 @@ def _cylinder(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _steps(length: float, radius: float) -> int:
-    """Count the cells of a wall, so that they are about square."""
+    """Choose the number of cells of a wall so that they are almost square."""
     return 2 + min(GRID * 4, int(length / (2.0 * pi * radius / TURN)))
 
 
 def _patch(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a square of an endless plane."""
+    """Build a square part of an infinite plane."""
     w = np.array(shape["normal"], dtype=float)
     w /= np.linalg.norm(w)
     u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
@@ -210,7 +210,7 @@ def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a strip of the ground below a plane; of a sheet, its line."""
+    """Build a strip of ground below a plane; for a sheet, a line."""
     w = np.zeros(2)
     w[: len(shape["normal"])] = shape["normal"]
     w /= np.linalg.norm(w)

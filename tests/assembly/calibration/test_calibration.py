@@ -88,7 +88,7 @@ def test_measures_go_into_the_scene_and_its_certificate(tmp_path: Path) -> None:
     overrides["finger.0.device.measures"]["jitter"] = [low, high]
     measured = scene.replace(overrides)
     [certificate] = gx.certify(measured, quick=True)
-    assert any("late in 98 % of the samples: the worse end" in text for text in certificate.assumed)
+    assert any("late in 98 % of the samples; judged at" in text for text in certificate.assumed)
     linear = measured.linearise("provisional")
     assert set(linear.lateness.tolist()) <= {low, high}
     ends = [gx.stability.spectral_radius(linear.with_changes(lateness=each)) for each in (low, high)]
@@ -119,7 +119,7 @@ def test_a_finger_that_runs_away_is_stopped(tmp_path: Path, monkeypatch: pytest.
         self.push[0] = 0.5 if forces.any() else self.push[0]
 
     monkeypatch.setattr(LateMass, "write", pushed)
-    with pytest.raises(DeviceError, match=r"let it stand free and level|faster than|against a force"):
+    with pytest.raises(DeviceError, match=r"set it up free and level|faster than|against a force"):
         calibrate(square(file), pulses=20)
     assert late_masses(file)[-1].log[-2:] == ["stop", "close"]
 
@@ -207,8 +207,8 @@ def test_a_person_shows_axes_and_zero(tmp_path: Path) -> None:
     # a step of 20 mm at once is no motion of a hand: let readings be of a hand that is quick enough
     result = calibrate(square(file).replace({"safety.speed": 50.0}), pulses=20, prompt=person)
     measures = result.devices[0]
-    assert measures.axes["finger0"]["x"].startswith("WRONG: it went to -x")
-    assert measures.axes["finger0"]["y"] == "right: it went to +y"
+    assert measures.axes["finger0"]["x"].startswith("WRONG: it moved along -x")
+    assert measures.axes["finger0"]["y"] == "right: it moved along +y"
     assert measures.zero["finger0"] == pytest.approx([0.004, -0.003], abs=1e-4)
     assert said[0].startswith("bring finger0")
     text = "\n".join(measures.lines())

@@ -234,7 +234,7 @@ def test_direction():
         (lambda: Levels([[1.0, 0.0, np.nan]]), "steps"),
         (lambda: Levels([[1.0, 0.0, -0.1]]), "steps.*zero or more"),
         (lambda: Levels([[1.0, 0.0, 1.0], [2.0, 0.9, 1.0]]), "steps.*before the end of the one before"),
-        (lambda: Sum([]), "motions.*one motion"),
+        (lambda: Sum([]), "motions.*one or more motions"),
         (lambda: Sum([Reach([1.0]), Reach([1.0, 2.0])]), "motions.*same number"),
         (lambda: Path([0.0], [[1.0]]), "times"),
         (lambda: Path([0.0, np.nan], [1.0, 2.0]), "times"),

@@ -164,7 +164,7 @@ def test_a_turn_of_another_kind_is_refused() -> None:
         def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
             return r, v
 
-    with pytest.raises(InputError, match="turns that are a Turn"):
+    with pytest.raises(InputError, match="instances of Turn"):
         Hand(REST, 1.0, turns=[Screw(Reach([1.0]), [0.0, 0.0, 0.0], 2)])
 
 

@@ -95,8 +95,8 @@ def test_an_angle_in_levels_goes_there_and_back():
     [
         (lambda: Turn(Reach([1.0]), [0.0]), "centre"),
         (lambda: Turn(Reach([1.0]), [0.0, np.nan]), "centre"),
-        (lambda: Turn(Reach([1.0, 2.0]), [0.0, 0.0]), "angle.*one dimension"),
-        (lambda: Turn(Reach([1.0]), [0.0, 0.0], 2), "axis.*it is z"),
+        (lambda: Turn(Reach([1.0, 2.0]), [0.0, 0.0]), "angle.*one-dimensional"),
+        (lambda: Turn(Reach([1.0]), [0.0, 0.0], 2), "axis.*always z"),
         (lambda: Turn(Reach([1.0]), [0.0, 0.0, 0.0]), "axis.*in space"),
         (lambda: Turn(Reach([1.0]), [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), "axis.*zero vector"),
         (lambda: Turn(Reach([1.0]), [0.0, 0.0, 0.0], [1.0, 0.0]), "axis.*3 components"),
