@@ -121,12 +121,14 @@ def build(
     programs: Mapping[str, tuple[str, LlvmProgram]],
     folder: Path,
     modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({}),
+    sources: Mapping[str, list[str]] = MappingProxyType({}),
 ) -> str:
     """Compile programs for all processors of the kind, and link each as a shared library.
 
     Args:
         programs: by key, a name for the file and the program.
         modules: by key, a name for the file and a WebAssembly module, which are put there too.
+        sources: imports of each source file, by the SHA-256 of its content.
         folder: new or empty, where they are put.
 
     Returns:
@@ -139,7 +141,6 @@ def build(
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable
     from graspfx.compile.native import description_of, text_of
-    from graspfx.compile.own_sources import all_imports
 
     folder.mkdir(parents=True, exist_ok=True)
     table, newest = {}, 17  # of glibc: the least that `manylinux` platforms have
@@ -166,7 +167,7 @@ def build(
         (folder / f"{name}.wasm").write_bytes(content)
         table[key] = {"file": f"{name}.wasm", "sha256": hashlib.sha256(content).hexdigest()}
     (folder / TABLE).write_text(json.dumps(table, indent=1) + "\n", encoding="ascii")
-    (folder / IMPORTS).write_text(json.dumps(all_imports()), encoding="ascii")
+    (folder / IMPORTS).write_text(json.dumps(dict(sources)), encoding="ascii")
     return f"manylinux_2_{newest}_x86_64"
 
 

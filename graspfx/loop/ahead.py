@@ -15,6 +15,7 @@ from graspfx.compile.footprints import footprint
 from graspfx.compile.library import build
 from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
 from graspfx.compile.machine import request_of
+from graspfx.compile.own_sources import all_imports
 from graspfx.grasp import direct, direct_modes
 from graspfx.loop import program
 from graspfx.loop.realtime import beat
@@ -46,4 +47,4 @@ def modules(steps: LlvmProgram) -> dict[str, tuple[str, bytes]]:
 if __name__ == "__main__":
     found = programs()
     _, steps = found[program.program_key()]
-    print(build(found, Path(sys.argv[1]), modules(steps)))
+    print(build(found, Path(sys.argv[1]), modules(steps), all_imports()))

@@ -85,7 +85,7 @@ def test_sources_of_a_wheel_are_not_parsed_and_edited_ones_are(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """What they import stands in the library by the digest of their content."""
-    library.build({}, folder)
+    library.build({}, folder, sources=own_sources.all_imports())
     library.imports.cache_clear()
     own = Path(library.__file__)
     with monkeypatch.context() as patch:

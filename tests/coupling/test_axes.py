@@ -187,7 +187,7 @@ def test_check_and_run_warn_of_world_axes_with_the_figure() -> None:
     assert axes_notes(resolve(scene())) == []
     (note,) = axes_notes(resolve(scene(axes="world")))
     assert "world axes generate energy on object as it rotates: up to " in note and "axes = 'object'" in note
-    with pytest.warns(ActiveCouplingWarning, match="world axes create energy"):
+    with pytest.warns(ActiveCouplingWarning, match="world axes generate energy"):
         gx.run(scene(axes="world"), duration=0.05)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

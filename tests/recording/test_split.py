@@ -38,7 +38,10 @@ def check(rec: Recording, least: float = 1.0) -> None:
     """
     f, internal = rec.finger_force, rec.internal_force
     size = np.abs(f).max(initial=1e-9)
-    assert np.abs(internal + rec.external_force - f).max() <= 2e-16 * size
+    # both are rounded: half a unit in the last place each
+    assert (
+        np.abs(internal + rec.external_force - f).max() <= np.finfo(float).eps * size
+    )  # two roundings of half a unit each
     for name in rec.objects:
         fingers, force, moment, blend = external(rec, name)
         assert np.abs(force - rec.external_force[:, fingers]).max() < 1e-13 * size

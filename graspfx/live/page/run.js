@@ -119,14 +119,14 @@ const isUnstable = ({ margin }, value) => margin?.some(([low, high]) => value >=
 function writeSliders() {
   const box = find("sliders");
   run.sliders.forEach((each, i) => {
-    const label = text(box, "label", each.unit ? `${each.label} [${each.unit}]` : each.label), slider = document.createElement("input"), number = document.createElement("input"), mark = document.createElement("span");
+    const label = text(box, "label", each.unit ? `${each.label} [${each.unit}]` : each.label), slider = document.createElement("input"), number = document.createElement("input"), mark = document.createElement("span"), band = document.createElement("i");
     slider.type = "range"; number.type = "number"; label.className = "number";
     for (const [name, value] of Object.entries({ min: each.least, max: each.most, step: each.stops ? each.stops[1] - each.stops[0] : each.step, value: each.value })) slider[name] = number[name] = value;
     slider.step = each.stops ? each.stops[1] - each.stops[0] : each.step; number.step = "any";
     slider.setAttribute("aria-label", each.label);
-    mark.className = "mark";
+    mark.className = "mark"; band.className = "band";
     const share = (value) => `${(100 * (value - each.least)) / (each.most - each.least)}%`;
-    if (each.margin?.length) slider.style.backgroundImage = each.margin.map(([low, high]) => `linear-gradient(to right, transparent ${share(low)}, var(--unstable) ${share(low)}, var(--unstable) ${share(high)}, transparent ${share(high)})`).join(",");
+    if (each.margin?.length) band.style.backgroundImage = each.margin.map(([low, high]) => `linear-gradient(to right, transparent ${share(low)}, var(--unstable) ${share(low)}, var(--unstable) ${share(high)}, transparent ${share(high)})`).join(",");
     const show = () => {
       const value = run.values[i], bad = isUnstable(each, value);
       slider.value = value; number.value = plain(value);
@@ -141,7 +141,7 @@ function writeSliders() {
     };
     slider.addEventListener("input", () => set(Number(slider.value)));
     number.addEventListener("change", () => set(Number(number.value)));
-    label.append(slider, number, mark); show();
+    label.append(slider, number, mark, band); show();
     each.set = set;
   });
   for (const preset of run.presets) {

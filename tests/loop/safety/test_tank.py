@@ -204,5 +204,5 @@ def test_a_tank_with_too_little_slows_a_soft_start() -> None:
 
 def test_matrices_do_not_change_under_a_chain() -> None:
     scene = squeeze(coupling__internal__stiffness=[30.0, 31.0], coupling__form="symmetric")
-    with pytest.raises(InputError, match="no account of matrices"):
+    with pytest.raises(InputError, match="does not support matrices"):
         gx.open(scene, live=[INTERNAL]).close()
