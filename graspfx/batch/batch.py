@@ -240,7 +240,7 @@ def run_batch(
         InputError: Lists have different lengths with `zip`, there are no values, or a part of the scene is not a
             kernel.
         UnknownNameError: A quantity or statistic does not exist.
-        MissingPackageError: llvmlite is not installed.
+        MissingPackageError: llvmlite is not installed, and the installation brings no compiled program.
     """
     from graspfx.scene.load import to_scene
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
 from graspfx.screen.screen_board import Board, Touches, create
-from graspfx.screen.socket_thread import require_websockets
 from graspfx.screen.touch_orders import Box
 from graspfx.system import child_process
 
@@ -58,6 +57,8 @@ class TouchScreen:
             MissingPackageError: websockets is not installed, or segno for `lan`.
             DeviceError: The page cannot be served, for example because the port is in use.
         """
+        from graspfx.screen.socket_thread import require_websockets  # loads asyncio: 36 ms of every run
+
         self.close()
         require_websockets()
         if not child_process.is_possible():

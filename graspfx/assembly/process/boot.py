@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import subprocess
-from multiprocessing.connection import Connection
 from socket import socketpair
+from typing import TYPE_CHECKING
 
 from graspfx.errors import InputError
 from graspfx.system import child_process
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # limits numerical libraries to one thread
 
@@ -37,6 +40,8 @@ def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Conn
     Raises:
         InputError: this system starts no such process.
     """
+    from multiprocessing.connection import Connection  # only where a process starts
+
     if not child_process.is_possible():
         raise InputError("loop", "process", "a system with processes that share memory, such as Linux")
     ours, theirs = socketpair()

@@ -8,11 +8,10 @@ import select
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from subprocess import Popen
 from threading import Lock, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,9 @@ from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
 from graspfx.recording.recorder import Recorder
 from graspfx.system import process_end
 from graspfx.system.scheduling import set_fifo
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 FloatArray = NDArray[np.float64]
 BACKLOG = 1 << 28  # bytes of rows that may wait for the disk; beyond this, the last rows stay in the ring buffer
