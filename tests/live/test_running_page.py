@@ -85,6 +85,17 @@ def test_a_slider_shows_its_limit_at_the_end_of_its_range_too() -> None:
     assert high == slider["most"] and low == pytest.approx(limit, rel=0.02)  # the squeeze is that of the value
 
 
+def test_a_red_band_is_drawn_where_a_value_is_not_stable(browser: Browser, tmp_path: Path) -> None:
+    """Beneath the slider: browsers draw no background of the slider itself."""
+    page = opened(browser, tmp_path, gx.load("paper-waving"))
+    page.evaluate("document.getElementById('sliders').scrollIntoView()")
+    place = """(() => { const band = [...document.querySelectorAll('.band')].find((each) => each.style.backgroundImage);
+        const { right, top, bottom } = band.getBoundingClientRect(); return [right, top, bottom]; })()"""
+    right, top, bottom = page.evaluate(place)
+    red, green, blue = page.screenshot()[round(0.5 * (top + bottom)), round(right) - 5]
+    assert red > 200 and green < 190 and blue < 190  # --unstable
+
+
 def test_a_slider_writes_what_a_session_sets(browser: Browser, tmp_path: Path) -> None:
     """In the tick that the recording names, with what follows from the gain; the replay has the same forces."""
     scene = gx.load("soft-pads")
