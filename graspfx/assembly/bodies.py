@@ -134,7 +134,7 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
 
     Args:
         predicts: whether the implicit integrator is used as such; otherwise the block has the semi-implicit one, whose
-                forces are functions of the pose.
+            forces are functions of the pose.
 
     Raises:
         InputError: naming the key that cannot be.

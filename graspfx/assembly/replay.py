@@ -65,7 +65,7 @@ def replay(
         InputError, UnknownNameError, SceneError: An override is unknown or not allowed in the scene, or `trust` is
             neither True nor False.
         RecordingError: the recording lacks data that a replay needs, its scene cannot be restored, or its mesh has
-                changed; it names Python files, without `trust` or GRASPFX_TRUST=1; or `out` already has a recording.
+            changed; it names Python files, without `trust` or GRASPFX_TRUST=1; or `out` already has a recording.
     """
     if not isinstance(trust, bool):
         raise InputError("trust", trust, "True or False")

@@ -139,9 +139,9 @@ class ObjectPart:
 
         Args:
             limits: largest forces of all fingers of the scene [N], infinite for a finger without a limit; None without
-                    limits.
-                predicts: whether the implicit integrator is used as such (`bodies.fill`).
-                live: names of the block's fields that may change during a run.
+                limits.
+            predicts: whether the implicit integrator is used as such (`bodies.fill`).
+            live: names of the block's fields that may change during a run.
         """
         n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
         return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))

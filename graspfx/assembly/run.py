@@ -83,10 +83,10 @@ def open(
 
     Raises:
         InputError, UnknownNameError: the scene does not exist; a live key cannot change during a run; `out` is not a
-                path; there is hardware without `real_time`; or a finger on hardware is inside its object.
-            SceneError: the scene has faults; the error lists all of them.
-            DeviceError: a device does not open, or is not at rest.
-            RecordingError: `out` already has a recording, another run is writing there, or it is not writable.
+            path; there is hardware without `real_time`; or a finger on hardware is inside its object.
+        SceneError: the scene has faults; the error lists all of them.
+        DeviceError: a device does not open, or is not at rest.
+        RecordingError: `out` already has a recording, another run is writing there, or it is not writable.
     """
     if not isinstance(real_time, bool):
         raise InputError("real_time", real_time, "True for the wall clock, or False for steps")
@@ -129,12 +129,12 @@ def run(
 
     Raises:
         InputError: the duration is not a positive time, or too long for memory or disk; `out` is not a path; `stop` is
-                not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
-            UnknownNameError, PluginError: the scene cannot be loaded.
-            SceneError: the scene has faults, or a finger starts outside its device's reach.
-            DeviceError: a device does not open, or is not at rest before the run.
-            RecordingError: `out` already has a recording, another run is writing there, or it is not writable. If rows
-                have been written, the error tells where they are.
+            not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
+        UnknownNameError, PluginError: the scene cannot be loaded.
+        SceneError: the scene has faults, or a finger starts outside its device's reach.
+        DeviceError: a device does not open, or is not at rest before the run.
+        RecordingError: `out` already has a recording, another run is writing there, or it is not writable. If rows
+            have been written, the error tells where they are.
     """
     if isinstance(overrides, int | float):
         if duration is not None:

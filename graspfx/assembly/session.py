@@ -201,7 +201,7 @@ class Session(Carded):
 
         Raises:
             InputError: the number is not an integer above zero, the session is closed, memory is exhausted, or a block
-                    was written directly instead of by `set`. A failing device raises nothing; it is a recorded fault.
+                was written directly instead of by `set`. A failing device raises nothing; it is a recorded fault.
         """
         count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
@@ -358,7 +358,7 @@ class Session(Carded):
 
         Raises:
             InputError: the key is not live, the value would change more than numbers, or a block was written directly
-                    instead of by `set`.
+                instead of by `set`.
             UnknownNameError: the key does not exist; the error names a close match.
             SceneError: the scene does not allow the value; nothing is changed.
         """

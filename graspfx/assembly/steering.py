@@ -112,8 +112,8 @@ class Steering:
 
         Raises:
             InputError: values would change more than numbers (the form of a gain, a switch, a layout), or a key affects
-                    no number of a run.
-                SceneError, DeviceError: as for `build`.
+                no number of a run.
+            SceneError, DeviceError: as for `build`.
         """
         for key, value in values.items():
             if not is_live(general(key)):  # it would be recorded but have no effect

@@ -162,13 +162,13 @@ def compiled(
     Args:
         source: program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
             returns
-                an integer or nothing.
-            floats: float parameters of the entry; its other numbers are integers.
-            checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
-            quick: whether to compile in a tenth of the time to code that is several times slower, with the same bits;
-                ignored if better code is cached.
-            apart: whether all buffers are distinct memory.
-            make: whether to compile a program that is not cached; otherwise a LookupError is raised.
+            an integer or nothing.
+        floats: float parameters of the entry; its other numbers are integers.
+        checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
+        quick: whether to compile in a tenth of the time to code that is several times slower, with the same bits;
+            ignored if better code is cached.
+        apart: whether all buffers are distinct memory.
+        make: whether to compile a program that is not cached; otherwise a LookupError is raised.
 
     Raises:
         MissingPackageError: LLVM is not installed.

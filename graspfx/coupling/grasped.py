@@ -63,7 +63,7 @@ class GraspedObject:
 
     Raises:
         InputError: unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
-                are not in space, have matrix gains, have no friction, or are attached without a shape.
+            are not in space, have matrix gains, have no friction, or are attached without a shape.
     """
 
     def __init__(
@@ -238,7 +238,7 @@ class GraspedObject:
         Args:
             at_rest: whether to use the forces of the last sample, which had zero rates; otherwise zero forces, for
                 which
-                    the compliances are infinite.
+                the compliances are infinite.
         """
         if not self.state.gradual:
             return np.zeros(self.fingers)

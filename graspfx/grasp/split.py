@@ -377,7 +377,7 @@ def metric_of(
 
     Raises:
         InputError: Both a metric and a kind are given; weights or stiffness are missing, or given for another kind;
-                or G is a bare matrix.
+            or G is a bare matrix.
         UnknownNameError: The kind is unknown.
     """
     if kind not in get_args(Kind):

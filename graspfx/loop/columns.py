@@ -82,8 +82,8 @@ class Declared(NamedTuple):
             "observer" (the ledger of energies), "safety" (the chain) or "loop" (the exchange with devices on the wall's
             clock).
         when: property of `Layout` that tells whether the column exists. Without one it always exists; with "always" it
-                also exists in recordings of every format.
-            kind: type of its numbers in a file; rows hold float64 only.
+            also exists in recordings of every format.
+        kind: type of its numbers in a file; rows hold float64 only.
     """
 
     name: str

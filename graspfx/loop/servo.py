@@ -261,7 +261,7 @@ class Servo:
 
         Raises:
             InputError: the recorder is missing or superfluous; a block was written directly where the program, a switch
-                    of the block or the split of forces in the recording depends on it; or hardware has no pacer.
+                of the block or the split of forces in the recording depends on it; or hardware has no pacer.
         """
         if pacer is None:
             require_simulations(self.hardware)

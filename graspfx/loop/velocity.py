@@ -165,8 +165,7 @@ class VelocityEstimator:
 
     For samples at irregular times, pass the times to `update`. It then uses the true intervals, and an unchanged time
     leaves the velocity unchanged. For regular samples of which some are lost, call `miss` for each lost one: lost
-        samples
-    are interpolated linearly.
+    samples are interpolated linearly.
 
     The first velocity is zero. A non-finite position gives non-finite velocities until two finite positions have
     followed.

@@ -171,7 +171,7 @@ def figure(
 
     Raises:
         InputError: there are no recordings, a recording has no ticks, the number of titles differs, or the width or
-                format is unknown.
+            format is unknown.
     """
     return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
 

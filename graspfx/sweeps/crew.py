@@ -96,7 +96,7 @@ def crew_of(executor: Any) -> Iterator[Crew]:
 
     Args:
         executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N defaults to the number of
-                processors); an executor of `concurrent.futures`, or a dask client.
+            processors); an executor of `concurrent.futures`, or a dask client.
 
     Raises:
         InputError: the argument is something else.

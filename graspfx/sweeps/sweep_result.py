@@ -40,13 +40,13 @@ class SweepResult(Batch):
 
     Attributes:
         values, fault_tick, measures, notes, scene, layout: as for a `Batch`; measures of failed variants are NaN, and
-                zeros have no sign.
-            failure: reason why a variant has no measures, otherwise empty, in the grid's shape.
-            folder: folder of the chunks and `sweep.nc`; None for a sweep in memory.
-            about: description of the sweep in its file: scene, identity, duration, sample, seed, version.
-            resumed: number of variants that had been computed before.
-            seconds: time of this call, and total time of all chunks [s].
-            base: scene whose values were replaced; None if unknown.
+            zeros have no sign.
+        failure: reason why a variant has no measures, otherwise empty, in the grid's shape.
+        folder: folder of the chunks and `sweep.nc`; None for a sweep in memory.
+        about: description of the sweep in its file: scene, identity, duration, sample, seed, version.
+        resumed: number of variants that had been computed before.
+        seconds: time of this call, and total time of all chunks [s].
+        base: scene whose values were replaced; None if unknown.
     """
 
     failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
@@ -116,9 +116,8 @@ class SweepResult(Batch):
 
         Args:
             measure: name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
-                    or else its first statistic: `run.vibration`, unless the sweep measures other quantities or its runs
-                        are
-                    too short.
+                or else its first statistic: `run.vibration`, unless the sweep measures other quantities or its runs
+                are too short.
 
         Returns:
             Full name of the measure, and the numbers; NaN for missing ones.
@@ -207,9 +206,9 @@ class SweepResult(Batch):
 
         Args:
             measures: names of measures, such as `finger_force.peak`; by default one of each of the first three
-                    quantities, or for maps the first only. Each map has its own sheet.
-                width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
-                slices: number of values of a third key that have their own map; further keys have their middle value.
+                quantities, or for maps the first only. Each map has its own sheet.
+            width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
+            slices: number of values of a third key that have their own map; further keys have their middle value.
 
         Raises:
             UnknownNameError: a measure does not exist.

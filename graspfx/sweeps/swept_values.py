@@ -207,7 +207,7 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
 
     Raises:
         InputError: there are no values; lists have different lengths with `zip`; a range in a grid has no count; or the
-                seed is not a non-negative integer.
+            seed is not a non-negative integer.
     """
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")

@@ -91,8 +91,8 @@ class Bench:
 
         Raises:
             DeviceError: the device has a fault, a finger moves too far or too fast, or a force lasted too long because
-                    the machine was late.
-                Interruption: a signal arrived.
+                the machine was late.
+            Interruption: a signal arrived.
         """
         exchange, pacer, command = self._exchange, self._pacer, self.port.port.command
         skipped = pacer.wait(lambda: bool(exchange.exits.numbers))

@@ -321,9 +321,9 @@ def servo_process(
 
     Raises:
         InputError: the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
-                inside its object. Other errors of the process before its run are raised too.
-            DeviceError: a device does not open or is not at rest, or the process died.
-            KeyboardInterrupt: a signal arrived before the run.
+            inside its object. Other errors of the process before its run are raised too.
+        DeviceError: a device does not open or is not at rest, or the process died.
+        KeyboardInterrupt: a signal arrived before the run.
     """
     errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)
     errand.text()

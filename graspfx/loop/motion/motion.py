@@ -249,7 +249,7 @@ class Levels(_Parts):
 
     Args:
         steps: rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
-                duration of zero is a jump, whose velocity is zero.
+            duration of zero is a jump, whose velocity is zero.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
