@@ -131,7 +131,7 @@ class Arm:
         dx, dy = x - self.base[0], y - self.base[1]
         self.check_reach(dx, dy)
         l1, l2 = self.links
-        c = (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
+        c = min(1.0, max(-1.0, (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)))  # of a posture in reach
         bend = self.bend * elementary.acos(c)
         a1 = elementary.atan2(dy, dx) - elementary.atan2(l2 * elementary.sin(bend), l1 + l2 * c)
         return a1, a1 + bend

@@ -23,7 +23,7 @@ from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
 from graspfx.surfaces.triangles.walk import mesh_contact
-from graspfx.surfaces.triangles.winding import wound
+from graspfx.surfaces.triangles.winding import tetrahedra, wound
 
 STATE = size_of(MeshFinger)  # entries of a finger's state on a mesh
 ROTATIONS = 12  # sweeps over three rotations; four or five suffice
@@ -322,19 +322,13 @@ def _solid_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArra
 
     Triangles make tetrahedra with a common apex, which count negatively where they face it.
     """
-    volumes = _tetrahedra(corners)
+    volumes = tetrahedra(corners)
     volume = float(volumes.sum())
     if volume == 0.0:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     centre = (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4.0 * volume)
     x = corners - centre
-    return volume, centre, _inertia(x, _tetrahedra(x) / 20.0)
-
-
-def _tetrahedra(corners: FloatArray) -> FloatArray:
-    """Compute the volumes of tetrahedra between triangles (f, 3, 3) and the origin."""
-    volumes: FloatArray = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum(axis=1) / 6.0
-    return volumes
+    return volume, centre, _inertia(x, tetrahedra(x) / 20.0)
 
 
 def _inertia(x: FloatArray, weights: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntAr
     count, crossing = int(pieces.max()) + 1, 0
     if closed:
         corners = vertices[np.where(turned[:, None], faces[:, ::-1], faces)]
-        volume = np.bincount(pieces, _volumes(corners), minlength=count)
+        volume = np.bincount(pieces, tetrahedra(corners - corners.mean(axis=(0, 1))), minlength=count)
         low, high = _boxes(corners, pieces, count)
         cavity = _cavities(corners, pieces, low, high)
         wrong, crossing = (volume < 0.0) != cavity, _crossing(low, high, cavity)
@@ -57,10 +57,10 @@ def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray
     return pieces.astype(np.intp), turned
 
 
-def _volumes(corners: FloatArray) -> FloatArray:
-    """Compute six times the signed volumes between the triangles and their mean, (f,)."""
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1)
+def tetrahedra(corners: FloatArray) -> FloatArray:
+    """Compute the signed volumes of the tetrahedra between triangles (f, 3, 3) and the origin, (f,)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1) / 6.0
     return volumes
 
 
