@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from graspfx.recording.record import Recording
     from graspfx.scene.model import Scene
 
-Guide = Literal["hands", "fingers"] | None
 EXAMPLE = """  graspfx view paper-waving
   graspfx view sphere-three-fingers --set coupling.internal.stiffness=300 --port 9000
   graspfx view out/latest --html waving.html"""
@@ -57,12 +56,12 @@ def add_page(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.live.view.page_server import require_viser
+    from graspfx.screen.socket_thread import require_websockets
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
     if options.html is None:
-        require_viser()
+        require_websockets("a page")
     if _is_recording(options.scene):
         with interruptible() as stop:
             return _show_recording(options, stop, _tell)
@@ -78,22 +77,23 @@ def execute(options: Namespace) -> int:
     note(notes)
     if parts.hardware:
         warn_of_hardware()
-    loose: Guide = "fingers" if not parts.hardware else None  # the page must not move a finger that a person holds
-    return _serve(scene, "hands" if scene.hand else loose, options)
+    has_hands = bool(scene.hand) or not parts.hardware  # the page must not move a finger that a person holds
+    return _serve(scene, "hands" if has_hands else None, options)
 
 
-def _serve(scene: Scene, guide: Guide, options: Namespace) -> int:
+def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> int:
     """Run a scene and serve its page until Ctrl-C."""
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import live_keys, sliders
-    from graspfx.live.view.live_view import LiveView
+    from graspfx.live.view.live_page import LivePage
 
     with interruptible() as stop, ExitStack() as stack:
         with waiting(f"starting {options.scene}"):
             numbers = sliders(scene)
             run = stack.enter_context(LiveRun(scene, live=live_keys(numbers), guide=guide))
-            view = LiveView(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
-            page = stack.enter_context(view)
+            page = stack.enter_context(
+                LivePage(run, numbers, lambda: _folder(options, scene), port=options.port, tell=_tell)
+            )
         if run.has_hardware:
             _tell("HARDWARE IS ARMED: the page's gains stay within the certificate")
         _tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
@@ -151,11 +151,9 @@ def _show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable
     folder = scene_folder(recording.header)
     if options.html is not None:
         return _write(recording, folder, options)
-    from graspfx.live.recording_view import RecordingView
+    from graspfx.live.view.recording_page import RecordingPage
 
-    with waiting(f"opening {file}"):
-        page = RecordingView(recording, folder=folder, port=options.port)
-    with page:
+    with RecordingPage(recording, folder=folder, port=options.port) as page:
         tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
         page.serve(stop, options.seconds)
     return say_faults(recording)

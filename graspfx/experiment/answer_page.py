@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from html import escape
 from typing import TYPE_CHECKING, Any
 
-from graspfx.live.frame import Frames, history_of
+from graspfx.live.page.document import document
+from graspfx.live.page.story import bare_story
 from graspfx.live.run_look import RunLook
-from graspfx.live.scenery import scenery
-from graspfx.live.view.page_server import Server, page_server
-from graspfx.live.view.scene_tree import SceneTree
-from graspfx.live.view.words_on_page import PAGE_STYLE
-from graspfx.recording.header import SPLIT, KeyChange
+from graspfx.live.view.frame_feed import FrameFeed
+from graspfx.live.view.page_server import Order, PageServer
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
     from graspfx.scene.model import Scene
 
-FRAME = 1.0 / 30.0  # interval between frames [s]
+FRAME = 1.0 / 50.0  # interval between frames [s]
 READY = "Ready"
 SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 
 
 class AnswerPage(RunLook):
     """Page with buttons on 127.0.0.1. A context manager; watches runs.
+
+    The page shows the first run from its first row on, and each later one. It is loaded anew if the shapes are others.
 
     Args:
         title: Title of the experiment.
@@ -33,8 +32,11 @@ class AnswerPage(RunLook):
         scene: Scene to draw; None for the question only.
         port: Port of the page; None for the first free one from 8080.
 
+    Attributes:
+        server: Server of the page.
+
     Raises:
-        MissingPackageError: viser is not installed.
+        MissingPackageError: websockets is not installed.
         InputError: The port is in use.
     """
 
@@ -42,25 +44,20 @@ class AnswerPage(RunLook):
         self, title: str, answers: Mapping[str, str], press: Callable[[str], object], scene: Scene | None = None,
         *, port: int | None = None,
     ) -> None:  # fmt: skip
-        self._press = press
-        self.server: Server = page_server(title, port)
-        viser = self.server.viser
-        viser.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(55, 71, 79))
-        viser.gui.add_html(PAGE_STYLE)
-        self._text = viser.gui.add_html("<div></div>")
-        if answers:
-            self._buttons("answer", {answer: key for key, answer in answers.items()})
-        self._buttons("go on", {READY: "\n"})
-        self._draws, self._drawn = scene is not None, ""
-        self._tree: SceneTree | None = None
-        self._apart = 0.0
-        if scene is not None:
-            self._draw(scene)
+        self._press, self._draws = press, scene is not None
+        self._keys = {**answers, "\n": READY}
+        self._story, self._drawn, self._question = bare_story(title), "", ""
+        self._title, self._again, self._runs = title, 0, 0
+        self._feed: FrameFeed | None = None
+        self.server = PageServer(self, port)
+        self.server.__enter__()
+        self.server.tell(self._state())
         super().__init__("page of answers", FRAME)
 
     def tell(self, text: str) -> None:
         """Show a text."""
-        self._text.content = f"<div class=gfx style='font-size:17px;padding:10px 12px'><b>{escape(text)}</b></div>"
+        self._question = text
+        self.server.tell(self._state())
 
     def attach(self, run: LiveRun) -> None:
         """Start drawing a run. Its last picture stays after it is detached."""
@@ -70,37 +67,43 @@ class AnswerPage(RunLook):
     def close(self) -> None:
         """Close all pages."""
         super().close()
-        self.server.stop()
+        self.server.__exit__()
 
-    def _buttons(self, label: str, keys: Mapping[str, str]) -> None:
-        group = self.server.viser.gui.add_button_group(label, tuple(keys))
+    def document(self, path: str, host: str) -> str | None:
+        """Return the page."""
+        if path != "/":
+            return None
+        live = {
+            "live": True, "hardware": True, "again": self._again, "sliders": (), "handles": (), "presets": (),
+            "grasps": (), "frames": self._story["ticks"], "period": self._story["step"] / self._story["ticks"],
+            "ask": [{"key": key, "text": text} for key, text in self._keys.items()],
+        }  # fmt: skip
+        return document(self._story | {"run": live}, "live", f"ws://{host}")
 
-        async def press(event: Any) -> None:
-            if event.client_id is not None:
-                self._press(keys[event.target.value])
+    def order(self, order: Order) -> bool:
+        """Take an answer."""
+        if order.act != "answer" or order.key not in self._keys:
+            return False
+        self._press(order.key)
+        return True
 
-        group.on_click(press)
-
-    def _draw(self, scene: Scene) -> None:
-        """Draw the scene's shapes, unless they are drawn already."""
-        table = scene.to_dict()
-        look = repr([table.get(name) for name in SHAPES])
-        if look != self._drawn:
-            drawn = scenery(scene)
-            if self._tree is not None:
-                self.server.viser.scene.reset()
-            self._tree, self._apart, self._drawn = SceneTree(self.server.viser, drawn), drawn.apart, look
+    def _state(self) -> dict[str, Any]:
+        return {
+            "again": self._again, "going": False, "tick": 0, "alarm": "", "question": self._question, "lines": [],
+            "remark": "", "recording": False, "recorded": False, "sliders": [], "hands": [], "margins": None,
+        }  # fmt: skip
 
     def _begin(self, run: LiveRun) -> None:
-        self._draw(run.scene)
+        self._feed, self._runs = FrameFeed(run), self._runs + 1
 
     def _look(self, run: LiveRun) -> None:
-        tree = self._tree
-        if tree is None or not self.server.pages:
+        """Send the newest frames while a browser looks on; change the page first if the shapes are others."""
+        if self._feed is None or run.tick < 0:
             return
-        tick, rows = run.rows(run.tick)
-        if len(rows):
-            splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
-            history = history_of(rows[-1:], run.layout, run.header, changes=splits, tick=tick + len(rows) - 1)
-            with self.server.viser.atomic():
-                tree.show(Frames(history, self._apart)[0])
+        table = run.scene.to_dict()
+        drawn = repr([table.get(name) for name in SHAPES])
+        if drawn != self._drawn:
+            self._story, self._drawn, self._again = self._feed.story() | {"title": self._title}, drawn, self._again + 1
+            self.server.tell(self._state())
+        if self.server.clients and (news := self._feed.news()) is not None:
+            self.server.show(self._runs, news.first, news.frames)

@@ -210,20 +210,21 @@ class LiveRun(Resource):
         """
         return self._conductor.set(values)
 
-    def guide(self, number: int, offset: Any, squeeze: float | None = None) -> None:
+    def guide(self, number: int, offset: Any, squeeze: float | None = None, finger: int | None = None) -> None:
         """Set the goals of a guide. The servo applies the newest goals before its next tick.
 
         Args:
             number: Number of the guide.
             offset: Operator offset of its fingers (d,) [m]; None keeps the present one.
             squeeze: Squeeze added to the hand's [m]; None keeps the present one.
+            finger: Index of the finger, among those of a hand, to which the offset applies; None for all of them.
 
         Raises:
             InputError: The guide does not exist, or a goal is not finite, has the wrong shape or is too far away.
         """
         guide = self._guide_of(number)
         self._end_release(number)
-        self._session.goals.send(guide.hand, offset, squeeze, guide.place)
+        self._session.goals.send(guide.hand, offset, squeeze, guide.place if guide.place is not None else finger)
 
     def goal(self, number: int) -> tuple[FloatArray, float]:
         """Return the last goals of a guide: mean offset of its fingers (d,) [m], and additional squeeze [m].
@@ -231,9 +232,18 @@ class LiveRun(Resource):
         Raises:
             InputError: The guide does not exist.
         """
+        offsets, squeeze = self.goals(number)
+        return offsets.mean(axis=0), squeeze
+
+    def goals(self, number: int) -> tuple[FloatArray, float]:
+        """Return the last goals of a guide: offset of each of its fingers (k, d) [m], and additional squeeze [m].
+
+        Raises:
+            InputError: The guide does not exist.
+        """
         guide = self._guide_of(number)
         offsets, squeeze = self._session.goals.values(guide.hand)
-        return (offsets.mean(axis=0) if guide.place is None else offsets[guide.place]), squeeze
+        return (offsets if guide.place is None else offsets[[guide.place]]), squeeze
 
     def let_go(self, number: int) -> None:
         """Withdraw a guide's fingers along their forces until they are free; they stay there until moved again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
@@ -143,7 +143,7 @@ class ClaimServer(SocketThread):
 
     # In the server's thread: what a server adds -------------------------------------------------------------------
 
-    def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response:
+    def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response | Awaitable[Response]:
         """Answer an admitted request that is not for the WebSocket."""
         raise NotImplementedError
 
@@ -174,7 +174,7 @@ class ClaimServer(SocketThread):
             await self._serve_until_stopped()
             watch.cancel()
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | Awaitable[Response] | None:
         """Answer a request with a page or a refusal; None accepts a WebSocket."""
         headers = single(request.headers)
         if headers is None:

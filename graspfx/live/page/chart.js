@@ -21,7 +21,7 @@ class Chart {
   }
   // Times that are seen: all of a recording; of a page that runs the last ten seconds, in a range that only grows.
   get window() {
-    if (!story.run) return [0, lastTime()];
+    if (!story.run) return [origin, lastTime()];
     return [Math.max(origin, lastTime() - SPAN), Math.max(lastTime(), origin + SPAN)];
   }
   get first() { return story.run ? Math.max(0, F - 1 - Math.ceil(SPAN / story.step)) : 0; }
@@ -76,7 +76,7 @@ class Chart {
       draw.fillStyle = ink; draw.fillText(value === 0 ? "0 s" : plain(value), at.x(value), at.bottom + 4);
     }
     stroke(draw, ink, 1, [], [[at.left, at.y(0)], [at.right, at.y(0)]], 0.5);
-    for (const each of this.lines) this.curve(draw, each, at);
+    for (const each of this.lines) this.curve(draw, { ...each, colour: each.colour || ink }, at);
     for (const change of story.changes) stroke(draw, ink, 1, [3, 3], [[at.x(change.time), at.top], [at.x(change.time), at.bottom]], 0.7);
     for (const fault of story.faults) stroke(draw, "#b00020", 2, [], [[at.x(fault.time), at.top], [at.x(fault.time), at.bottom]]);
   }
@@ -100,7 +100,7 @@ class Chart {
     const k = clamp(Math.floor((time - origin) / story.step + 1e-6), 0, Math.max(F - 1, 0));
     this.lines.forEach((each, i) => {
       const value = each.now[k];
-      this.figures.children[i].querySelector("b").textContent = !F || Number.isNaN(value) ? "–" : `${value.toFixed(3).replace(/^-(0\.0+)$/, "$1")} N`;
+      this.figures.children[i].querySelector("b").textContent = !F || Number.isNaN(value) ? "–" : `${value.toFixed(3).replace(/^-(0\.0+)$/, "$1")} ${this.data.unit}`;
     });
   }
 }

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import graspfx
 from graspfx.errors import InputError
-from graspfx.live.page.story import story_of
+from graspfx.live.page.story import Source, story_of
 from graspfx.recording.files import placing, recording_path, require_vacancy
 from graspfx.recording.record import Recording
 
@@ -22,7 +22,11 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 FOLDER = Path(__file__).parent
-SCRIPTS = ("numbers.js", "space.js", "chart.js", "run.js", "page.js")  # in this order
+SCRIPTS = {  # of a page by the source of its frames, in this order
+    "recording": ("numbers.js", "space.js", "chart.js", "run.js", "page.js"),
+    "own": ("numbers.js", "space.js", "chart.js", "run.js", "own.js", "page.js"),
+    "live": ("numbers.js", "space.js", "chart.js", "run.js", "live.js", "page.js"),
+}
 
 
 def page_text(
@@ -38,13 +42,24 @@ def page_text(
     Raises:
         InputError: The recording has no ticks.
     """
-    story = story_of(recording, folder, is_run=run is not None)
-    worker = ""
-    if run is not None:
-        story["run"], worker = run(story["ticks"]), f'"use strict";\n{_script("worker.js")}'
-    style, script = _read("page.css"), "\n".join(['"use strict";', *map(_script, SCRIPTS)])
+    story = story_of(recording, folder, source="recording" if run is None else "own")
+    if run is None:
+        return document(story)
+    return document(story | {"run": run(story["ticks"])}, "own")
+
+
+def document(story: Mapping[str, Any], source: Source = "recording", connects: str = "") -> str:
+    """Assemble the HTML document of a page.
+
+    Args:
+        story: Data of the page, from `story_of`; of a run with its entry "run".
+        source: Source of the page's frames.
+        connects: Address of the WebSocket that brings them, such as ws://127.0.0.1:8080; empty for none.
+    """
+    worker = f'"use strict";\n{_script("worker.js")}' if source == "own" else ""
+    style, script = _read("page.css"), "\n".join(['"use strict";', *map(_script, SCRIPTS[source])])
     parts = {
-        "policy": _policy(style, script, runs=run is not None), "worker": worker,
+        "policy": _policy(style, script, runs=source == "own", connects=connects), "worker": worker,
         "generator": escape(f"GraspFX {graspfx.__version__}"),
         "title": escape(f"{story['title']} \N{EN DASH} GraspFX"), "style": style, "script": script,
         "story": in_script(story),
@@ -118,10 +133,11 @@ def _plain(data: Any) -> Any:
     return None if isinstance(data, float) and not isfinite(data) else data
 
 
-def _policy(style: str, script: str, *, runs: bool) -> str:
+def _policy(style: str, script: str, *, runs: bool, connects: str) -> str:
     """Return the content security policy: the page may run its own script and load nothing.
 
-    One that runs a scene starts a worker from its own text, and compiles the WebAssembly module that it brings.
+    One that runs a scene starts a worker from its own text, and compiles the WebAssembly module that it brings. One of
+    a live run opens the WebSocket of the program that serves it.
     """
     own = {
         f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
@@ -129,6 +145,8 @@ def _policy(style: str, script: str, *, runs: bool) -> str:
     }
     if runs:
         own = {**own, "script-src": f"{own['script-src']} 'wasm-unsafe-eval'", "worker-src": "blob:"}
+    if connects:
+        own = {**own, "connect-src": connects}
     rules = {"default-src": "'none'", **own, "base-uri": "'none'", "form-action": "'none'"}
     return "; ".join(f"{name} {value}" for name, value in rules.items())
 

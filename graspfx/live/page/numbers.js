@@ -15,7 +15,7 @@ const find = (id) => document.getElementById(id);
 const n = story.fingers.length;
 // Frames that are there: all of a recording; of a page that runs the last minute, from the time `origin` on.
 const MINUTE = Math.ceil(60 / story.step);
-let F = story.run ? 0 : story.frames, origin = 0;
+let F = story.run ? 0 : story.frames, origin = story.run ? 0 : story.start;
 const empty = (count, kind = Float32Array) => new kind(count * MINUTE);
 const tracks = story.run ? {
   fingertips: empty(3 * n), contacts: empty(3 * n), states: empty(n, Uint8Array), internal: empty(3 * n), external: empty(3 * n), force: null,
@@ -32,7 +32,7 @@ function makeRoom() {
   if (F < MINUTE) return;
   const gone = Math.ceil(MINUTE / 4), shift = (track, count) => track.copyWithin(0, gone * count, F * count);
   for (const name of ["fingertips", "contacts", "internal", "external"]) shift(tracks[name], 3 * n);
-  shift(tracks.states, n);
+  shift(tracks.states, n); shift(strengths, 1);
   for (const each of tracks.objects) { shift(each.position, 3); shift(each.wxyz, 4); }
   for (const chart of charts) for (const line of chart.lines) for (const name of ["now", "low", "high"]) shift(line[name], 1);
   F -= gone; origin += gone * story.step;

@@ -31,6 +31,7 @@ function redraw() {
 
 function show() {
   if (!F) return; // a run that has no tick yet
+  time = Math.max(time, origin);
   const now = frameAt(time), box = find("scene").getBoundingClientRect(), ratio = Math.min(window.devicePixelRatio || 1, 2);
   if (space && box.width) {
     const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
@@ -104,25 +105,30 @@ function scales(draw, ink, halo, width, height) {
 }
 
 function play(on) {
-  if (run) { follow = true; tell(on ? "run" : "pause"); return; }
-  if (on && time >= lastTime() - 1e-9) time = 0;
-  playing = on && lastTime() > 0; last = performance.now();
+  if (run) {
+    if (run.live && !follow) { follow = true; showPlaying(); redraw(); } // back to the present, from what was a moment ago
+    else if (!run.hardware) { follow = true; tell(on ? "run" : "pause"); }
+    return;
+  }
+  if (on && time >= lastTime() - 1e-9) time = origin;
+  playing = on && F > 1; last = performance.now();
   showPlaying(); redraw();
 }
 function showPlaying() {
-  const button = find("play"), does = run ? "Run" : "Play";
-  button.textContent = playing ? "❚❚" : "▶";
-  button.setAttribute("aria-label", playing ? "Pause" : does);
-  button.title = playing ? "Pause (space)" : `${does} (space)`;
+  const button = find("play"), does = run && run.live && !follow ? "Back to the present" : run ? "Run" : "Play", on = playing && (!run || follow);
+  button.textContent = on ? "❚❚" : "▶";
+  button.setAttribute("aria-label", on ? "Pause" : does);
+  button.title = on ? "Pause (space)" : `${does} (space)`;
 }
 function go(to) {
   time = clamp(to, origin, lastTime());
-  if (run) { follow = time >= lastTime() - 1e-9; if (!follow && playing) tell("pause"); }
+  if (run) { follow = time >= lastTime() - 1e-9; if (!follow && playing && !run.live) tell("pause"); showPlaying(); }
   redraw();
 }
 function step(frames) {
-  if (run && frames > 0 && time >= lastTime() - 1e-9) { follow = true; tell("step", { count: frames * run.frames }); return; }
-  play(false); go((Math.round((time - origin) / story.step) + frames) * story.step + origin);
+  if (run && frames > 0 && time >= lastTime() - 1e-9) { if (run.hardware) return; follow = true; tell("step", { count: frames * run.frames }); return; }
+  if (!run || !run.live) play(false);
+  go((Math.round((time - origin) / story.step) + frames) * story.step + origin);
 }
 
 // Values of the scene, with those that changed in mid-run as they are at this time.
@@ -153,7 +159,7 @@ function writeLegend() {
     mark.className = kind; mark.style.setProperty("--fill", fill); mark.setAttribute("aria-hidden", "true");
     line.append(mark, document.createTextNode(words)); list.append(line);
   };
-  if (story.internal) {
+  if (story.internal || (run && !story.bare)) {
     item("arrow", story.colours.internal, "internal force: squeezes");
     item("arrow", story.colours.external, "external force: pushes");
   }
@@ -165,24 +171,24 @@ function writeCharts() {
   story.charts.forEach((chart, number) => {
     const one = document.createElement("figure");
     const head = document.createElement("figcaption");
-    text(head, "span", story.charts.length > 1 ? `Forces on ${chart.object}` : "Forces of the fingers", "name");
+    text(head, "span", chart.title, "name");
     const figures = document.createElement("span"); figures.className = "figures";
     for (const line of chart.lines) {
       const each = document.createElement("span");
-      const mark = document.createElement("i"); mark.style.borderTop = `${line.width}px ${line.dashes.length ? (line.dashes[0] < 2 ? "dotted" : "dashed") : "solid"} ${line.colour}`;
+      const mark = document.createElement("i"); mark.style.borderTop = `${line.width}px ${line.dashes.length ? (line.dashes[0] < 2 ? "dotted" : "dashed") : "solid"} ${line.colour || "currentColor"}`;
       each.append(mark, document.createTextNode(`${line.name} `)); text(each, "b", "–");
       figures.append(each);
     }
     head.append(figures); one.append(head);
     const canvas = document.createElement("canvas");
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Chart over time of ${chart.lines.map((line) => line.name).join(", ")}, in newtons; click to go to a time`);
+    canvas.setAttribute("aria-label", `Chart over time of ${chart.lines.map((line) => line.name).join(", ")}, in ${chart.unit === "N" ? "newtons" : "millimetres"}; click to go to a time`);
     one.append(canvas); box.append(one);
     const made = new Chart(one, number), reach = (event) => {
       const place = canvas.getBoundingClientRect(), at = made.places(place.width, place.height);
       go(at.time(event.clientX - place.left));
     };
-    canvas.addEventListener("pointerdown", (event) => { play(false); canvas.setPointerCapture(event.pointerId); reach(event); });
+    canvas.addEventListener("pointerdown", (event) => { if (!run) play(false); canvas.setPointerCapture(event.pointerId); reach(event); });
     canvas.addEventListener("pointermove", (event) => { if (canvas.hasPointerCapture(event.pointerId)) reach(event); });
     charts.push(made);
   });
@@ -243,6 +249,8 @@ function start() {
   document.title = `${story.title} – GraspFX`;
   find("title").textContent = story.title;
   find("facts").textContent = story.facts;
+  document.body.classList.toggle("bare", Boolean(story.bare));
+  for (const [words, address] of story.links ?? []) { const link = text(find("facts"), "a", words); link.href = address; }
   for (const note of story.notes) text(find("notes"), "li", note);
   find("notes").hidden = !story.notes.length;
   for (const [name, words] of story.about) { text(find("about"), "dt", name); text(find("about"), "dd", words); }
@@ -263,15 +271,15 @@ function start() {
   find("forth").addEventListener("click", () => step(1));
   find("reset").addEventListener("click", () => { resetCamera(); redraw(); });
   find("names").addEventListener("change", redraw);
-  find("speed").addEventListener("change", (event) => { speed = Number(event.target.value); if (run) tell("speed", { speed }); });
-  slider.addEventListener("input", () => { play(false); go(Number(slider.value)); });
+  find("speed").addEventListener("change", (event) => { speed = Number(event.target.value); if (run) source.tell("speed", { speed }); });
+  slider.addEventListener("input", () => { if (!run) play(false); go(Number(slider.value)); });
   new ResizeObserver(redraw).observe(find("scene"));
   if (charts.length) new ResizeObserver(redraw).observe(find("charts"));
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   watchHands(); watchKeys();
   if (run) { startRun(); return; }
   const asked = /^#t=([0-9.]+)$/.exec(location.hash);
-  go(asked ? Number(asked[1]) : 0); play(false); show();
+  go(asked ? Number(asked[1]) : origin); play(false); show();
 }
 start();
 

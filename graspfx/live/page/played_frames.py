@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.errors import RecordingError
 from graspfx.live.frame import Frames
 from graspfx.recording.record import Recording
 
@@ -27,6 +28,7 @@ class Motion:
 
     Attributes:
         rows: Number of rows per frame.
+        dimensions: Number of dimensions d of the scene.
         time: Times of the frames (F,) [s].
         fingertips, contacts: Positions (F, n, 3) [m].
         states: Contact states (F, n), indices of `frame.STATES`.
@@ -34,9 +36,12 @@ class Motion:
         poses: Positions (F, 3) [m] and quaternions w, x, y, z (F, 4), by object.
         squeeze: Mean squeeze at a frame, with minimum and maximum until the next frame (F, 3) [N], by object.
         push: The same for the push along each axis (F, 3, 3) [N], by object.
+        margin: The same for the friction margin of the grip (F, 3) [N], by object; empty without friction.
+        depth: The same for the penetration depth of each finger (F, n, 3) [mm]; None if it was not recorded.
     """
 
     rows: int
+    dimensions: int
     time: FloatArray
     fingertips: FloatArray
     contacts: FloatArray
@@ -47,9 +52,28 @@ class Motion:
     poses: dict[str, tuple[FloatArray, FloatArray]]
     squeeze: dict[str, FloatArray]
     push: dict[str, FloatArray]
+    margin: dict[str, FloatArray]
+    depth: FloatArray | None
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def vectors(self) -> FloatArray:
+        """Return the frames as rows of numbers (F, w), in the order in which a running page reads them.
+
+        Fingertips, contacts, states, internal and external forces; of each object its position and quaternion; of each
+        line of the charts its value with minimum and maximum: squeeze, push and friction margin of each object, depths.
+        """
+        count, n, d = len(self), self.fingertips.shape[1], self.dimensions
+        nothing = np.full((count, 3 * n), np.nan)
+        parts = [nothing if each is None else each for each in (self.internal, self.external)]
+        poses = [each for pose in self.poses.values() for each in pose]
+        lines: list[FloatArray] = []
+        for name, squeeze in self.squeeze.items():
+            lines += [squeeze, self.push[name][:, :d], *([self.margin[name]] if name in self.margin else [])]
+        lines += [] if self.depth is None else [self.depth]
+        columns = [self.fingertips, self.contacts, self.states, *parts, *poses, *lines]
+        return np.concatenate([np.reshape(each, (count, -1)) for each in columns], axis=1, dtype=float)
 
 
 @dataclass
@@ -77,25 +101,49 @@ def motion_of(recording: Recording, apart: float) -> Motion:
         recording: Recording with at least one row; a long one is read in parts.
         apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
-    count = len(recording)
-    rows = max(1, ceil(1.0 / (RATE * recording.row_period) - 1e-9), ceil(count / MOST))
-    squeeze, push = Envelope(-(-count // rows)), Envelope(-(-count // rows))
+    count, layout = len(recording), recording.layout
+    rows = max(rows_per_frame(recording.row_period), ceil(count / MOST))
+    has_margin = any(column.name == "grip_margin" for column in layout.derived)
+    squeeze, push, margin, depth = (Envelope(-(-count // rows)) for _ in range(4))
     pieces: dict[str, list[NDArray[Any]]] = {}
     for part in _parts(recording):
         frames, numbers = Frames(part, apart), np.arange(len(part)) + (part.start - recording.start)
         for name, each in frames.modes.items():
             squeeze.add(name, each.mean_squeeze, numbers, rows)
             push.add(name, each.push, numbers, rows)
+            if has_margin:
+                margin.add(name, _margin(part, name), numbers, rows)
+        if "gap" in layout.columns:
+            depth.add("depth", 1e3 * np.maximum(0.0, -part.array("gap")), numbers, rows)
         for name, values in _arrays(frames).items():
             pieces.setdefault(name, []).append(values[numbers % rows == 0])
     arrays = {name: np.concatenate(each) for name, each in pieces.items()}
-    recorded = [name for name in recording.layout.objects if f"{name}/position" in arrays]
+    recorded = [name for name in layout.objects if f"{name}/position" in arrays]
     return Motion(
-        rows=rows, time=arrays["time"], fingertips=arrays["fingertips"], contacts=arrays["contacts"],
-        states=arrays["states"], force=arrays.get("force"), internal=arrays.get("internal"),
+        rows=rows, dimensions=layout.dimensions, time=arrays["time"],
+        fingertips=arrays["fingertips"], contacts=arrays["contacts"], states=arrays["states"], force=arrays.get("force"), internal=arrays.get("internal"),
         external=arrays.get("external"), squeeze=squeeze.values, push=push.values,
+        margin=margin.values, depth=depth.values.get("depth"),
         poses={name: (arrays[f"{name}/position"], arrays[f"{name}/wxyz"]) for name in recorded},
     )  # fmt: skip
+
+
+def rows_per_frame(period: float) -> int:
+    """Return the number of rows per frame, at most `RATE` frames per second.
+
+    Args:
+        period: Time from one row to the next [s].
+    """
+    return max(1, ceil(1.0 / (RATE * period) - 1e-9))
+
+
+def _margin(part: Recording, name: str) -> FloatArray:
+    """Return the friction margin of an object's grip (N,) [N]; NaN where it is not known."""
+    number = part.layout.objects.index(name)
+    try:
+        return part.grip_margin_of([i for i, own in enumerate(part.layout.finger_objects) if own == number])
+    except RecordingError:
+        return np.full(len(part), np.nan)
 
 
 def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:

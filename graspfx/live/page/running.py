@@ -46,6 +46,7 @@ PROBES = 33  # values at which the stability of a slider's range is looked up
 HALVINGS = 12  # of the interval in which stability is lost
 CODES = 16  # of faults of a part, from 1 on
 PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: where something was when the page was made
+SQUEEZES = (-10.0, 10.0, 0.1)  # range and step of a hand's additional squeeze [mm]
 AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
 
 
@@ -153,7 +154,7 @@ def _row(layout: Layout, header: Header) -> dict[str, Any]:
     return {
         "tip": place("true_position", "finger_position"), "finger": place("finger_position"),
         "contact": place("contact_position"), "force": place("finger_force"), "touching": place("touching"),
-        "status": place("status"), "saturated": place("saturated"),
+        "status": place("status"), "saturated": place("saturated"), "gap": place("gap"),
         "objects": [
             {
                 "position": place(f"objects/{name}/position"), "orientation": place(f"objects/{name}/orientation"),
@@ -389,4 +390,5 @@ def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator
             "name": hand_name(scene, keys.table, keys.fingers), "table": keys.table, "fingers": keys.fingers,
             "goals": [first + int(k) for k in place.entries[:-1]], "squeeze": first + int(place.entries[-1]),
             "start": parts.start[keys.fingers].tolist(), "farthest": FARTHEST,
+            "squeezes": SQUEEZES,
         }  # fmt: skip

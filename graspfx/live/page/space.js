@@ -34,6 +34,8 @@ function resetCamera() {
     azimuth: Math.atan2(dot(towards, NORTH), dot(towards, EAST)), elevation: Math.asin(clamp(dot(towards, UP), -1, 1)),
   });
   camera.home = { azimuth: camera.azimuth, elevation: camera.elevation };
+  const places = run && F ? frame(F - 1).objects.map((each) => each.position).filter(finite) : []; // what has moved away is seen again
+  if (places.length) camera.target = times(1 / places.length, places.reduce(add));
 }
 function cameraAxes() {
   const { azimuth: a, elevation: e } = camera;

@@ -6,7 +6,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from graspfx.show.picture.instant import apart_on_a_line, slid
 from graspfx.show.picture.painter import corner_normals
 from graspfx.show.picture.portrait import nice
 from graspfx.show.picture.surfaces import Surface
-from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL, PUSHES, SQUEEZE
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL, MARGIN, PUSHES, SQUEEZE
 
 IntArray = NDArray[np.int64]
 
@@ -85,29 +85,37 @@ WORDS = {
     "limit": "fingertip at its force limit",
 }
 ARROWS = 0.2  # room for arrows around fingertips, as a share of the extent
+ROOM = 0.15  # room around a live scene, as a share of the extent
 FAR = 10.0  # distance from the middle beyond which points are ignored, in extents
 CELLS, LINES = 10.0, 10  # grid cells along the scene; grid lines on each side of its middle
+DEPTH = 1.1  # width of the lines of depths [points]
 PIXELS = 4.0 / 3.0  # CSS pixels per point
 THICK = 1.1  # thickness of arrows relative to still pictures
 TYPICAL = 0.995  # quantile of the forces that gets the longest arrow
 
 
-def story_of(recording: Recording, folder: Path | None = None, *, is_run: bool = False) -> dict[str, Any]:
+Source = Literal["recording", "own", "live"]
+
+
+def story_of(recording: Recording, folder: Path | None = None, *, source: Source = "recording") -> dict[str, Any]:
     """Collect all data of a page.
 
     Args:
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
-        is_run: Whether the page runs the scene: without the recording's motion, with all lines of its charts.
+        source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
+            it. A run has frames and charts of its own, so the recording's motion is left out.
 
     Raises:
         InputError: The recording has no ticks.
     """
     if not len(recording):
         raise InputError("recording", 0, "a recording with at least one tick")
-    scenery = recorded_scenery(recording.header, recording.layout, folder)
+    scenery, is_run = recorded_scenery(recording.header, recording.layout, folder), source != "recording"
     motion = motion_of(recording, scenery.apart)
     low, high = _bounds(scenery, motion)
+    if source == "live":  # where it will move is not known
+        low, high = low - ROOM * scenery.extent, high + ROOM * scenery.extent
     reach, middle = max(float(np.linalg.norm(high - low)), scenery.extent), 0.5 * (low + high)
     objects = tuple(motion.poses)
     layout, header = recording.layout, recording.header
@@ -121,11 +129,12 @@ def story_of(recording: Recording, folder: Path | None = None, *, is_run: bool =
         "internal": _packed(motion.internal), "external": _packed(motion.external),
     }  # fmt: skip
     return {
-        "title": title, "facts": _facts(recording, is_run=is_run),
-        "about": _versions(recording) if is_run else _about(recording, motion),
+        "title": title, "facts": _facts(recording, source),
+        "about": _versions(recording, source) if is_run else _about(recording, motion),
         "notes": _notes(recording, scenery), "description": _description(recording, title),
         "dimensions": layout.dimensions, "attached": not layout.gaps,
-        "frames": len(motion), "step": step, "ticks": motion.rows * header.every,
+        "frames": len(motion), "start": recording.start * recording.row_period, "step": step,
+        "ticks": motion.rows * header.every,
         "up": scenery.up.tolist(), "extent": scenery.extent,
         "bounds": [low.tolist(), high.tolist()], "camera": _camera(scenery, motion, layout.dimensions, middle, reach),
         "grid": _grid(scenery, low, middle, reach),
@@ -156,15 +165,27 @@ def story_of(recording: Recording, folder: Path | None = None, *, is_run: bool =
             {"name": name} if is_run else {"name": name, "position": packed(place), "wxyz": packed(turn)}
             for name, (place, turn) in motion.poses.items()
         ],
-        "charts": [
-            _plain_chart(name, layout.dimensions) if is_run else _chart(name, motion, layout.dimensions)
-            for name in motion.squeeze
-        ],
+        "charts": _charts(motion, scenery, source),
         "changes": [
             {"time": change.tick * recording.period, "words": str(change)} for change in recording.changes
         ],
         "faults": [{"time": fault.tick * recording.period, "words": fault.message} for fault in recording.faults],
         "values": values_of(recording),
+    }  # fmt: skip
+
+
+def bare_story(title: str) -> dict[str, Any]:
+    """Return the data of a page without a scene, such as one with a question only."""
+    nothing: tuple[str, ...] = (
+        "about", "notes", "contacts_states", "states_seen", "fingers", "solids", "objects", "charts", "changes",
+        "faults", "values", "apart",
+    )  # fmt: skip
+    return dict.fromkeys(nothing, ()) | {
+        "title": title, "facts": "", "description": "", "bare": True, "dimensions": 2, "attached": False, "frames": 0,
+        "step": 1.0, "ticks": 1, "up": [0.0, 1.0, 0.0], "extent": 1.0, "bounds": [[0.0] * 3, [1.0] * 3],
+        "camera": {"towards": [0.0, 0.0, 1.0], "field": 40.0},
+        "grid": {"cell": 1.0, "count": 1, "origin": [0.0] * 3, "u": [1.0, 0.0, 0.0], "v": [0.0, 1.0, 0.0]},
+        "arrow": {"scale": 0.0, "longest": portrait.LONGEST},
     }  # fmt: skip
 
 
@@ -233,21 +254,43 @@ def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
     return portrait.LONGEST * scenery.extent / float(np.quantile(sizes, TYPICAL)) if len(sizes) else 0.0
 
 
-def _chart(name: str, motion: Motion, dimensions: int) -> dict[str, Any]:
-    """Choose the lines of an object's chart as in `graspfx plot`."""
-    squeeze, push = motion.squeeze[name], motion.push[name]  # value at the frame, minimum, maximum
-    lines = []
-    if np.isfinite(squeeze).any():
-        lines.append(_line("squeeze", SQUEEZE.colour, SQUEEZE.width) | _values(squeeze))
-    for axis in pushes([Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))]):
-        lines.append(_push(axis, dimensions) | _values(push[:, axis]))
-    return {"object": name, "lines": lines}
+def _charts(motion: Motion, scenery: Scenery, source: Source) -> list[dict[str, Any]]:
+    """List the charts: forces on each object, as in `graspfx plot`, and the penetration depth of the fingers.
+
+    A run has no values yet, so all lines are listed, in the order of `Motion.vectors`.
+    """
+    is_recorded, is_one = source == "recording", len(motion.squeeze) == 1
+    charts = [
+        _chart("Forces of the fingers" if is_one else f"Forces on {name}", "N", _forces(name, motion, source))
+        for name in motion.squeeze
+    ]
+    if motion.depth is not None and (not is_recorded or np.isfinite(motion.depth).any()):
+        lines = [
+            _line(name, scenery.colours[i], DEPTH) | (_values(motion.depth[:, i]) if is_recorded else {})
+            for i, name in enumerate(scenery.fingers)
+        ]
+        charts.append(_chart("Penetration depth of the fingers", "mm", lines))
+    return charts
 
 
-def _plain_chart(name: str, dimensions: int) -> dict[str, Any]:
-    """List all lines of an object's chart, without values."""
-    lines = [_line("squeeze", SQUEEZE.colour, SQUEEZE.width), *(_push(axis, dimensions) for axis in range(dimensions))]
-    return {"object": name, "lines": lines}
+def _chart(title: str, unit: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"title": title, "unit": unit, "lines": lines}
+
+
+def _forces(name: str, motion: Motion, source: Source) -> list[dict[str, Any]]:
+    """List the lines of an object's forces: squeeze, push along each axis, friction margin of the grip."""
+    squeeze, push = motion.squeeze[name], motion.push[name]
+    lines = {"squeeze": _line("squeeze", SQUEEZE.colour, SQUEEZE.width)}
+    values = {"squeeze": squeeze}
+    for axis in range(motion.dimensions):
+        lines[f"push {axis}"], values[f"push {axis}"] = _push(axis, motion.dimensions), push[:, axis]
+    if source != "own" and name in motion.margin:  # a page that runs by itself does not compute it
+        lines["margin"], values["margin"] = _line("grip margin", "", MARGIN.width, (1.0, 2.0)), motion.margin[name]
+    if source != "recording":
+        return list(lines.values())
+    seen = [each for each in lines if not each.startswith("push") and np.isfinite(values[each]).any()]
+    seen += [f"push {axis}" for axis in pushes([Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))])]
+    return [line | _values(values[key]) for key, line in lines.items() if key in seen]
 
 
 def _push(axis: int, dimensions: int) -> dict[str, Any]:
@@ -264,16 +307,15 @@ def _values(values: FloatArray) -> dict[str, Any]:
     return {"now": packed(values[:, 0]), "low": packed(values[:, 1]), "high": packed(values[:, 2])}
 
 
-def _facts(recording: Recording, *, is_run: bool) -> str:
+def _facts(recording: Recording, source: Source) -> str:
     fingers, objects = len(recording.layout.fingers), len(recording.layout.objects)
     scene = recording.header.scene
     parts = [
         f"Scene {Path(scene).stem}" if scene else "", f"{fingers} finger{'s' * (fingers != 1)}",
         f"{objects} object{'s' * (objects != 1)}" if objects > 1 else "",
         ("on a line", "in the plane", "in space")[recording.layout.dimensions - 1],
-        f"ticks of {1e3 * recording.period:g} ms, run by this page"
-        if is_run
-        else f"{recording.end:.4g} s in ticks of {1e3 * recording.period:g} ms",
+        (f"{recording.end:.4g} s in " if source == "recording" else "") + f"ticks of {1e3 * recording.period:g} ms"
+        + (", run by this page" if source == "own" else ""),
     ]  # fmt: skip
     return ", ".join(each for each in parts if each)
 
@@ -284,13 +326,19 @@ def _description(recording: Recording, title: str) -> str:
     return f"{title}: the fingers {fingers} on {objects} in three dimensions, with their forces as arrows"
 
 
-def _versions(recording: Recording) -> list[tuple[str, str]]:
-    """Say what a page that runs a scene was made with, and how to open what it records."""
+def _versions(recording: Recording, source: Source) -> list[tuple[str, str]]:
+    """Say what a page of a run was made with, where the scene runs, and how to open what it records."""
     lines = [
         ("GraspFX", recording.header.versions.get("graspfx", graspfx.__version__)),
         ("preset", recording.header.preset),
-        ("runs", "in this page, in WebAssembly; nothing is loaded or sent"),
-        ("download", 'gx.Recording.load("recording.h5.part")'),
+        *(
+            [
+                ("runs", "in this page, in WebAssembly; nothing is loaded or sent"),
+                ("download", 'gx.Recording.load("recording.h5.part")'),
+            ]
+            if source == "own"
+            else [("runs", "in the program that serves this page")]
+        ),
     ]
     return [(name, words) for name, words in lines if words]
 

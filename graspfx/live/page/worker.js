@@ -94,14 +94,13 @@ function look() {
     lines = to;
   }
   let to = lines;
-  run.grasps.forEach((grasp) => {
-    const values = [squeeze(grasp, internal, contact, touches), ...push(grasp, external, touches)];
-    for (const value of values.slice(0, 1 + d)) {
-      if (begins) frame[to] = frame[to + 1] = frame[to + 2] = value;
-      else { frame[to + 1] = least(frame[to + 1], value); frame[to + 2] = -least(-frame[to + 2], -value); }
-      to += 3;
-    }
-  });
+  const add = (value) => {
+    if (begins) frame[to] = frame[to + 1] = frame[to + 2] = value;
+    else { frame[to + 1] = least(frame[to + 1], value); frame[to + 2] = -least(-frame[to + 2], -value); }
+    to += 3;
+  };
+  run.grasps.forEach((grasp) => [squeeze(grasp, internal, contact, touches), ...push(grasp, external, touches)].slice(0, 1 + d).forEach(add));
+  if (row.gap >= 0) for (let i = 0; i < n; i++) add(1000 * Math.max(0, -rows[row.gap + i]));
   if ((k + 1) % run.frames === 0) { ready.push(frame); frame = null; }
 }
 const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a, b));

@@ -1,175 +1,209 @@
-"""Page server: viser on 127.0.0.1 only, behind access control and without its public tunnel."""
+"""Server of pages on 127.0.0.1: the documents, and for a live run the WebSocket that brings frames and takes orders."""
 
 from __future__ import annotations
 
-import logging
+import asyncio
+import json
+import math
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from importlib import import_module
-from importlib.util import find_spec
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from collections import deque
+from collections.abc import Awaitable, Mapping
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from graspfx import log
-from graspfx.errors import GraspFXError, MissingPackageError, installation
-from graspfx.live.view.gate import LARGEST, Gate
-from graspfx.screen.own_page import HOST, listen_at
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.screen.claim_server import ClaimServer, Client, Terms
+from graspfx.screen.gate import Admission, Gate
+from graspfx.screen.own_page import HOST, NAMES, listen_at
+from graspfx.screen.socket_thread import require_websockets, response
 
 if TYPE_CHECKING:
-    import viser
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Response
+
+FloatArray = NDArray[np.float64]
 
 FIRST = 8080  # first port to try
+SOCKET = "/live"
+LONGEST = 512  # longest order in bytes
+RATE, BURST = 500.0, 200.0  # limits for a page's orders [1/s], at once
+UNSENT = 1 << 18  # send buffer of a browser in bytes; newer states replace those that wait for it
+KEPT = 600  # newest frames, which a page gets when it is opened
+MOST_STEPS = 100_000  # largest number of ticks of one step
+PLAIN = ("run", "pause", "reset", "record", "stop")  # orders without arguments
 
 
-def listen(port: int | None = None) -> socket.socket:
-    """Bind a port of 127.0.0.1, and listen.
-
-    Args:
-        port: Port to bind; None for the first free one from 8080.
-
-    Raises:
-        InputError: The port is in use or not permitted.
-    """
-    return listen_at(HOST, port, FIRST, "--port")
-
-
-LOGGER = "graspfx page"  # logger of the sockets, silent by default
-
-
-def page_server(label: str, port: int | None = None, *, fits: Callable[[dict[str, Any]], bool] | None = None) -> Server:
-    """Start the server of a page; add controls through its attribute `viser`.
-
-    Args:
-        label: Label above the page's controls.
-        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
-        fits: Additional check of messages from the page, for example whether a goal is within reach.
-
-    Raises:
-        MissingPackageError: viser is not installed.
-        InputError: The port is in use.
-    """
-    require_viser()
-    import viser
-
-    return Server(viser, listen(port), label, fits)
-
-
-def require_viser() -> None:
-    """Require that viser is installed, without importing it.
-
-    Raises:
-        MissingPackageError: viser is not installed.
-    """
-    if find_spec("viser") is None:
-        raise MissingPackageError.of_extra("viser", "a scene in a browser", "view")
-
-
-class Server:
-    """Server of a page.
-
-    Args:
-        package: The package viser.
-        line: Listening socket.
-        label: Label above the page's controls.
-        fits: Additional check of messages from the page.
+class Order(NamedTuple):
+    """Valid order of a page.
 
     Attributes:
-        viser: Server of viser, to which controls are added.
-        gate: Access control of the page.
-        url: Address of the page.
+        act: One of `PLAIN`, or "step", "set", "lead", "squeeze" or "answer".
+        number: Number of the slider or of the hand; number of ticks of "step".
+        finger: Number of the finger within the hand; None for all of them.
+        offset: Offset of "lead" (d,) [m].
+        value: Value of "set"; squeeze of "squeeze" [m].
+        key: Key of "answer".
     """
 
-    def __init__(
-        self, package: Any, line: socket.socket, label: str, fits: Callable[[dict[str, Any]], bool] | None
-    ) -> None:
-        self._fits, self._line = fits, line
-        self.gate = Gate(self._accepts)
-        self.url = f"http://{HOST}:{line.getsockname()[1]}"
-        with _silent(), self._in_front(package) as entered:
-            self.viser: viser.ViserServer = package.ViserServer(HOST, line.getsockname()[1], label, verbose=False)
-        if not entered:
-            self.stop()
-            raise GraspFXError(
-                f"viser {package.__version__} starts its server in a way that cannot be guarded; {installation('view')}"
-            )
-        self.viser.get_event_loop().call_soon_threadsafe(
-            self.viser.get_event_loop().set_exception_handler, lambda _, context: log.debug("page: %s", context)
-        )
-
-    @property
-    def pages(self) -> int:
-        """Number of open pages."""
-        return self.gate.pages
-
-    def stop(self) -> None:
-        """Close all pages, and free the port."""
-        with _silent():
-            self.viser.stop()
-        self._line.close()
-
-    def _accepts(self, message: dict[str, Any]) -> bool:
-        """Tell whether a message is for an existing control and within its range."""
-        kind = message["type"]
-        if kind == "GuiUpdateMessage":
-            return self._is_in_range(message["uuid"], message["updates"]["value"])
-        if kind.startswith("TransformControls"):
-            gizmos = self.viser.scene._handle_from_transform_controls_name
-            return message["name"] in gizmos and (self._fits is None or self._fits(message))
-        return True
-
-    def _is_in_range(self, uuid: str, value: bool | float | str) -> bool:
-        """Tell whether a value is valid for a control: an option of a button group, or in the range of a slider."""
-        handle: Any = self.viser.gui._gui_input_handle_from_uuid.get(uuid)
-        match type(handle).__name__:
-            case "GuiButtonGroupHandle":
-                return value in handle.options
-            case "GuiSliderHandle":
-                return not isinstance(value, bool | str) and handle.min <= value <= handle.max
-        return False
-
-    @contextmanager
-    def _in_front(self, package: Any) -> Iterator[list[bool]]:
-        """Make viser's server use the access control and the listening socket, by replacing its `websockets`."""
-        import websockets
-        from websockets.asyncio.server import serve as original
-
-        infra: Any = import_module("viser.infra._infra")
-        entered: list[bool] = []
-        protocol, quiet = f"viser-v{package.__version__}", logging.getLogger(LOGGER)
-        quiet.addHandler(logging.NullHandler())
-        quiet.propagate = False
-
-        def serve(handle: Any, host: str, port: int, **choices: Any) -> Any:
-            entered.append(True)
-            page = choices.pop("process_request")
-            choices |= {"max_size": LARGEST, "logger": quiet, "sock": self._line, "server_header": None}
-            return original(
-                lambda connection: self.gate.enter(connection, handle, protocol),
-                process_request=lambda connection, request: self.gate.answer(connection, request, page),
-                **choices,
-            )
-
-        before = infra.websockets
-        server = SimpleNamespace(serve=serve, ServerConnection=websockets.asyncio.server.ServerConnection)
-        infra.websockets = SimpleNamespace(
-            asyncio=SimpleNamespace(server=server), exceptions=websockets.exceptions,
-            datastructures=websockets.datastructures,
-        )  # fmt: skip
-        try:
-            yield entered
-        finally:
-            infra.websockets = before
+    act: str
+    number: int = 0
+    finger: int | None = None
+    offset: tuple[float, ...] = ()
+    value: float = 0.0
+    key: str = ""
 
 
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep viser from printing on the terminal."""
-    import rich
+KEYS = {
+    **{act: {"act"} for act in PLAIN}, "step": {"act", "count"}, "set": {"act", "slider", "value"},
+    "lead": {"act", "hand", "finger", "offset"}, "squeeze": {"act", "hand", "value"}, "answer": {"act", "key"},
+}  # fmt: skip
 
-    console = rich.get_console()
-    before, console.quiet = console.quiet, True
+
+def read_page_order(data: bytes | str) -> Order | str:
+    """Parse a message of a page; return a reason (str) if it is invalid.
+
+    Args:
+        data: Content of the message.
+    """
+    if not isinstance(data, str) or len(data) > LONGEST:
+        return "length"
     try:
-        yield
-    finally:
-        console.quiet = before
+        table = json.loads(data)
+    except (ValueError, RecursionError):
+        return "json"
+    act = table.get("act") if isinstance(table, dict) else None
+    if not isinstance(act, str) or table.keys() != KEYS.get(act):
+        return "act"
+    number = next((table[key] for key in ("count", "slider", "hand") if key in table), 0)
+    finger, offset = table.get("finger"), table.get("offset", [])
+    value, key = table.get("value", 0.0), table.get("key", "")
+    if type(number) is not int or not (1 if act == "step" else 0) <= number <= MOST_STEPS:
+        return "number"
+    if finger is not None and (type(finger) is not int or not 0 <= finger <= MOST_STEPS):
+        return "finger"
+    if not (isinstance(offset, list) and len(offset) <= 3 and all(map(_is_finite, [*offset, value]))):
+        return "value"
+    if not isinstance(key, str):
+        return "key"
+    return Order(act, number, finger, tuple(map(float, offset)), float(value), key)
+
+
+def _is_finite(value: object) -> bool:
+    return type(value) in (int, float) and abs(value) < 1e300 and math.isfinite(value)  # type: ignore[arg-type]
+
+
+class Shown(Protocol):
+    """What a server shows. The methods are called in threads of the server."""
+
+    def document(self, path: str, host: str) -> str | None:
+        """Return the document at a path, for a browser that calls this machine `host`; None without one.
+
+        It may be slow.
+        """
+
+    def order(self, order: Order) -> bool:
+        """Begin to execute an order, without blocking; return False for one that does not apply."""
+
+
+class PageServer(ClaimServer):
+    """Server of pages; listens from its creation, and serves within a `with` block.
+
+    A slow browser delays no other one: frames that it has not taken are sent together later, and the oldest are left
+    out.
+
+    Args:
+        shown: What the server shows.
+        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
+
+    Attributes:
+        url: Address of the page.
+
+    Raises:
+        MissingPackageError: websockets is not installed.
+        InputError: The port is in use or not permitted.
+    """
+
+    def __init__(self, shown: Shown, port: int | None = None) -> None:
+        require_websockets("a page")
+        line = listen_at(HOST, port, FIRST, "--port")
+        gate = Gate(NAMES, 0, locked=False)
+        super().__init__(line, "pages", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
+        self.url = f"http://{HOST}:{line.getsockname()[1]}"
+        self._shown = shown
+        self._state, self._version = "", 0
+        self._frames: deque[tuple[int, int, FloatArray]] = deque(maxlen=KEPT)  # version, number, frame
+        self._run, self._newest = -1, 0
+        self._sent: dict[int, tuple[int, int]] = {}  # versions of the state and of the frames, by client
+
+    def tell(self, state: Mapping[str, Any]) -> None:
+        """Send the state of the page to every browser; a slow one gets the newest when it is ready."""
+        self._post(self._set_state, json.dumps(state, separators=(",", ":"), allow_nan=False))
+
+    def show(self, run: int, first: int, frames: FloatArray) -> None:
+        """Send frames of a run (k, w), numbered from `first`; one that was sent before is replaced."""
+        self._post(self._add, run, first, frames)
+
+    # In the server's thread ---------------------------------------------------------------------------------------
+
+    def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Awaitable[Response]:
+        return asyncio.to_thread(self._document, path, headers["Host"])
+
+    def _document(self, path: str, host: str) -> Response:
+        if path == "/favicon.ico":
+            return response(HTTPStatus.NO_CONTENT, b"")
+        text = self._shown.document(path, host)
+        if text is None:
+            return response(HTTPStatus.NOT_FOUND, b"there is no such page\n")
+        policy = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": "frame-ancestors 'none'"}
+        return response(HTTPStatus.OK, text.encode(), policy)
+
+    async def _attend(self, connection: ServerConnection) -> None:
+        line = connection.transport.get_extra_info("socket")
+        if line is not None:
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT)
+        await super()._attend(connection)
+        self._sent = {number: sent for number, sent in self._sent.items() if number in self._clients}
+
+    def _take(self, client: Client, data: bytes | str) -> str:
+        order = read_page_order(data)
+        if isinstance(order, str):
+            return order
+        if not client.budget.take(self.gate.clock()):
+            return "rate"
+        return "taken" if self._shown.order(order) else "order"
+
+    def _set_state(self, state: str) -> None:
+        if state != self._state:
+            self._state, self._version = state, self._version + 1
+            self._tell_all()
+
+    def _add(self, run: int, first: int, frames: FloatArray) -> None:
+        if run != self._run:
+            self._run = run
+            self._frames.clear()
+        while self._frames and self._frames[-1][1] >= first:
+            self._frames.pop()
+        for k, frame in enumerate(frames):
+            self._newest += 1
+            self._frames.append((self._newest, first + k, frame))
+        self._tell_all()
+
+    def _message(self, client: Client) -> bytes | str:
+        """Return the state if it is new for a client, else its new frames: run, first number, count, and the frames."""
+        version, newest = self._sent.get(client.number, (0, 0))
+        if version < self._version:
+            self._sent[client.number] = self._version, newest
+            client.news.set()
+            return self._state
+        every = [each for each in self._frames if each[0] > newest]
+        new = [each for k, each in enumerate(every) if each[1] == every[0][1] + k]  # up to a gap
+        if not new:
+            return ""
+        self._sent[client.number] = version, new[-1][0]
+        if len(new) < len(every):
+            client.news.set()
+        head = np.array([self._run, new[0][1], len(new)], dtype="<f8").tobytes()
+        return head + np.stack([frame for *_, frame in new]).astype("<f4").tobytes()
+

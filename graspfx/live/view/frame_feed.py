@@ -1,0 +1,86 @@
+"""Frames of a live run for pages, each of the same number of ticks, as rows of numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.live.frame import history_of
+from graspfx.live.page.played_frames import motion_of, rows_per_frame
+from graspfx.live.page.story import story_of
+from graspfx.live.scenery import scenery
+from graspfx.recording.header import SPLIT, KeyChange
+from graspfx.recording.record import Recording
+
+if TYPE_CHECKING:
+    from graspfx.live.live_run import LiveRun
+
+FloatArray = NDArray[np.float64]
+LONGEST = 0.5  # longest time that is caught up; older ticks are left out [s]
+PATIENCE = 10.0  # timeout for the first row of a run [s]
+
+
+class News(NamedTuple):
+    """New frames of a run.
+
+    Attributes:
+        run: Number of the run.
+        first: Number of the first frame, counted from the beginning of the run.
+        frames: Frames (k, w), from `Motion.vectors`; the last one may be repeated later with more of its ticks.
+    """
+
+    run: int
+    first: int
+    frames: FloatArray
+
+
+class FrameFeed:
+    """Reader of a run's frames.
+
+    Args:
+        run: Live run.
+    """
+
+    def __init__(self, run: LiveRun) -> None:
+        self._run, self._apart = run, scenery(run.scene).apart
+        self.ticks = rows_per_frame(run.period)
+        self._number, self._next, self._tick = -1, 0, -1
+
+    def story(self) -> dict[str, Any]:
+        """Return the data of a page of this run, from its newest row; wait for the first one."""
+        run = self._run
+        run.await_row(0, PATIENCE)
+        tick, rows = run.rows(run.tick)
+        return story_of(self._history(tick, rows), run.scene.source.folder, source="live")
+
+    def news(self) -> News | None:
+        """Return the frames since the last call; None without a new row."""
+        run = self._run
+        if run.run_number != self._number:
+            self._number, self._next, self._tick = run.run_number, 0, -1
+        newest = run.tick
+        if newest <= self._tick:
+            return None
+        since = max(self._next, self._begin(newest - int(LONGEST / run.period)))
+        tick, rows = run.rows(since)
+        late = self._begin(tick + self.ticks - 1) - tick  # rows of a frame that has lost its first ones
+        if len(rows) <= late:
+            return None
+        tick, rows = tick + late, rows[late:]
+        self._tick = tick + len(rows) - 1
+        self._next = self._begin(self._tick + 1)
+        return News(self._number, tick // self.ticks, motion_of(self._history(tick, rows), self._apart).vectors())
+
+    def _begin(self, tick: int) -> int:
+        """Return the first tick of the frame to which a tick belongs."""
+        return tick // self.ticks * self.ticks
+
+    def _history(self, tick: int, rows: FloatArray) -> Recording:
+        """Return rows as a recording of every tick, with the present values of the scene."""
+        run = self._run
+        header = replace(run.header, every=1, scene_table=run.scene.to_dict())
+        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
+        return history_of(rows, run.layout, header, changes=splits, tick=tick)

@@ -1,0 +1,310 @@
+"""Page of a running scene: frames, state and certificate while a browser looks on, and the user's orders."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.errors import GraspFXError
+from graspfx.live.frame import Frames, history_of
+from graspfx.live.page.document import document, page_text
+from graspfx.live.scenery import scenery
+from graspfx.live.view.certificate_panel import CertificatePanel
+from graspfx.live.view.frame_feed import FrameFeed
+from graspfx.live.view.margin_bars import margin_bars
+from graspfx.live.view.page_server import Order, PageServer
+from graspfx.live.view.slider_orders import SliderOrders
+from graspfx.recording.record import Recording
+from graspfx.resource import Resource
+
+if TYPE_CHECKING:
+    from graspfx.live.live_run import LiveRun
+    from graspfx.live.sliders import Slider
+
+FRAME = 1.0 / 50.0  # interval between frames without orders [s]
+SHORTEST = 0.008  # shortest interval between frames after an order [s]
+STATE = 0.25  # update interval of the state [s]
+IDLE = 0.25  # interval between checks for pages [s]
+EFFECT = 2  # ticks from an order to the first row that shows its effect
+HELD = 0.5  # time in which a finger must have touched an object that is held [s]
+REACH = 2.0  # largest component of a hand's offset, in extents of the scene
+CLOSEST, WIDEST = 0.3, 0.15  # largest additional squeeze and opening of a hand, in extents
+
+
+class Pace:
+    """Pace of a run relative to real time.
+
+    Args:
+        period: Sampling period T [s].
+    """
+
+    COUNT = 12  # samples over which the pace is measured
+    SHORTEST, LONGEST = 1.0, 3.0  # shortest time for a reliable pace; longest gap between samples [s]
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._counts: deque[tuple[int, float]] = deque(maxlen=self.COUNT)
+
+    def text(self, tick: int, now: float, *, is_running: bool) -> str:
+        """Return the pace as a text; empty until it is reliable."""
+        last = self._counts[-1] if self._counts else (tick, now)
+        if not is_running or tick < last[0] or now > last[1] + self.LONGEST:
+            self._counts.clear()
+        if not is_running:
+            return ""
+        self._counts.append((tick, now))
+        before, began = self._counts[0]
+        if now <= began + self.SHORTEST:
+            return ""
+        return f"{(tick - before) * self._period / (now - began):.3f} of real time"
+
+
+class LivePage(Resource):
+    """Page that shows and controls a run.
+
+    Args:
+        run: Live run.
+        sliders: Sliders of the scene.
+        new_folder: Function that makes the folder of a recording.
+        port: Port on 127.0.0.1; None for the first free one from 8080.
+        tell: Function that prints a line on the terminal.
+
+    Attributes:
+        server: Server of the page.
+        certificate: Stability results, and orders that change values.
+        sliders: Sliders of the page.
+        recording: File that is being recorded; None without one.
+        last: File that was recorded last; None without one.
+    """
+
+    def __init__(
+        self, run: LiveRun, sliders: list[Slider], new_folder: Callable[[], Path], *, port: int | None = None,
+        tell: Callable[[str], object] = print,
+    ) -> None:  # fmt: skip
+        self.run, self._new_folder, self._tell = run, new_folder, tell
+        self._wake, self._awaited = threading.Event(), -1
+        self._executor = ThreadPoolExecutor(1, "graspfx-page-orders")
+        self._remark, self._fault, self._runs = "", "", run.run_number
+        self.recording: Path | None = None
+        self.last: Path | None = None
+        self._pace, self._feed = Pace(run.period), FrameFeed(run)
+        self._extent = scenery(run.scene).extent
+        self._squeezes = _squeezes(self._extent)
+        self.certificate = CertificatePanel(run, self._changed)
+        self.sliders = SliderOrders(sliders, self.certificate.order, self._say)
+        self._story = self._described(sliders)
+        self.server = PageServer(self, port)
+        self.server.__enter__()
+
+    def close(self) -> None:
+        """Close all pages and end their computations; the run continues."""
+        self.server.__exit__()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self.certificate.close()
+
+    def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
+        """Serve the page until `stop` returns True, or for a number of seconds."""
+        end = None if seconds is None else time.monotonic() + seconds
+        next_state = 0.0
+        while not stop() and (end is None or time.monotonic() < end):
+            if not self.server.clients:
+                self._watch()
+                time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
+                continue
+            began = time.monotonic()
+            self.certificate.start()
+            try:
+                news = self._feed.news()
+                if news is not None:
+                    self.server.show(*news)
+                if began >= next_state or self.certificate.has_news():
+                    next_state = began + STATE
+                    self._watch()
+                    self.server.tell(self._state())
+            except GraspFXError as error:  # such as during a reset of the run
+                self._say(str(error))
+            self._sleep(began)
+
+    # What the page shows ------------------------------------------------------------------------------------------
+
+    def document(self, path: str, host: str) -> str | None:
+        """Return the page of the run, or that of the last recording."""
+        if path == "/":
+            return document(self._story, "live", f"ws://{host}")
+        if path == "/recording" and self.last is not None:
+            return page_text(Recording.load(self.last), self.run.scene.source.folder)
+        return None
+
+    def _described(self, sliders: list[Slider]) -> dict[str, Any]:
+        run = self.run
+        handles = [
+            {
+                "name": guide.name, "fingers": list(guide.fingers), "farthest": REACH * self._extent,
+                "squeezes": self._squeezes if len(guide.fingers) > 1 else None,
+            }
+            for guide in run.guides
+        ]  # fmt: skip
+        numbers = [
+            {"key": each.live, "label": each.label, "unit": each.unit, "least": each.least, "most": each.most,
+             "step": each.step, "value": each.value}
+            for each in sliders
+        ]  # fmt: skip
+        live = {
+            "live": True, "hardware": run.has_hardware, "period": run.period, "frames": self._feed.ticks, "again": 0,
+            "sliders": numbers, "handles": handles, "presets": [], "grasps": [],
+        }  # fmt: skip
+        return self._feed.story() | {"run": live}
+
+    def _state(self) -> dict[str, Any]:
+        run, state, verdict = self.run, self.run.state, self.certificate.latest()
+        if verdict is not None:
+            self.sliders.widen(verdict)
+        alarm = f"FAULT: {self._fault}" if self._fault else ""
+        if not alarm and verdict is not None and verdict.is_stable is False:
+            alarm = "UNSTABLE with these gains: the grasp will shake"
+        return {
+            "again": 0, "going": state == "running", "tick": run.tick, "alarm": alarm, "question": "",
+            "lines": self._lines(state), "remark": self._remark, "recording": self.recording is not None,
+            "recorded": self.last is not None, "sliders": self.sliders.told(), "hands": self._goals(),
+            "margins": margin_bars(verdict, self._loose()),
+        }  # fmt: skip
+
+    def _lines(self, state: str) -> list[str]:
+        words = {"running": "running in real time", "paused": "paused", "ended": "ended"}
+        pace = self._pace.text(self.run.tick, time.monotonic(), is_running=state == "running")
+        lines = [words[state], *([pace] if pace else [])]
+        if self.run.has_hardware:
+            lines.append("HARDWARE IS ARMED: gains stay within the certificate")
+        if self.recording is not None:
+            lines.append(f"● recording to {self.recording}")
+        elif self.last is not None:
+            lines.append(f"recorded in {self.last}")
+        return lines
+
+    def _goals(self) -> list[dict[str, Any]]:
+        goals = [self.run.goals(number) for number in range(len(self.run.guides))]
+        return [{"offsets": offsets.tolist(), "squeeze": squeeze} for offsets, squeeze in goals]
+
+    def _loose(self) -> dict[str, float]:
+        """Find the objects that no finger has touched recently, as in `Frames.loose`."""
+        _, rows = self.run.rows(self.run.tick - int(HELD / self.run.period))
+        return Frames(history_of(rows, self.run.layout, self.run.header)).loose
+
+    def _watch(self) -> None:
+        """Detect faults and resets, with or without a page; print faults on the terminal."""
+        if self.run.run_number != self._runs:
+            self._runs, self._fault = self.run.run_number, ""
+        fault = self.run.fault
+        text = str(fault.message) if fault is not None else self.run.cause
+        if text and text != self._fault:
+            self._tell(f"fault: {text}")
+        self._fault = text
+
+    def _say(self, text: str) -> None:
+        self._remark = text
+
+    # When it shows it ---------------------------------------------------------------------------------------------
+
+    def _sleep(self, began: float) -> None:
+        """Wait for the next frame, or for an order and the row that shows its effect."""
+        left = FRAME - (time.monotonic() - began)
+        if not self._wake.wait(max(0.0, left)):
+            return
+        time.sleep(max(0.0, SHORTEST - (time.monotonic() - began)))
+        self._wake.clear()
+        self.run.await_row(self._awaited, FRAME)
+
+    def _changed(self) -> None:
+        """Show the next frame with the row that shows the effect of an order."""
+        self._awaited = self.run.tick + EFFECT
+        self._wake.set()
+
+    # Orders: in the server's thread, which keeps their sequence ---------------------------------------------------
+
+    def order(self, order: Order) -> bool:
+        """Begin to execute an order of a page; return False for one that does not apply."""
+        if order.act == "set":
+            if not self.sliders.accepts(order.number, order.value):
+                return False
+            self.sliders.set(self.sliders.sliders[order.number].key, order.value)
+        elif order.act in ("lead", "squeeze"):
+            return self._lead(order)
+        else:
+            action = self._actions(order.number).get(order.act)
+            if action is None:
+                return False
+            self._executor.submit(self._do, action)
+        return True
+
+    def _actions(self, count: int) -> dict[str, Callable[[], object]]:
+        """Return what buttons do; those that move or stop a device are not there with hardware."""
+        recording: dict[str, Callable[[], object]] = {"record": self._record, "stop": self._stop}
+        if self.run.has_hardware:
+            return recording
+        return recording | {
+            "run": self.run.resume, "pause": self.run.pause, "reset": self._reset, "step": lambda: self.run.step(count)
+        }  # fmt: skip
+
+    def _lead(self, order: Order) -> bool:
+        """Move a hand, one of its fingers, or its squeeze, within reach."""
+        run, extent = self.run, self._extent
+        if order.number >= len(run.guides):
+            return False
+        count = len(run.guides[order.number].fingers)
+        if order.act == "squeeze":
+            least, most, step = self._squeezes
+            if count < 2 or not least - 0.5 * step <= 1e3 * order.value <= most + 0.5 * step:
+                return False
+            run.guide(order.number, None, order.value)
+        else:
+            offset = np.array(order.offset)
+            is_far = len(offset) != run.layout.dimensions or np.abs(offset).max() > REACH * extent
+            if is_far or (order.finger is not None and order.finger >= count):
+                return False
+            run.guide(order.number, offset, finger=order.finger)
+        self._changed()
+        return True
+
+    def _do(self, action: Callable[[], object]) -> None:
+        """Execute a button's action; show errors on the page."""
+        try:
+            action()
+            self._say("")
+        except (GraspFXError, OSError) as error:
+            self._say(str(error))
+        except Exception as error:  # noqa: BLE001 - no caller could handle it; the page shows it
+            self._say(f"{type(error).__name__}: {error}")
+        self._changed()
+
+    def _reset(self) -> None:
+        if self.recording is not None:
+            self._stop()
+        else:
+            self.run.reset()
+
+    def _record(self) -> None:
+        if self.recording is None:
+            self.recording = self.run.record(self._new_folder())
+            self._tell(f"recording {self.recording}")
+
+    def _stop(self) -> None:
+        if self.recording is not None:
+            self.last = self.run.stop_recording()
+            self.recording = None
+            self._tell(f"recorded {self.last}")
+
+
+def _squeezes(extent: float) -> tuple[float, float, float]:
+    """Return the range and the step of a hand's additional squeeze [mm], in round numbers."""
+    size = 1e3 * extent
+    step = 10.0 ** math.floor(math.log10(size / 200.0))
+    least, most = (50.0 * step * round(share * size / (50.0 * step)) for share in (-WIDEST, CLOSEST))
+    return least, most, step
