@@ -61,7 +61,7 @@ def execute(options: Namespace) -> int:
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
     if options.html is None:
-        require_websockets("a page")
+        require_websockets("a page", "view")
     if _is_recording(options.scene):
         with interruptible() as stop:
             return _show_recording(options, stop, _tell)

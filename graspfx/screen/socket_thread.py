@@ -92,8 +92,12 @@ def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = N
     return Response(status.value, status.phrase, headers, body)
 
 
-def require_websockets(wanted_by: str = "a touch screen") -> None:
+def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") -> None:
     """Require the package websockets.
+
+    Args:
+        wanted_by: What needs it.
+        extra: Extra of this project that installs it.
 
     Raises:
         MissingPackageError: websockets is not installed.
@@ -101,4 +105,4 @@ def require_websockets(wanted_by: str = "a touch screen") -> None:
     try:
         import websockets.asyncio.server  # noqa: F401 (whether it is there)
     except ImportError as error:
-        raise MissingPackageError.of_extra("websockets", wanted_by, "touch") from error
+        raise MissingPackageError.of_extra("websockets", wanted_by, extra) from error

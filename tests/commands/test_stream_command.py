@@ -80,7 +80,7 @@ device = { name = "haply-2diy", port = "/dev/no-such-board" }
 def test_whoever_holds_hardware_is_told_before_it_is_opened(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("viser" if command == "view" else "websockets")
+    pytest.importorskip("websockets")
     scene = tmp_path / "board.toml"
     scene.write_text(HARDWARE, "utf-8")
     assert main([command, str(scene), "--port", "0"]) != 0

@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,11 @@ import pytest
 from graspfx.errors import InputError
 from graspfx.experiment.answering import QUIET, Answer, Keys, Press, Stopped
 from graspfx.experiment.experiment import Experiment
-from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.trial import Presentation, Trial
 from graspfx.experiment.trial_table import read_table
-from graspfx.live.frame import Frame
 from graspfx.live.live_run import LiveRun
 from graspfx.system.terminal import terminal_keys
+from tests.support.chromium import Browser
 from tests.support.experiments import PLAIN, experiment, table_of
 from tests.support.servo_wires import BUSY, PATIENT, PRESSED, board, boards_scene
 from tests.support.waiting import wait_until
@@ -201,47 +200,58 @@ def test_a_stimulus_that_is_not_certified_arms_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob("*.tsv"))
 
 
-def test_a_page_answers(tmp_path: Path) -> None:
-    """Buttons of the page press the keys; a browser is not needed to see that."""
-    pytest.importorskip("viser", reason="the page: pip install 'graspfx[view]'")
+PAGE = "the page: pip install 'graspfx[view]'"
+
+
+def test_a_page_answers() -> None:
+    """Its messages press the keys of the question, and no others; a browser is not needed to see that."""
+    pytest.importorskip("websockets", reason=PAGE)
     from graspfx.experiment.answer_page import AnswerPage
+    from graspfx.live.view.page_server import Order
 
     keys = Keys(lambda text: None, lambda: False)
     plain = experiment(PLAIN)
     assert plain.table.question is not None
     with AnswerPage("test", plain.table.question.keys, keys.press, plain.scene, port=0) as page:
-        page.tell("How is it?")
-        assert "How is it?" in page._text.content
-        groups = {
-            handle.options: handle for handle in page.server.viser.gui._gui_input_handle_from_uuid.values()
-            if hasattr(handle, "options")
-        }  # fmt: skip
-        assert set(groups) == {("soft", "hard"), ("Ready",)}
         keys.listen(plain.table.question.keys)
-        message: Callable[[str, str], dict[str, Any]] = lambda uuid, value: {  # noqa: E731
-            "type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value},
-        }  # fmt: skip
-        uuid = groups["soft", "hard"]._impl.uuid
-        assert page.server._accepts(message(uuid, "hard"))
-        assert not page.server._accepts(message(uuid, "none of them"))
-    assert SessionFiles(tmp_path, "1", "2", "a").stem == "sub-1_ses-2_task-a_run-01"
+        for refused in (Order("answer", key="none of them"), Order("pause"), Order("set", 0, value=1.0)):
+            assert not page.order(refused)
+        assert not keys.has_answered()
+        assert page.order(Order("answer", key="h"))
+        assert keys.answer(SHOWN).response == "hard"
 
 
-def test_a_page_draws_the_run_that_is_attached(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("viser", reason="the page: pip install 'graspfx[view]'")
+@pytest.mark.alone
+def test_a_person_answers_on_a_page_that_shows_the_run(browser: Browser) -> None:
+    """The question comes first, then the picture of each run that is attached; nothing else is shown of it."""
+    pytest.importorskip("websockets", reason=PAGE)
     from graspfx.experiment.answer_page import AnswerPage
 
-    plain, frames = experiment(PLAIN), list[Frame]()
-    assert plain.scene is not None
-    with AnswerPage("test", {}, lambda key: None, plain.scene, port=0) as page, LiveRun(plain.scene) as run:
-        monkeypatch.setattr(page._tree, "show", frames.append)
-        page.attach(run)
-        run.await_row(0, 5.0)
-        assert not frames  # nobody looks on
-        monkeypatch.setattr(page.server.gate, "pages", 1)
-        wait_until(lambda: len(frames) > 2)
-        page.detach()
-        drawn = len(frames)
-        time.sleep(0.2)
-        assert len(frames) == drawn
-    assert frames[-1].time > frames[0].time
+    plain, keys = experiment(PLAIN), list[str]()
+    assert plain.scene is not None and plain.table.question is not None
+    with AnswerPage("test <b>", plain.table.question.keys, keys.append, plain.scene, port=0) as page:
+        shown = browser.open(page.server.url, 800, 700)
+        page.tell("How <i>is</i> it?")
+        shown.wait_for("document.getElementById('question').textContent === 'How <i>is</i> it?'")
+        assert shown.evaluate("[...document.querySelectorAll('#answers button')].map((each) => each.textContent)") == [
+            *plain.table.question.keys.values(), "Ready"
+        ]  # fmt: skip
+        press = "[...document.querySelectorAll('#answers button')].find((each) => each.textContent === '{}').click()"
+        shown.evaluate(press.format("Ready"))
+        wait_until(lambda: keys == ["\n"])
+        assert "Values" not in shown.evaluate("document.body.innerText")
+        for _ in range(2):
+            with LiveRun(plain.scene.replace({"duration": 60.0})) as run:
+                page.attach(run)
+                shown.wait_for("window.graspfx && graspfx.frames > 5 && seen !== null")
+                before = shown.evaluate("graspfx.time")
+                shown.wait_for(f"graspfx.time > {before}")
+                page.detach()
+            frames = shown.wait_for("graspfx.frames")
+            time.sleep(0.2)
+            assert shown.evaluate("graspfx.frames") >= frames
+        text = shown.evaluate("document.body.innerText")
+        assert "How <i>is</i> it?" in text and "Values" not in text and "Restart" not in text and "squeeze" not in text
+        shown.evaluate(press.format("hard"))
+        wait_until(lambda: keys == ["\n", "h"])
+        assert shown.console_errors == []

@@ -21,23 +21,24 @@ from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.alone
 
-viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'graspfx[view]'")
+pytest.importorskip("websockets", reason="the page needs websockets: pip install 'graspfx[view]'")
 
 KIP, KID = "coupling.internal.stiffness", "coupling.internal.damping"
 MECHANICS = {"finger.*.device.measures": {"mass": 0.1, "friction": 1.5}}
 TEXT = "document.body.innerText"
+SHOWN = f"graspfx.run.values[graspfx.run.sliders.findIndex((each) => each.key === '{KIP}')]"
 
 
 def steer(browser: Browser, tmp_path: Path) -> tuple[gx.Scene, Path | None, float]:
     """Lead a gain up until it is clamped, and another one until it is refused, before a browser."""
-    from graspfx.live.view.live_view import LiveView
+    from graspfx.live.view.live_page import LivePage
 
     with board() as wire:
         scene = boards_scene([wire], PATIENT, engine="interpreted", **MECHANICS, **BUSY)
         numbers = [slider for slider in sliders(scene) if slider.key in (KIP, KID)]
         run = settled(lambda: LiveRun(scene, live=[slider.key for slider in numbers]))
         folders = (tmp_path / str(i) for i in count())  # another one where the machine is too busy for a board
-        view = LiveView(run, numbers, lambda: next(folders), port=0, tell=lambda _: None)
+        view = LivePage(run, numbers, lambda: next(folders), port=0, tell=lambda _: None)
         with run, view as page, serving(page):
             shown = browser.open(page.server.url)
 
@@ -47,6 +48,7 @@ def steer(browser: Browser, tmp_path: Path) -> tuple[gx.Scene, Path | None, floa
             wait_until(says("HARDWARE IS ARMED"))
             wait_until(says("spectral radius"), 300.0)
             settled(page._record)
+            runs = run.run_number
             wire.place(np.array(PRESSED))
             wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
             page.sliders.set(KIP, 75.0)
@@ -54,13 +56,17 @@ def steer(browser: Browser, tmp_path: Path) -> tuple[gx.Scene, Path | None, floa
             page.sliders.set(KIP, 480.0)
             wait_until(says("at most 0.9 of each limit"))
             clamped = page.sliders.values[KIP]
-            assert page.sliders._handles[KIP].value == clamped
+            wait_until(lambda: shown.evaluate(SHOWN) == clamped)
             page.sliders.set(KID, 400.0)
             wait_until(says("refused: coupling.internal.damping = 400"))
-            assert page.sliders._handles[KID].value == page.sliders.values[KID] == 0.0
+            assert page.sliders.shown[KID] == page.sliders.values[KID] == 0.0
+            for act in ("run", "pause", "reset"):  # a page does not stop or start a device that a person holds
+                shown.evaluate(f"tell('{act}')")
+            wait_until(lambda: page.server.counts["order"] == 3)
+            assert run.state == "running" and run.run_number == runs
             assert not shown.console_errors
             time.sleep(0.1)
-            folder = page._recording
+            folder = page.recording
             internal = run.scene.coupling.internal
     assert (internal.stiffness, internal.damping) == (clamped, 0.0)
     return scene, folder, clamped

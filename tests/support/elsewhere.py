@@ -31,7 +31,7 @@ OTHERS = (  # what others' code asks the system for is not ours to test
     "matplotlib.backends.backend_agg", "matplotlib.patches", "matplotlib.ticker", "multiprocessing.connection",
     "platform", "pydantic", "scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "scipy.spatial", "shutil",
     "socketserver", "subprocess", "tempfile", "threadpoolctl", "tree_sitter", "tree_sitter_toml", "trimesh", "uuid",
-    "websockets.sync.server", "websockets.sync.client", "viser",
+    "websockets.sync.server", "websockets.sync.client",
 )  # fmt: skip
 
 

@@ -12,14 +12,13 @@ from typing import Any
 
 import graspfx as gx
 from graspfx.live.live_run import LiveRun
-from graspfx.live.recording_view import RecordingView
 from graspfx.live.sliders import sliders
 from graspfx.live.touch.touch_run import TouchRun
-from graspfx.live.view.live_view import LiveView
+from graspfx.live.view.live_page import LivePage
 from graspfx.screen.touch_address import gate_for, listen, url
 from tests.support.chromium import Browser, chromium, program
 from tests.support.rooms import ROOT
-from tests.support.view_page import PLAIN, serving
+from tests.support.view_page import serving
 from tests.support.waiting import wait_until
 
 PICTURES = ROOT / "docs" / "pictures"
@@ -43,11 +42,10 @@ def _view(browser: Browser, file: Path, name: str, values: Mapping[str, object],
     with (
         TemporaryDirectory() as folder,
         LiveRun(scene, live=[each.key for each in numbers], guide="hands") as run,
-        LiveView(run, numbers, lambda: Path(folder), port=0, tell=lambda _: None) as view,
+        LivePage(run, numbers, lambda: Path(folder), port=0, tell=lambda _: None) as view,
         serving(view),
     ):
-        page = browser.open(view.server.url, WIDTH, HEIGHT)
-        page.evaluate(PLAIN)
+        page = browser.open(view.server.url, WIDTH, 1330)
         page.wait_for("document.body.innerText.includes('full; spectral radius')", 120.0)
         wait_until(lambda: run.time > 8.0)
         if beyond:
@@ -103,21 +101,8 @@ def touch_cube(browser: Browser, file: Path) -> None:
         page.close()
 
 
-def view_recording(browser: Browser, file: Path) -> None:
-    """Show a recording on the page of viser."""
-    with RecordingView(gx.run("sphere-three-fingers"), port=0) as view, serving(view):
-        page = browser.open(view.server.url, WIDTH, HEIGHT)
-        page.evaluate(PLAIN)
-        page.wait_for("document.body.innerText.includes('stands still')")
-        view.go(1.2)
-        page.wait_for("document.body.innerText.includes('1.2 s')")
-        time.sleep(1.5)
-        page.screenshot(file)
-        page.close()
-
-
 PAGES: dict[str, Callable[[Browser, Path], None]] = {
-    "touch": touch_cube, "view-mug": view_mug, "view-unstable": view_unstable, "view-recording": view_recording,
+    "touch": touch_cube, "view-mug": view_mug, "view-unstable": view_unstable,
     "page-mug": page_mug, "page-waving-phone": page_waving_phone,
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A page of viser for tests: served by a thread while a browser looks on."""
+"""A page for tests: served by a thread while a browser looks on."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from graspfx.live.recording_view import RecordingView
-from graspfx.live.view.live_view import LiveView
-
-PLAIN = "document.head.insertAdjacentHTML('beforeend', '<style>#webgl-software-rendering{display:none}</style>')"
+from graspfx.live.view.live_page import LivePage
+from graspfx.live.view.recording_page import RecordingPage
 
 
 @contextmanager
-def serving(view: LiveView | RecordingView) -> Iterator[None]:
+def serving(page: LivePage | RecordingPage) -> Iterator[None]:
     """Let a thread serve a page within."""
     over = threading.Event()
-    thread = threading.Thread(target=view.serve, args=(over.is_set,))
+    thread = threading.Thread(target=page.serve, args=(over.is_set,))
     thread.start()
     try:
         yield

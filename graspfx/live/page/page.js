@@ -37,6 +37,7 @@ function show() {
     const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
     const canvas = find("space");
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    if (run && run.live && seen && camera.follows && !drags.size) keepInView(now, box.width, box.height);
     seen = space.show(now, box.width, box.height, colour("--sky"), colour("--grid"));
     overlay(now, box.width, box.height);
   }
@@ -106,7 +107,7 @@ function scales(draw, ink, halo, width, height) {
 
 function play(on) {
   if (run) {
-    if (run.live && !follow) { follow = true; showPlaying(); redraw(); } // back to the present, from what was a moment ago
+    if (run.live && !follow) { follow = true; time = lastTime(); showPlaying(); redraw(); } // back to the present, from what was a moment ago
     else if (!run.hardware) { follow = true; tell(on ? "run" : "pause"); }
     return;
   }
@@ -204,6 +205,7 @@ function watchHands() {
   const shift = (dx, dy) => {
     if (!seen) return;
     const { right, up } = cameraAxes();
+    camera.follows = false;
     camera.target = add(camera.target, add(times(-dx / seen.pixels, right), times(dy / seen.pixels, up)));
   };
   const zoom = (by) => { camera.zoom = clamp(camera.zoom * by, 0.05, 20); };

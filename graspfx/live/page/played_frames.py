@@ -120,9 +120,9 @@ def motion_of(recording: Recording, apart: float) -> Motion:
     arrays = {name: np.concatenate(each) for name, each in pieces.items()}
     recorded = [name for name in layout.objects if f"{name}/position" in arrays]
     return Motion(
-        rows=rows, dimensions=layout.dimensions, time=arrays["time"],
-        fingertips=arrays["fingertips"], contacts=arrays["contacts"], states=arrays["states"], force=arrays.get("force"), internal=arrays.get("internal"),
-        external=arrays.get("external"), squeeze=squeeze.values, push=push.values,
+        rows=rows, dimensions=layout.dimensions, time=arrays["time"], fingertips=arrays["fingertips"],
+        contacts=arrays["contacts"], states=arrays["states"], force=arrays.get("force"),
+        internal=arrays.get("internal"), external=arrays.get("external"), squeeze=squeeze.values, push=push.values,
         margin=margin.values, depth=depth.values.get("depth"),
         poses={name: (arrays[f"{name}/position"], arrays[f"{name}/wxyz"]) for name in recorded},
     )  # fmt: skip

@@ -30,12 +30,20 @@ const camera = {};
 function resetCamera() {
   const { towards, field } = story.camera, [low, high] = story.bounds;
   Object.assign(camera, {
-    target: times(0.5, add(low, high)), zoom: 1, field,
+    target: times(0.5, add(low, high)), zoom: 1, field, follows: true,
     azimuth: Math.atan2(dot(towards, NORTH), dot(towards, EAST)), elevation: Math.asin(clamp(dot(towards, UP), -1, 1)),
   });
   camera.home = { azimuth: camera.azimuth, elevation: camera.elevation };
-  const places = run && F ? frame(F - 1).objects.map((each) => each.position).filter(finite) : []; // what has moved away is seen again
+  const places = run && F ? frame(F - 1).fingertips.filter(finite) : []; // hands that have moved away are seen again
   if (places.length) camera.target = times(1 / places.length, places.reduce(add));
+}
+// A live scene may go anywhere: its hands stay in the middle of the picture, unless somebody has shifted it.
+function keepInView(now, width, height) {
+  const tips = now.fingertips.filter(finite);
+  if (!tips.length) return;
+  const [x, y] = project(times(1 / tips.length, tips.reduce(add)), seen, width, height), { right, up } = cameraAxes();
+  const away = (value, all) => value - clamp(value, 0.35 * all, 0.65 * all);
+  camera.target = add(camera.target, add(times(away(x, width) / seen.pixels, right), times(-away(y, height) / seen.pixels, up)));
 }
 function cameraAxes() {
   const { azimuth: a, elevation: e } = camera;

@@ -115,7 +115,9 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
     motion = motion_of(recording, scenery.apart)
     low, high = _bounds(scenery, motion)
     if source == "live":  # where it will move is not known
-        low, high = low - ROOM * scenery.extent, high + ROOM * scenery.extent
+        half = 0.5 * scenery.extent / np.sqrt(3.0)
+        low = np.minimum(low, scenery.middle - half) - ROOM * scenery.extent
+        high = np.maximum(high, scenery.middle + half) + ROOM * scenery.extent
     reach, middle = max(float(np.linalg.norm(high - low)), scenery.extent), 0.5 * (low + high)
     objects = tuple(motion.poses)
     layout, header = recording.layout, recording.header

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 LONGEST = 0.5  # longest time that is caught up; older ticks are left out [s]
-PATIENCE = 10.0  # timeout for the first row of a run [s]
+PATIENCE = 1.0  # timeout for the first row of a run [s]
 
 
 class News(NamedTuple):
@@ -50,10 +50,10 @@ class FrameFeed:
         self._number, self._next, self._tick = -1, 0, -1
 
     def story(self) -> dict[str, Any]:
-        """Return the data of a page of this run, from its newest row; wait for the first one."""
+        """Return the data of a page of this run, from its newest row if there is one soon."""
         run = self._run
         run.await_row(0, PATIENCE)
-        tick, rows = run.rows(run.tick)
+        tick, rows = run.rows(run.tick) if run.ticks else (0, np.full((1, run.layout.width), np.nan))
         return story_of(self._history(tick, rows), run.scene.source.folder, source="live")
 
     def news(self) -> News | None:

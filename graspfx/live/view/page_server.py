@@ -126,7 +126,7 @@ class PageServer(ClaimServer):
     """
 
     def __init__(self, shown: Shown, port: int | None = None) -> None:
-        require_websockets("a page")
+        require_websockets("a page", "view")
         line = listen_at(HOST, port, FIRST, "--port")
         gate = Gate(NAMES, 0, locked=False)
         super().__init__(line, "pages", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
@@ -206,4 +206,3 @@ class PageServer(ClaimServer):
             client.news.set()
         head = np.array([self._run, new[0][1], len(new)], dtype="<f8").tobytes()
         return head + np.stack([frame for *_, frame in new]).astype("<f4").tobytes()
-

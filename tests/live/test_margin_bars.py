@@ -14,7 +14,7 @@ import graspfx as gx
 from graspfx.live.frame import Frames
 from graspfx.live.live_run import LiveRun
 from graspfx.live.stability_verdict import MarginRow, Verdict
-from graspfx.live.view.words_on_page import AMBER, GREEN, RED, margins
+from graspfx.live.view.margin_bars import margin_bars
 from tests.support.recordings import layout, recording
 from tests.support.waiting import wait_until
 
@@ -24,26 +24,42 @@ UNSTABLE = replace(STABLE, is_stable=False, spectral_radius=1.01)
 UNKNOWN = Verdict(is_provisional=False, error="a device does not tell its mass", stage=2)
 
 
+def kinds(told: dict[str, Any]) -> list[str]:
+    return [each["kind"] for each in (*told["boxes"], *told["rows"])]
+
+
 def test_a_stable_grasp_is_green_while_it_is_held() -> None:
-    text = margins(STABLE, {})
-    assert text.count(GREEN) == 1 + 2 * len(ROWS) and AMBER not in text
-    assert "NOT HELD" not in text
+    assert kinds(margin_bars(STABLE, {})) == ["green"] * (1 + len(ROWS))
 
 
 @pytest.mark.parametrize("verdict", [STABLE, UNSTABLE, UNKNOWN, None])
 def test_what_nobody_holds_is_not_green(verdict: Verdict | None) -> None:
-    text = margins(verdict, {"cup": 0.0127, "lid": 44.1})
-    assert GREEN not in text and AMBER in text
-    assert "NOT HELD: no finger touches cup (the nearest is 12.7 mm away), lid (the nearest is 44.1 m away)" in text
-    assert (RED in text) == (verdict is UNSTABLE)
-    assert ("stable once it is held" in text) == (verdict is STABLE)
+    told = margin_bars(verdict, {"cup": 0.0127, "lid": 44.1})
+    first, second = told["boxes"]
+    assert "green" not in kinds(told) and first["kind"] == "amber"
+    assert first["words"] == (
+        "NOT HELD: no finger touches cup (the nearest is 12.7 mm away), lid (the nearest is 44.1 m away)"
+    )
+    assert first["note"] == "touch it from both sides"
+    assert (second["kind"] == "red") == (verdict is UNSTABLE)
+    assert (second["words"] == "stable once it is held") == (verdict is STABLE)
 
 
 def test_of_two_objects_the_margins_of_the_one_that_is_held_stay_green() -> None:
-    text = margins(STABLE, {"cup": float("nan")})
-    assert text.count(GREEN) == 2
-    assert "NOT HELD: no finger touches cup<" in text
-    assert "<cup" not in margins(STABLE, {"<cup": 0.1})
+    told = margin_bars(STABLE, {"cup": float("nan")})
+    assert [each["kind"] for each in told["rows"]] == ["grey", "green"]
+    assert told["boxes"][0]["words"] == "NOT HELD: no finger touches cup"
+
+
+def test_bars_are_logarithmic_and_the_mark_is_a_margin_of_one() -> None:
+    rows = tuple(
+        MarginRow("internal", "cup", 1.0, margin, margin, 5.0) for margin in (0.5, 0.9, 1.0, 1.2, 10.0, np.inf)
+    )
+    told = margin_bars(replace(STABLE, rows=rows), {})
+    shares = [each["share"] for each in told["rows"]]
+    assert shares == sorted(shares) and shares[2] == told["mark"] and shares[4:] == [1.0, 1.0]
+    assert [each["kind"] for each in told["rows"]] == ["red", "red", "amber", "amber", "green", "green"]
+    assert told["rows"][1]["words"] == "limit 0.9 N/m, lost at 5 Hz" and told["rows"][5]["margin"] == "no limit"
 
 
 def test_an_object_is_loose_that_none_of_its_fingers_touches_in_any_row() -> None:
@@ -64,29 +80,29 @@ def test_what_is_not_recorded_is_not_told(columns: tuple[str, ...], expected: di
     assert Frames(gx.run(gx.load("pick-and-place").replace(changes))).loose == expected
 
 
-def test_a_view_is_not_green_while_an_object_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("viser", reason="the page needs viser: pip install 'graspfx[view]'")
-    from graspfx.live.view import live_view
+def test_a_page_is_not_green_while_an_object_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("websockets", reason="the page needs websockets: pip install 'graspfx[view]'")
+    from graspfx.live.view import live_page
 
-    monkeypatch.setattr(live_view, "TEXTS", 0.05)
+    monkeypatch.setattr(live_page, "HELD", 0.05)
     scene = gx.load("paper-waving").replace({"engine": "interpreted"})
     with (
         LiveRun(scene, guide="hands", paused=True) as run,
-        live_view.LiveView(run, [], Path, port=0, tell=lambda _: None) as view,
+        live_page.LivePage(run, [], Path, port=0, tell=lambda _: None) as view,
     ):
         view.certificate._margins = SimpleNamespace(latest=lambda: STABLE, close=lambda: None)  # type: ignore[assignment]
 
-        def shown(way: float) -> str:
+        def shown(way: float) -> dict[str, Any]:
             for number, sign in enumerate((-1.0, 1.0)):
                 run.guide(number, [sign * way, 0.0])
             last = run.tick + 40
             run.step(40)
             wait_until(lambda: run.tick == last)
-            view._texts(None)
-            return str(view._margins.content)
+            told: dict[str, Any] = view._state()["margins"]
+            return told
 
-        assert GREEN in shown(0.0)
+        assert kinds(shown(0.0))[0] == "green"
         dropped = shown(0.03)
-        assert "NOT HELD: no finger touches object (the nearest is " in dropped
-        assert "stable once it is held" in dropped
-        assert GREEN in (again := shown(0.0)) and "NOT HELD" not in again
+        assert dropped["boxes"][0]["words"].startswith("NOT HELD: no finger touches object (the nearest is ")
+        assert dropped["boxes"][1]["words"] == "stable once it is held"
+        assert kinds(shown(0.0))[0] == "green"

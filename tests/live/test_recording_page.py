@@ -1,7 +1,9 @@
-"""A recording on a page of viser: scrubbed and played at its pace, with the same scene as a running one."""
+"""A recording that is served as a page: in one part, or in several that are linked."""
 
 from __future__ import annotations
 
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -9,79 +11,73 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.errors import InputError
+from graspfx.live.frame import Frames
 from graspfx.recording.record import Recording
 from graspfx.show.style import INTERNAL
 from tests.support.chromium import Browser, Pixels
 from tests.support.played import played
 from tests.support.recordings import waving
 
-pytest.importorskip("viser", reason="viser is not installed: pip install 'graspfx[view]'")
+pytest.importorskip("websockets", reason="the page needs websockets: pip install 'graspfx[view]'")
 
-from graspfx.live.recording_view import RecordingView
+from graspfx.live.view.recording_page import RecordingPage
 from tests.support.view_page import serving
 from tests.support.waiting import wait_until
 
 
 @pytest.mark.alone
 def test_a_recording_is_scrubbed_and_played(browser: Browser, tmp_path: Path) -> None:
-    """Arrows of a squeeze are there while there is one; of a file only the rows that are shown are read."""
+    """Arrows of a squeeze are there while there is one."""
     played("paper-waving").save(tmp_path / "recording.h5")
-    run = Recording.load(tmp_path / "recording.h5")
-    with RecordingView(run, port=0) as view, serving(view):
+    with RecordingPage(Recording.load(tmp_path / "recording.h5"), port=0) as view, serving(view):
         page = browser.open(view.server.url, 1200, 700)
-        page.wait_for("document.body.innerText.includes('time [s]')")
-        view.go(1.4)
-        assert view.row == 280
+        page.wait_for("window.graspfx && seen !== null")
+        page.evaluate("graspfx.go(1.4)")
         wait_until(lambda: blue(page.screenshot()) > 300)
-        page.wait_for("document.body.innerText.includes('1.4 s')")
-        assert "is paused" in page.evaluate("document.body.innerText")
         assert "internal stiffness, kip" in page.evaluate("document.body.innerText")
-        view.step(-1)
-        assert (view.row, view.playing) == (279, False)
-        view.speed = 0.25
-        at = view.time
-        view.play()
-        wait_until(lambda: view.time > at)
-        view.pause()
-        view.go(0.0)
+        page.evaluate("graspfx.go(0)")
         wait_until(lambda: blue(page.screenshot()) < 30)
+        page.evaluate("graspfx.play(true)")
+        page.wait_for("graspfx.time > 0.1")
         assert page.console_errors == []
-        assert all(url.startswith((view.server.url, view.server.url.replace("http", "ws"))) for url in page.requests)
+        assert page.requests == [f"{view.server.url}/"]
 
 
-def test_playing_keeps_its_pace_and_ends() -> None:
-    """As long as nobody looked does not count: of two seconds that a picture took, 0.2 s."""
-    with RecordingView(waving(N=400), port=0) as view:
-        view.speed = 0.25
-        view.play()
-        for elapsed, passed in ((0.1, 0.025), (2.0, 0.05)):
-            before = view.time
-            view._advance(elapsed)
-            assert view.time - before == pytest.approx(passed)
-        view.pause()
-        view._advance(0.1)
-        assert view.time == pytest.approx(0.075)
-        view.go(99.0)
-        assert view.time == view.end == pytest.approx(1.995)
-        view._advance(0.1)
-        assert view.time == view.end
-        view.play()
-        assert view.time == 0.0 and view.playing
-        view.go(view.end - 0.001)
-        view._advance(0.1)
-        assert view.time == view.end and not view.playing
+@pytest.mark.alone
+def test_a_long_recording_has_parts_with_the_times_of_the_run(browser: Browser) -> None:
+    """Each part has the numbers of its rows, and links to those before and after it."""
+    run = played("paper-waving")
+    with RecordingPage(run, port=0) as view, serving(view):
+        view.rows = 160
+        count = -(-len(run) // 160)
+        page = browser.open(f"{view.server.url}/2", 1000, 700)
+        page.wait_for("window.graspfx && seen !== null")
+        assert page.evaluate("[...document.querySelectorAll('#facts a')].map((each) => each.textContent)") == [
+            f"Part {each} of {count}" for each in (1, 3)
+        ]
+        found = page.evaluate("(graspfx.go(1.0), graspfx.frameAt(1.0))")
+        assert page.evaluate("graspfx.time") == pytest.approx(1.0, abs=1e-6) and found["tick"] == 200
+        np.testing.assert_allclose(found["fingertips"], Frames(run)[200].fingertips, rtol=1e-6, atol=1e-8)
+        page.evaluate("graspfx.go(0)")
+        assert page.evaluate("graspfx.time") == pytest.approx(0.8)
+        page.evaluate("document.querySelector('#facts a').click()")
+        page.wait_for("location.pathname === '/1' && window.graspfx && graspfx.time === 0")
+        assert page.console_errors == []
+        for path in ("/0", f"/{count + 1}", "/x", "/1/1", "/99999999999", "/²"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(view.server.url + urllib.parse.quote(path))
 
 
 def blue(pixels: Pixels) -> int:
-    """Count pixels of the internal force's colour where the scene is, between the panels."""
+    """Count pixels of the internal force's colour where the scene is."""
     r, g, b = (int(INTERNAL[i : i + 2], 16) for i in (1, 3, 5))
-    away = np.abs(pixels[:, 345:855].astype(int) - [r, g, b]).max(axis=2)
+    away = np.abs(pixels[130:480].astype(int) - [r, g, b]).max(axis=2)
     return int((away < 60).sum())
 
 
 def test_an_empty_recording_is_refused() -> None:
     with pytest.raises(InputError, match="at least one tick"):
-        RecordingView(waving(N=0), port=0)
+        RecordingPage(waving(N=0), port=0)
 
 
 def test_the_command_writes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
