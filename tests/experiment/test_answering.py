@@ -228,7 +228,7 @@ def test_a_person_answers_on_a_page_that_shows_the_run(browser: Browser) -> None
     from graspfx.experiment.answer_page import AnswerPage
 
     plain, keys = experiment(PLAIN), list[str]()
-    assert plain.scene is not None and plain.table.question is not None
+    assert plain.table.question is not None
     with AnswerPage("test <b>", plain.table.question.keys, keys.append, plain.scene, port=0) as page:
         shown = browser.open(page.server.url, 800, 700)
         page.tell("How <i>is</i> it?")

@@ -56,9 +56,9 @@ def page(chromium: Browser, view: LivePage) -> Iterator[Page]:
     page.close()
 
 
-def opened(browser: Browser, view: LivePage, width: int = 1200, height: int = 1150, **choices: bool) -> Page:
+def opened(browser: Browser, view: LivePage, width: int = 1200, height: int = 1150, phone: bool = False) -> Page:
     before = view.server.clients
-    page = browser.open(view.server.url, width, height, **choices)
+    page = browser.open(view.server.url, width, height, phone=phone)
     page.wait_for("window.graspfx && graspfx.frames > 1 && seen !== null")
     until(lambda: view.server.clients > before)
     return page
@@ -116,6 +116,7 @@ def test_the_numbers_on_the_page_are_those_of_a_recording(page: Page, view: Live
     run = Recording.load(until(lambda: view.recording is None and view.last))
     k, ticks = found["tick"], page.evaluate("graspfx.run.frames")
     d = run.layout.dimensions
+    assert run.true_position is not None
     np.testing.assert_allclose(np.array(found["fingertips"])[:, :d], run.true_position[k], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(np.array(found["external"])[:, :d], run.external_force[k], rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(np.array(found["force"])[:, :d], run.finger_force[k], rtol=1e-5, atol=1e-6)

@@ -134,7 +134,7 @@ class PageServer(ClaimServer):
         self._shown = shown
         self._state, self._version = "", 0
         self._frames: deque[tuple[int, int, FloatArray]] = deque(maxlen=KEPT)  # version, number, frame
-        self._run, self._newest = -1, 0
+        self._shown_run, self._newest = -1, 0
         self._sent: dict[int, tuple[int, int]] = {}  # versions of the state and of the frames, by client
 
     def tell(self, state: Mapping[str, Any]) -> None:
@@ -180,8 +180,8 @@ class PageServer(ClaimServer):
             self._tell_all()
 
     def _add(self, run: int, first: int, frames: FloatArray) -> None:
-        if run != self._run:
-            self._run = run
+        if run != self._shown_run:
+            self._shown_run = run
             self._frames.clear()
         while self._frames and self._frames[-1][1] >= first:
             self._frames.pop()
@@ -204,5 +204,5 @@ class PageServer(ClaimServer):
         self._sent[client.number] = version, new[-1][0]
         if len(new) < len(every):
             client.news.set()
-        head = np.array([self._run, new[0][1], len(new)], dtype="<f8").tobytes()
+        head = np.array([self._shown_run, new[0][1], len(new)], dtype="<f8").tobytes()
         return head + np.stack([frame for *_, frame in new]).astype("<f4").tobytes()
