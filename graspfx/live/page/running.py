@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
-from base64 import b64encode
+from base64 import b85encode
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -46,6 +46,7 @@ PROBES = 33  # values at which the stability of a slider's range is looked up
 HALVINGS = 12  # of the interval in which stability is lost
 CODES = 16  # of faults of a part, from 1 on
 PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: where something was when the page was made
+PLAIN = bytes.maketrans(b"&<>", b",.:")  # letters of base 85 that a page would have to escape
 SQUEEZES = (-10.0, 10.0, 0.1)  # range and step of a hand's additional squeeze [mm]
 AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
 
@@ -131,7 +132,7 @@ def _whole(servo: Servo) -> Arena:
 
 
 def _packed(content: bytes) -> str:
-    return b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")
+    return b85encode(gzip.compress(content, 9, mtime=0)).translate(PLAIN).decode("ascii")
 
 
 def _arena(numbers: FloatArray) -> dict[str, str]:
