@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from pathlib import Path
@@ -170,6 +171,16 @@ def test_a_fault_ends_the_run_with_its_message(browser: Browser, tmp_path: Path)
     recording = saved(page, tmp_path)
     assert [str(each.message) for each in recording.faults] == [text]
     assert (recording.finger_force[-1] == 0.0).all()
+
+
+def test_a_force_beyond_the_bound_is_told_as_it_is_natively(browser: Browser, tmp_path: Path) -> None:
+    """The same force and the same bound; the page does not name the gain that contributes most."""
+    scene = gx.load("paper-waving", {"coupling.force_bound": 0.1})
+    page = opened(browser, tmp_path, scene)
+    text = page.wait_for("!document.getElementById('banner').hidden && document.getElementById('banner').textContent")
+    native = str(gx.run(guided_scene(scene)).faults[0].message)
+    found = re.match(r"the law gives a finger on object (\S+ N, above coupling.force_bound = 0.1 N)", text)
+    assert found is not None and native.startswith(f"the law gives a finger {found[1]}")
 
 
 @pytest.mark.parametrize(

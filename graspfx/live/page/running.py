@@ -191,17 +191,21 @@ def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
             before = ""
             for code in range(1, CODES):
                 text = _fault(servo, kind, index, code)
-                if text is None or text == before:  # beyond the last one that the part has
-                    break
+                if text is None or (text == before and not (kind == OBJECT_ and code < EXCESSIVE)):
+                    break  # beyond the last one that the part has
                 texts[f"{kind} {index} {code}"] = before = PLACE.sub("(...)", text)
     names = "faulted", "tick", "kind", "index", "code"
-    return {"places": [own + start_of(ServoState, name) for name in names], "texts": texts}
+    forces = [record.state + start_of(GraspState, "excess") for record in arena.world.grasps]
+    return {"places": [own + start_of(ServoState, name) for name in names], "texts": texts, "forces": forces}
 
 
 def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
     if kind == OBJECT_ and code == EXCESSIVE:
-        bound = servo.objects[index].grasped.state.force_bound
-        return f"the law gives a finger on {servo.objects[index].name} more than {bound:g} N; all forces are zero"
+        bound, name = servo.objects[index].grasped.state.force_bound, servo.objects[index].name
+        return (
+            f"the law gives a finger on {name} (force) N, above coupling.force_bound = {bound:g} N: "
+            "a gain is too large for this depth or speed; all forces are zero"
+        )
     try:
         return kernel_fault(servo.parts, kind, index, code)
     except (LookupError, AttributeError, ValueError):  # a code that the part does not have

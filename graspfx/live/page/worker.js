@@ -56,7 +56,8 @@ function tick() {
   k += 1;
   const [faulted, when, kind, index, code] = run.faults.places.map((place) => arena[place]);
   if (faulted && when < k) {
-    ended = run.faults.texts[`${kind} ${index} ${code}`] ?? `fault ${code} of part ${kind}, ${index}; all forces are zero`;
+    ended = (run.faults.texts[`${kind} ${index} ${code}`] ?? `fault ${code} of part ${kind}, ${index}; all forces are zero`)
+      .replace("(force)", () => String(Number(arena[run.faults.forces[index]].toPrecision(3))));
     if (frame) ready.push(frame); // its group is cut short
     frame = null;
     if (recording) fault = [k - 1, ended];
