@@ -19,6 +19,7 @@ from graspfx.errors import RecordingError
 from graspfx.loop import columns as layouts
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.recording import header as headers
+from graspfx.recording.file import fletcher32
 from graspfx.recording.files import LENGTH, NAME
 from graspfx.recording.header import FORMAT, Outcome
 from graspfx.recording.record import Recording
@@ -172,6 +173,7 @@ import h5py
 import numpy as np
 from pathlib import Path
 from graspfx.errors import RecordingError
+from graspfx.recording.file import fletcher32
 from graspfx.recording.record import Recording
 name, cases, rng = sys.argv[1], int(sys.argv[2]), np.random.default_rng(int(sys.argv[3]))
 whole = Path(name).read_bytes()
@@ -272,3 +274,19 @@ def test_a_layout_says_what_is_absent() -> None:
     assert not made.is_essential("gap")
     assert made.is_essential("objects/object0/velocity") and made.is_essential("finger_force")
     assert not made.is_essential("objects/object0/energy/wrench")
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 359, 360, 361, 719, 720, 721, 5000, 100_000])
+@pytest.mark.parametrize("kind", ["random", "zero", "full"])
+def test_checksums_are_those_of_hdf5(size: int, kind: str, tmp_path: Path) -> None:
+    """The last four bytes of a chunk that HDF5 wrote are the checksum of those before it."""
+    content = {
+        "random": np.random.default_rng(size).integers(0, 256, size, dtype=np.uint8),
+        "zero": np.zeros(size, np.uint8), "full": np.full(size, 255, np.uint8),
+    }[kind]  # fmt: skip
+    with h5py.File(tmp_path / "bytes.h5", "w") as file:
+        data = file.create_dataset("bytes", data=content, chunks=(size,), fletcher32=True)
+        file.flush()
+        _, raw = data.id.read_direct_chunk((0,))
+    assert bytes(raw[:-4]) == content.tobytes()
+    assert fletcher32(content) == int.from_bytes(raw[-4:], "little")

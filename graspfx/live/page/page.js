@@ -136,6 +136,7 @@ function step(frames) {
 const cells = [];
 function writeValues() {
   const table = find("values");
+  if (run) find("stated").textContent = "Values at the start";
   for (const row of story.values) {
     const line = document.createElement("tr");
     const name = text(line, "th", row.label); name.scope = "row"; name.title = row.key;
