@@ -114,7 +114,8 @@ class ScreenWire(Wire):
         host, deadline = f"127.0.0.1:{self._port}", time.monotonic() + PATIENCE
         while True:
             try:
-                self._line = connect(f"ws://{host}/socket", origin=f"http://{host}", compression=None, proxy=None)  # type: ignore[arg-type]
+                line = connect(f"ws://{host}/socket", origin=f"http://{host}", compression=None, proxy=None)  # type: ignore[arg-type]
+                self._line = line.__enter__()  # left by `leave`
             except (OSError, WebSocketException) as error:
                 if time.monotonic() > deadline:
                     raise DeviceError(f"nothing answers at {host}: {error}") from error

@@ -53,10 +53,11 @@ class Stream:
     def client(
         self, token: str = TOKEN, path: str = SOCKET, origin: Any = None, sock: Any = None, **headers: str
     ) -> ClientConnection:
-        return open_socket(
+        line = open_socket(
             f"ws://{self.host}{path}?token={token}", origin=origin, additional_headers=headers, compression=None,
             proxy=None, sock=sock, open_timeout=PATIENCE,
         )  # fmt: skip
+        return line.__enter__()
 
     def refusal(self, **choices: Any) -> int:
         with pytest.raises(InvalidStatus) as caught:

@@ -74,10 +74,11 @@ class Server:
 
     def client(self, origin: str | None = "", **headers: str) -> ClientConnection:
         own: Any = f"http://{self.host}" if origin == "" else origin
-        return open_socket(
+        line = open_socket(
             f"ws://{self.host}/socket", origin=own, additional_headers=headers, compression=None, proxy=None,
             open_timeout=PATIENCE,
         )  # fmt: skip
+        return line.__enter__()
 
 
 @contextmanager

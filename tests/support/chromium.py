@@ -106,7 +106,8 @@ class Browser:
     def __init__(self, address: str) -> None:
         from websockets.sync.client import connect
 
-        self._socket: ClientConnection = connect(address, max_size=None, compression=None, proxy=None)
+        line = connect(address, max_size=None, compression=None, proxy=None)
+        self._socket: ClientConnection = line.__enter__()  # left by `close`
         self._numbers, self._lock = count(1), threading.Lock()
         self._replies: dict[int, Future[Any]] = {}
         self._pages: dict[str, Page] = {}
