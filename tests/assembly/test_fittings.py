@@ -195,7 +195,7 @@ def test_a_deadman_that_is_up_takes_the_force(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(Fake, "read", let_go)
     chain = {"soft_start": 0.005, "force": 1.0}
     slow = gx.run(scene(file, at, deadman=1, switches=2, safety=chain).replace(FIXED), real_time=True)
-    assert "the deadman switch of the device of finger0 (Fake) was let go" in slow.faults[0].message
+    assert "the deadman switch of the device of finger0 (Fake) was released" in slow.faults[0].message
     size = np.linalg.norm(slow.displayed_force[:, 0], axis=1)
     assert size[20] > 0.0
     assert size[20:25] == pytest.approx(size[20] * np.linspace(1.0, 0.0, 5), rel=0.2, abs=1e-9)
@@ -279,4 +279,4 @@ def test_a_device_is_called_at_its_rate(tmp_path: Path) -> None:
 def test_a_device_of_a_lower_rate_still_faults_when_its_samples_stop(tmp_path: Path) -> None:
     file = driver(tmp_path)
     rec = gx.run(scene(file, [-0.031, 0.0, 0.0], rate=100.0, evil="a clock that stands"), real_time=True)
-    assert "no new reading of the device of finger0 (Fake) in more than 3 samples" in rec.faults[0].message
+    assert "no new reading of the device of finger0 (Fake) for more than 3 samples" in rec.faults[0].message
