@@ -233,7 +233,7 @@ def test_a_deadman_that_is_up_at_first_is_refused(tmp_path: Path, monkeypatch: p
         return read(fake)
 
     monkeypatch.setattr(Fake, "read", up)
-    with pytest.raises(DeviceError, match=r"finger0 \(Fake\) has its deadman, switch 0, up: keep it down"):
+    with pytest.raises(DeviceError, match=r"finger0 \(Fake\) has its deadman switch 0 released: hold it down"):
         gx.run(scene(file, [-0.031, 0.0, 0.0], deadman=0, switches=1), real_time=True)
     assert not any(force.any() for _, force in fakes(file)[-1].forces)
 

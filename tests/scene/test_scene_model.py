@@ -188,7 +188,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (plane, "coupling.friction", -0.3, "coupling.friction: expected 0 or 'stick' or a coefficient of more than 0"),
     (plane, "coupling.friction", "slick", "coupling.friction: expected 0 or 'stick'"),
     (line, "coupling.fade", [0.1], "coupling.fade"),
-    (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) is a hard one"),
+    (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) equals a hard one"),
     (line, "finger.0.model", "full", "finger.0.model: expected 'hard' or 'soft': 'full' is a contact for analysis"),
     (line, "finger.0.patch", 0.005, "finger.0.patch: only a soft finger has one"),
     (line, "finger.0.friction", 0.5, "finger.0.friction: attached contacts do not slip"),
@@ -308,7 +308,7 @@ MOTIONS: list[tuple[dict[str, Any], str | None]] = [
     ({"kind": "path", "times": [0, 1], "positions": [[0, 0], [1, 1]]}, None),
     (
         {"kind": "path", "times": [0, 0], "positions": [[0, 0], [1, 1]]},
-        "motion.times: expected at least two times, rising",
+        "motion.times: expected at least two times in increasing order",
     ),
     (
         {"kind": "path", "times": [0, 1], "positions": [[0, 0]]},
@@ -469,7 +469,7 @@ def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert found[0] == ["finger.0.device.name: the driver 'empty.py' has no function connect(**settings)"]
     assert "cannot be imported: broken.py:1: ModuleNotFoundError: No module named 'nowhere_to_be" in found[1][0]
     assert "cannot be imported: slip.py:2: SyntaxError: " in found[2][0]
-    assert found[3] == ["finger.0.device.name: connect() of 'open.py' gives no device: None has no Features"]
+    assert found[3] == ["finger.0.device.name: connect() of 'open.py' returns no device: None has no Features"]
     assert found[4] == ["finger.0.device: 'bad.py' cannot be connected: bad.py:2: KeyError: 'port'"]
     missing = "finger.0.device.name: given 'none.py', expected the path of a file; there is no file "
     assert found[5][0].startswith(missing)
@@ -536,6 +536,6 @@ def test_devices_with_several_fingers() -> None:
     table["device"][0]["fingers"], table["finger"][1]["channel"] = 2, 1
     assert faults(table) == []
     table["finger"][1]["channel"] = 0
-    assert faults(table) == ["finger.1.channel: channel 0 of 'left' is finger 0's already"]
+    assert faults(table) == ["finger.1.channel: channel 0 of 'left' already belongs to finger 0"]
     table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
-    assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)
+    assert "device.1.label: 'left' is taken; every device needs a different name" in faults(table)

@@ -232,7 +232,7 @@ def add_damping(
     sample like any damping, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
 
     Returns:
-          a of internal motion, translation and rotation [N s/m].
+        a of internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)

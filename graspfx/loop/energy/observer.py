@@ -41,7 +41,7 @@ class Observer:
     Attributes:
         buffer: Memory beside the object's block; `watch` uses both.
         met: Wrench (6,) of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]` before
-          `watch`; None for a body without planes.
+            `watch`; None for a body without planes.
         where: Entries of the buffer under the names used in recordings.
     """
 

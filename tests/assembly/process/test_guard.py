@@ -235,7 +235,7 @@ def test_a_servo_that_is_stopped_for_3_20_70_and_500_ms(tmp_path: Path) -> None:
             break
     assert all(early)
     assert sum(any(torques) for at, torques in wire.frames if at > resumed) <= 2  # a tick's end, and a question
-    assert "periods of 0.02 s in a row were left out, 5 at most" in session.recording.faults[0].message
+    assert "periods of 0.02 s in a row were skipped, expected at most 5" in session.recording.faults[0].message
     assert 22 <= session.recording.outcome.skipped < 60
     assert 0.4 < session.recording.outcome.late["max"] < 0.8
 
