@@ -189,7 +189,7 @@ FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 2, {"squeeze": []}, "squeeze: expected a number, or at least one step"),
     (table, 2, {"squeeze": [{"to": 0.1, "begin": 0.0}]}, "squeeze.0.duration: required, but not given"),
     (table, 2, {"squeeze": "tight"}, "squeeze: expected a number; given 'tight'"),
-    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: a squeeze in steps has its own times"),
+    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: steps of a squeeze have their own times"),
     (table, 2, {"closing": [[1, 0]]}, "closing: expected a direction for each of its 3 fingers; given 1"),
     (table, 2, {"closing": [[1, 0], [1], [1, 0]]}, "closing.1: expected 2 numbers (dimensions = 2); given [1.0]"),
     (table, 2, {"closing": "inwards"}, "closing: expected 'normal' or 'centre'; given 'inwards'"),
@@ -260,7 +260,7 @@ def test_a_finger_in_the_middle_has_no_direction_to_the_centre() -> None:
     made["finger"][0]["start"] = [0.0, 0.0, 0.0]
     made["finger"][1]["start"], made["finger"][2]["start"] = [0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]
     [found] = faults(made)
-    assert found.startswith("hand.0.closing: a finger starts in the fingers' mean")
+    assert found.startswith("hand.0.closing: a finger starts at the fingers' mean")
 
 
 SWAY = """
@@ -339,13 +339,13 @@ MADE: list[tuple[str, dict[str, Any], str]] = [
     ("", {"stiffness": -1.0}, r"\.stiffness: given -1\.0, expected zero or more \[N/m\]"),
     ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene sets it: leave it out"),
     ("", {"stiffness": float("nan")}, r"\.stiffness: expected finite numbers"),
-    ("", {"stiffness": "x"}, r": '.*sway\.py' cannot be created: .*sway\.py:16: TypeError"),
+    ("", {"stiffness": "x"}, r": hand '.*sway\.py' cannot be created: .*sway\.py:16: TypeError"),
     (
         "return Sway(rest, stiffness, inward)->return 1.0",
         {"stiffness": 1.0},
         r": hold\(\): given 1\.0, expected a hand",
     ),
-    ("self.rest + s->self.rst + s", {"stiffness": 1.0}, r": '.*' cannot be created: .*sway\.py:13: AttributeError"),
+    ("self.rest + s->self.rst + s", {"stiffness": 1.0}, r": hand '.*' cannot be created: .*sway\.py:13: AttributeError"),
     (
         "5.0 *->np.nan *",
         {"stiffness": 1.0},

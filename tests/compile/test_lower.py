@@ -258,7 +258,7 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
 @pytest.mark.parametrize(
     ("function", "why"),
     [
-        (two_kinds, "gives 'v' another kind"),
+        (two_kinds, "gives 'v' different kinds"),
         (unknown_field, "has no field 'forces'"),
         (test_in_while, "compute it before the loop and at its end"),
         (own_vector, "only the running program knows"),

@@ -190,7 +190,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "coupling.fade", [0.1], "coupling.fade"),
     (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) equals a hard one"),
     (line, "finger.0.model", "full", "finger.0.model: expected 'hard' or 'soft': 'full' is a contact for analysis"),
-    (line, "finger.0.patch", 0.005, "finger.0.patch: only a soft finger has one"),
+    (line, "finger.0.patch", 0.005, "finger.0.patch: only soft fingers have it"),
     (line, "finger.0.friction", 0.5, "finger.0.friction: attached contacts do not slip"),
     (line, "coupling.metric", "weight", "coupling.metric: expected 'equal' or 'mass'"),
     (line, "finger.0.channel", -1, "finger.0.channel: expected no less than 0"),
@@ -252,7 +252,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.device", {"name": "simulated"}, "finger.0.device.mass: required by 'simulated', but not given"),
     (line, "finger.0.device.name", "simulatd", "finger.0.device.name: unknown device 'simulatd'; did you mean 'simul"),
     (line, "finger.0.device.mass", float("nan"), "finger.0.device.mass: expected finite numbers"),
-    (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, as the scene"),
+    (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, the scene's dimensions"),
     # drivers connected
     (line, "finger.0.device.mass", -1, "finger.0.device.mass: given -1, expected a finite mass above zero"),
     (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected a whole number, 1 or more"),

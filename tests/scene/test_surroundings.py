@@ -81,7 +81,7 @@ CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"obstacle": [FLOOR | {"shape": {"kind": "half-space", "normal": [1.0]}}]}, "obstacle.0.shape.normal: expec"),
     ([], {"obstacle": [{"name": "floor"}]}, "obstacle.0.shape: required, but not given"),
     ([thing(position=[0.0, 0.0, 0.02])], {}, "object.0.position: the object starts 5 mm inside the obstacle 'floor'"),
-    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space has no end: among obstacles lock its freedoms"),
+    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space is unbounded: among obstacles lock its freedoms"),
     ([thing(), thing("b", 0.2)], {"world": {"collide": True}}, "object.0.dynamics: native objects meet no other objec"),
 ]
 
@@ -119,7 +119,7 @@ def test_mujoco_worlds_are_flat_or_partly_locked_too() -> None:
     rec = gx.run(partly, duration=0.1)
     assert not rec.faults and abs(rec.object_position[-1][2] - 0.025) < 1e-6
     [fault] = faults(thing(dynamics="mujoco", free=[True, True, True, True, True, False]))
-    assert fault.startswith("object.0.free: mujoco has no joint for")
+    assert fault.startswith("object.0.free: MuJoCo has no joint for")
 
 
 def test_the_plan_says_what_each_object_meets() -> None:
