@@ -19,8 +19,8 @@ def test_tuned_gains_are_printed_and_written(tmp_path: Path, capsys: pytest.Capt
     words = ["tune", "reference-1dof", "--subject-to", "margin.internal >= 1.3", *OPERATORS, "--out", str(tmp_path)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "why no higher: margin.internal >= 1.3 binds in the hand of finger.*.hand.stiffness = " in said
-    assert "breaks it" in said and f"wrote {tmp_path / 'tuned.toml'}" in said
+    assert "limited by: margin.internal >= 1.3 binds in the hand of finger.*.hand.stiffness = " in said
+    assert "fails: " in said and f"wrote {tmp_path / 'tuned.toml'}" in said
     preset = tomllib.loads((tmp_path / "tuned.toml").read_text("utf-8"))["preset"]["tuned"]
     (value,) = preset["set"].values()
     assert f"--set coupling.internal.stiffness={value}" in said
