@@ -163,7 +163,7 @@ def test_a_port_in_use_is_refused() -> None:
     [
         ({"dimensions": 3}, "a screen has no depth"),
         ({"fingers": 0}, "fingers"),
-        ({"fingers": 3, "start": [[0.0, 0.0]]}, "places of 3 fingers"),
+        ({"fingers": 3, "start": [[0.0, 0.0]]}, "positions of 3 fingers"),
         ({"start": [[0.0, 0.0], [1.0, 0.0]]}, "within the workspace"),
         ({"port": -1}, "port"),
         ({"lan": 1}, "true or false"),

@@ -205,7 +205,7 @@ def test_a_board_that_goes() -> None:
     assert board.calls == ["torque", "close"]
     with pytest.raises(DeviceError, match=r"not open: call open\(period\) first"):
         device.read()
-    with pytest.raises(DeviceError, match="does not open: cable pulled"):
+    with pytest.raises(DeviceError, match="cannot be opened: cable pulled"):
         device.open(T)
     board.gone = False
     board.now = math.nan, 0

@@ -255,7 +255,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, the scene's dimensions"),
     # drivers connected
     (line, "finger.0.device.mass", -1, "finger.0.device.mass: given -1, expected a finite mass above zero"),
-    (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected a whole number, 1 or more"),
+    (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected an integer from 1 to"),
     (line, "finger.0.device.fingers", 2, "finger.0.device: no finger uses its channel 1: a simulated device needs"),
     (line, "finger.1.channel", 1, "finger.1.channel: expected less than 1: 'simulated' has 1 finger; given 1"),
     (plane, "finger.0.device", {"name": "two-link", "elbow": "up"}, "finger.0.device.elbow: given 'up', expected"),
