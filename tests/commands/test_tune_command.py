@@ -31,7 +31,7 @@ def test_tuned_gains_are_printed_and_written(tmp_path: Path, capsys: pytest.Capt
 def test_json_and_a_problem_that_cannot_be_met(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "reference-1dof", "--subject-to", "margin >= 9e9", "--operators", "own", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
-    assert data["feasible"] is False and "cannot be met" in data["sentence"]
+    assert data["feasible"] is False and "cannot be satisfied" in data["sentence"]
 
 
 def test_check_over_operators(
