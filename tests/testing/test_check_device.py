@@ -133,7 +133,7 @@ def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
     assert "a force limit" in [each.promise for each in unseen.not_visible]
     assert "`stop` is zero force, now, and may be called again" in seen.checks
     for report in (seen, unseen):
-        assert "two devices of a kind do not know each other" in [each.promise for each in report.not_visible]
+        assert "two devices of a kind are independent" in [each.promise for each in report.not_visible]
         assert not any("metres" in each.promise for each in report.not_visible)
     both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
     assert "two devices of a kind in one process do not know each other" in both.checks

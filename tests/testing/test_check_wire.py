@@ -35,8 +35,8 @@ SEEN_ON_WIRES = (
     "`stop` and `close` are zero force",
     "an exception inside `with device` is zero force",
     "a force that is not finite is displayed as zero",
-    "the device loses its force when nobody writes any more",
-    "hardware that is open is refused to a second program, and the first one goes on",
+    "the device loses its force without further writes",
+    "hardware that is open is refused to a second program, and the first one continues",
 )
 
 
@@ -67,7 +67,7 @@ def test_force_dimension_conforms_on_a_clock_of_its_own() -> None:
 def test_the_haply_2diy_conforms() -> None:
     with DiyWire() as wire:
         report = passed(wire, driver("haply-2diy").connect, 0.002, timeout=0.02)
-    assert "a bit that changes on the way never moves a finger" in [each.promise for each in report.not_visible]
+    assert "a transmission error never moves a finger" in [each.promise for each in report.not_visible]
 
 
 @pytest.mark.alone
