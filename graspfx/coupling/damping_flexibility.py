@@ -181,7 +181,7 @@ def add_branch(
 
     Args:
         grasp: the block.
-        gram: of its own columns.
+        gram: Gram matrix of its own columns.
         part: E times the gain.
         share: T of its levers, where they are sums of modes.
         vector: V'e or V'e' of all columns.

@@ -159,9 +159,9 @@ class VelocityEstimator:
     for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). Motion that changes gets a short
     window, steady motion a long one.
 
-    For a sensor whose error is at most h and a motion whose acceleration is at most A,
-    |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
-    while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
+    For a sensor error of at most h and an acceleration of at most A, |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The
+    first term is noise, the second the delay of the window's centre by n T / 2. Windows longer than 1 reduce the error
+    if h / T exceeds A T, for a fast loop or a coarse sensor; otherwise the plain difference (window 1) is equally good.
 
     For samples at irregular times, pass the times to `update`. It then uses the true intervals, and an unchanged time
     leaves the velocity unchanged. For regular samples of which some are lost, call `miss` for each lost one: lost

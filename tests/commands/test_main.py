@@ -189,7 +189,7 @@ def test_a_recording_that_is_none_is_an_error(capsys: pytest.CaptureFixture[str]
     for words, place in (("plot missing.h5", "missing.h5"), ("plot empty", "empty/recording.h5"),
                          ("picture out/nowhere", "out/nowhere/recording.h5")):  # fmt: skip
         assert main(words.split()) == 2
-        assert capsys.readouterr().err == f"{place}: there is no such file\n"
+        assert capsys.readouterr().err == f"{place}: the file does not exist\n"
 
 
 def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFixture[str]) -> None:

@@ -335,12 +335,12 @@ def test_a_folder_stands_for_the_recording_in_it(tmp_path: Path) -> None:
     rec = recorded(made, rows(made, 5), tmp_path / "recording.h5")
     assert np.array_equal(Recording.load(tmp_path).rows, rec.rows)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RecordingError, match=r"empty.recording\.h5: there is no such file"):
+    with pytest.raises(RecordingError, match=r"empty.recording\.h5: the file does not exist"):
         Recording.load(tmp_path / "empty")
 
 
 def test_what_is_no_recording_says_so(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="there is no such file"):
+    with pytest.raises(RecordingError, match="the file does not exist"):
         Recording.load(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("hello")
     with pytest.raises(RecordingError, match="cannot be read as a recording"):

@@ -1,4 +1,4 @@
-"""Access control between browsers and viser: only valid messages pass, and a slow browser delays nobody else."""
+"""Access control between browsers and viser: only valid messages pass, and a slow browser does not delay others."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Gate:
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
         headers = single(request.headers)
         if headers is None:
-            return connection.respond(HTTPStatus.BAD_REQUEST, "a header stands twice\n")
+            return connection.respond(HTTPStatus.BAD_REQUEST, "a header occurs twice\n")
         if reason := refusal(headers, is_socket=is_socket):
             return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
         if is_socket:

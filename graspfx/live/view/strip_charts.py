@@ -29,7 +29,7 @@ class StripCharts:
     Args:
         server: Server of the page.
         fingers: Names of the fingers.
-        layout: Columns of the rows: depth and friction margin are drawn if rows tell them.
+        layout: Columns of the rows; depth and friction margin are drawn if they are recorded.
     """
 
     def __init__(self, server: viser.ViserServer, fingers: tuple[str, ...], layout: Layout) -> None:
