@@ -100,15 +100,17 @@ def condense(
     grasp: GraspState, problem: FrictionProblem, d: int, gram: Table, external: float, internal: float, soft: bool,
     out: Table,
 ) -> None:  # fmt: skip
-    """Compute k_i E of a branch, of the contacts that carry force; a gain of zero is one, no small number.
+    """Compute k_i E of a branch for the contacts that carry force; a gain of zero is exact, not a small number.
 
-    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of what carries force, and P = I - S summed up from what does not,
+    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over those
+    without,
 
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),
 
-    B the modes' shares beta. The first bracket is singular only for motions that no contact with force has. Of the
-    second a factor of the inverse is kept, which each coordinate without force changes: k_i = 0 makes it a projector.
+    where B contains the fractions beta of the modes. The first bracket is singular only for motions that no contact
+    with force has. For the second, a factor of the inverse is updated for each coordinate without force: k_i = 0 makes
+    it a projector.
     """
     p, A = grasp.mode_count, grasp.recoil.work
     gap = abs(external - internal)
@@ -138,9 +140,10 @@ def condense(
 def release_modes(
     grasp: GraspState, problem: FrictionProblem, d: int, external: float, internal: float, soft: bool
 ) -> None:  # fmt: skip
-    """Take from A'A in `work`, the inverse of 1 + ..., what coordinates without force or with a compliance let go of.
+    """Remove from A'A in `work`, the inverse of 1 + ..., the coordinates without force or with a compliance.
 
-    Each takes A'A t t'A'A / (r + t'A'A t) off, t its part of the modes; A changes by Potter's update of square roots.
+    Each subtracts A'A t t'A'A / (r + t'A'A t), with t its components on the modes; A is changed by Potter's update of
+    square roots.
     """
     t, along = grasp.recoil.row, grasp.recoil.signs
     for i, finger in enumerate(grasp.fingers):
@@ -180,17 +183,17 @@ def add_branch(
     """Add one branch, gain R - R Q part Q'R: to E, to its levers J', to N, and its force to the right sides.
 
     Args:
-        grasp: the block.
+        grasp: block of the grasp.
         gram: Gram matrix of its own columns.
-        part: E times the gain.
-        share: T of its levers, where they are sums of modes.
+        part: matrix E times the gain.
+        share: matrix T of its levers, if they are sums of modes.
         vector: V'e or V'e' of all columns.
-        gain: k_i of it.
-        unit: what its displacement is multiplied by.
-        size: how many columns it has.
-        first: its first mode's place among all columns.
-        rest: place of its first column, if columns behind the modes were counted from there.
-        beyond: its levers of rotations are columns of their own.
+        gain: gain k_i of the branch.
+        unit: factor on its displacement.
+        size: number of its columns.
+        first: index of its first mode among all columns.
+        rest: index of its first column if columns after the modes were counted from there.
+        beyond: whether its levers of rotations are separate columns.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns

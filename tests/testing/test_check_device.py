@@ -123,7 +123,7 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
         assert promise in unseen
     assert not any(word in each for each in report.checks for word in ("zero force", "no force", "limit", "metres"))
     head, _, tail = str(report).partition("not visible:\n")
-    assert head.startswith("passed:\n  - features are told")
+    assert head.startswith("passed:\n  - features are reported")
     assert all(f"- {each.promise} ({each.reason})" in tail for each in report.not_visible)
 
 
