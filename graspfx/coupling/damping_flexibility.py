@@ -1,15 +1,16 @@
 """The law with damping of an object that moves under the forces of the sample, as a flexibility, O(n).
 
-Springs and dampers are parallel branches, each of the fingers that touch alone (the others are released from each by
-itself), between the same roots of W:
+Springs and dampers are parallel branches of the touching fingers (other fingers are removed from each branch
+separately), between the same roots of W:
 
     K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
 
-J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the share of its damping that each finger has by its depth, G
-and H are the levers of springs and dampers. So M = A - V E V' with A = kip + R kid / T and the columns V: Q, R Q where
-damping grows with depth, and the levers that are no sums of modes, R H' of the fingertips. The friction problem asks
-for its inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1: 6 unknowns with rates at the contacts, 9 with
-rates at the fingertips, 12 and 15 with depth damping; three more where torsion acts along other axes than the normals.
+J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the fraction of its damping that each finger has at its depth, G
+and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T and the columns V: Q,
+R Q if damping grows with depth, and the levers that are not sums of modes, R H' of the fingertips. The friction problem
+needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. It has 6 unknowns with rates at the
+contacts, 9 with rates at the fingertips, 12 and 15 with depth damping, and three more if torsion acts along axes other
+than the normals.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class DeviceReport:
         return str(self)
 
 
-# Promises of hardware, worded as far as nobody sees them; on a wire they are seen.
+# Promises of hardware that are not visible; on a wire they are visible.
 ZERO = "`stop` and `close` are zero force"
 NOT_FINITE = "a force that is not finite is displayed as zero"
 LIMIT = "the force limit is applied, last"

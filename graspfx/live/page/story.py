@@ -285,7 +285,7 @@ def _description(recording: Recording, title: str) -> str:
 
 
 def _versions(recording: Recording) -> list[tuple[str, str]]:
-    """Say what a page that runs a scene was made with, and how to open what it records."""
+    """Return the provenance of a page that runs a scene, and how to open its recordings."""
     lines = [
         ("GraspFX", recording.header.versions.get("graspfx", graspfx.__version__)),
         ("preset", recording.header.preset),
