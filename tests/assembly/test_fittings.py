@@ -104,7 +104,7 @@ def test_features_are_those_of_the_scene() -> None:
         ("axes", "x z y", "right-handed"),
         ("axes", "-x -y -z", "right-handed"),
         ("axes", [[1, 0], [0, 1]], "a matrix 3 x 3"),
-        ("axes", [[2, 0, 0], [0, 2, 0], [0, 0, 2]], "length 1 at right angles"),
+        ("axes", [[2, 0, 0], [0, 2, 0], [0, 0, 2]], "orthogonal rows of length 1"),
         ("origin", [0.0, 0.0], "3 coordinates"),
         ("scale", 0.0, "more than 0"),
         ("scale", -1.0, "more than 0"),
