@@ -80,7 +80,7 @@ class Session(Carded):
         how: further arguments of `build`.
     """
 
-    is_paced = False  # whether it runs on the wall's clock
+    is_paced = False  # whether it runs in real time
     keeps_rows = True  # if there is no folder
     is_repeated = False  # whether the servo of the previous run is reused
 

@@ -222,7 +222,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
     scene = ['device = { name = "worn.py" }' if line.startswith("device") else line for line in without_hands]
     Path("worn.toml").write_text("\n".join(scene))
     assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 2
-    assert "this scene has hardware; its clock is the wall's" in capsys.readouterr().err
+    assert "this scene has hardware, which needs real time" in capsys.readouterr().err
     assert not Path("out").exists()
     assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure", "--real-time"]) == 3
     assert "tick 10" in capsys.readouterr().err
