@@ -24,7 +24,7 @@ from graspfx.protocols import (
 
 FloatArray = NDArray[np.float64]
 
-WATCHDOG, UNIT = 255, 125e-6  # longest watchdog time that a device accepts, in units of [s]
+WATCHDOG, UNIT = 255, 125e-6  # largest watchdog setting of a device, and its unit [s]
 
 
 class PlainDelta:

@@ -112,7 +112,7 @@ class PortState(Record):
     raw: Floats = floats("2 * entries")  # values as read: positions [m], then velocities [m/s]
     sample: Floats = floats("2 * entries")  # last sample
     placed: Floats = floats("2 * entries")  # last sample in the scene's axes, the input of the tick
-    depth: Floats = floats("entries")  # part of the initial depth that is subtracted, decreasing to zero [m]
+    depth: Floats = floats("entries")  # initial depth, of which a decreasing part is subtracted [m]
     orders: Floats = floats("entries")  # forces in the scene's axes [N]
     forces: Floats = floats("entries")  # forces for `write` [N]
 
