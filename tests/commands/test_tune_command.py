@@ -25,7 +25,7 @@ def test_tuned_gains_are_printed_and_written(tmp_path: Path, capsys: pytest.Capt
     (value,) = preset["set"].values()
     assert f"--set coupling.internal.stiffness={value}" in said
     assert main(words) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_json_and_a_problem_that_cannot_be_met(capsys: pytest.CaptureFixture[str]) -> None:

@@ -313,9 +313,9 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     made, path = layout(), tmp_path / "r.h5"
     rec = recorded(made, rows(made, 20), path)
     before = path.read_bytes()
-    with pytest.raises(RecordingError, match=r"r\.h5: is there already; choose another place, or pass overwrite=True"):
+    with pytest.raises(RecordingError, match=r"r\.h5: exists already; choose another place, or pass overwrite=True"):
         rec.save(path)
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         FileSink(path, made, header())
     assert path.read_bytes() == before
     other = Recording(rows(made, 10, seed=3), made, header())

@@ -239,12 +239,12 @@ class NeverNoticed(Delta):
         (BrakesAlone, "`stop` and `close` are zero force", "after `close`"),
         (NeverClosed, "zero force", "after the end of `with`"),
         (KeptWhenNotFinite, "not finite is displayed as zero", "after nan N"),
-        (Alone, "when nobody writes any more", "no watchdog, and the driver no `quench"),
-        (BoastsOfAWatchdog, "when nobody writes any more", "after 0.03 s, and did not"),
-        (ZeroWhenItFails, "fails", "m away"),
-        (FreshWhenItFails, "fails", "from a board that is mute"),
-        (FailsInItsOwnWords, r"fails \(unplugged\)", "ValueError"),
-        (NeverNoticed, "fails", "mute|no DeviceError in"),
+        (Alone, "without further writes", "no watchdog, and the driver no `quench"),
+        (BoastsOfAWatchdog, "without further writes", "after 0.03 s, and did not"),
+        (ZeroWhenItFails, "failing wire", "m away"),
+        (FreshWhenItFails, "failing wire", "from a board that is mute"),
+        (FailsInItsOwnWords, r"failing wire \(unplugged\)", "ValueError"),
+        (NeverNoticed, "failing wire", "mute|no DeviceError in"),
     ],
 )
 def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promise: str, finding: str) -> None:
