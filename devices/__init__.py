@@ -1,1 +1,1 @@
-"""The shelf of drivers: a module each, with `connect(**settings) -> Device`."""
+"""Built-in device drivers: one module each, with `connect(**settings) -> Device`."""

@@ -1,4 +1,4 @@
-"""Makers' libraries, loaded by their names when a device is opened."""
+"""Vendors' libraries, loaded by name when a device is opened."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from graspfx.protocols import DeviceError, InputError
 
 
 def load_library(library: object, title: str, names: Mapping[str, Sequence[str]], others: Sequence[str]) -> Any:
-    """Load a library; one that is no path is an object with its functions, and is given back.
+    """Load a library; an object that is not a path must have the library's functions and is returned unchanged.
 
     Args:
-        library: its path; None for its usual names.
-        title: of the library, in messages.
-        names: usual ones, by the system.
-        others: those on other systems.
+        library: Path of the library; None for its usual names.
+        title: Name of the library in messages.
+        names: Usual names, by operating system.
+        others: Usual names on other systems.
 
     Raises:
-        DeviceError: it does not load.
+        DeviceError: If the library cannot be loaded.
     """
     if library is not None and not isinstance(library, str):
         return library
@@ -30,16 +30,16 @@ def load_library(library: object, title: str, names: Mapping[str, Sequence[str]]
         except OSError as error:
             reason = error
     raise DeviceError(
-        f"{title} does not load ({reason}): install the maker's SDK, or give its path as `library`"
+        f"{title} cannot be loaded ({reason}): install the vendor's SDK, or set its path as `library`"
     ) from reason
 
 
 def check_library(library: object, name: str) -> None:
-    """Refuse what can be no library, before anything is loaded.
+    """Reject values that cannot be a library, before anything is loaded.
 
     Args:
-        library: as it was set.
-        name: of the library, in the message.
+        library: Value of the setting.
+        name: Name of the library in the message.
     """
     if isinstance(library, str) and not library:
         raise InputError("library", library, f"the path of {name}, or None for its usual names")

@@ -1,4 +1,4 @@
-"""Parts that simulated plants have in common: the front of their block, their time, and the hand that holds them."""
+"""Common parts of simulated plants: the beginning of their block, their time, and their hand."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
 
-NOT_FINITE = 1  # what a kernel gives for inputs that are not
+NOT_FINITE = 1  # code of a kernel for non-finite inputs
 
 
 class PlantState(Record):
-    """Front of the block of every plant: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+    """Beginning of the block of every plant: n fingers in d dimensions; arrays are (n, d), finger by finger."""
 
     fingers: int  # n
     dimensions: int  # d
-    period: float  # T [s]
-    since: float  # when the ticks began to count [s]
+    period: float  # sampling period T [s]
+    since: float  # time at which the ticks began to count [s]
     ticks: float
-    still: bool  # the targets never change
+    still: bool  # the targets are constant
     position: Floats = floats("fingers * dimensions")  # [m]
     velocity: Floats = floats("fingers * dimensions")  # [m/s]
-    effort: Floats = floats("fingers * dimensions")  # u, held over the sample
-    start: Floats = floats("fingers * dimensions")  # the hand's target r at the sample's beginning [m]
-    start_rate: Floats = floats("fingers * dimensions")  # r' [m/s]
-    end: Floats = floats("fingers * dimensions")  # and at its end
+    effort: Floats = floats("fingers * dimensions")  # effort u, held over the sample
+    start: Floats = floats("fingers * dimensions")  # target r of the hand at the beginning of the sample [m]
+    start_rate: Floats = floats("fingers * dimensions")  # its rate r' [m/s]
+    end: Floats = floats("fingers * dimensions")  # target at the end of the sample [m]
     end_rate: Floats = floats("fingers * dimensions")
 
 
 class MiddlePlantState(PlantState):
-    """Front of the block of a plant that asks for the target in the middle of a sample."""
+    """Beginning of the block of a plant that needs the target in the middle of a sample."""
 
     middle: Floats = floats("fingers * dimensions")
     middle_rate: Floats = floats("fingers * dimensions")
@@ -63,18 +63,18 @@ ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_ra
 
 
 class HeldPlant(ABC):
-    """Fingers that a hand holds, moved by a kernel that works on one block.
+    """Fingers held by a hand and moved by a kernel that works on one block.
 
-    A hand's gains are looked at again when its arrays are other objects than before.
+    Gains of the hand are copied again when its arrays are replaced by other objects.
 
     Args:
-        kind: of its block.
-        fingers: n.
-        dimensions: d.
-        whole: other whole numbers that its size goes by.
+        kind: Record of its block.
+        fingers: Number of fingers n.
+        dimensions: Number of dimensions d.
+        whole: Other integers on which the size of the block depends.
     """
 
-    kernel: Kernel  # moves the block by one sample; 0, or a number that `fault_text` knows
+    kernel: Kernel  # moves the block by one sample; returns 0, or a code for `fault_text`
 
     def __init__(self, kind: type[PlantState], fingers: int, dimensions: int, **whole: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
@@ -97,20 +97,20 @@ class HeldPlant(ABC):
         self._effort = arrays["effort"]
         self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
-        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
         self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
         self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
-        self.placed = 0  # how often, so that a device knows that its finger was lifted
+        self.placed = 0  # number of calls of `place`, so that a device knows that its finger was lifted
 
     @property
     def time(self) -> float:
-        """Since `place` [s]: samples times the period, from where the period last changed."""
+        """Time since `place` [s]: samples times the period, counted from the last change of the period."""
         S = self._entries
         now: float = S[SINCE] + S[TICKS] * S[PERIOD]
         return now
 
     def place(self, position: FloatArray) -> None:
-        """Put the fingertips at these positions (n, d) [m], at rest, at time zero; DeviceError out of reach."""
+        """Place the fingertips at positions (n, d) [m], at rest, at time zero; raise DeviceError if out of reach."""
         p = np.asarray(position, dtype=np.float64)
         if p.shape != self.position.shape or not np.isfinite(p).all():
             raise InputError("position", position, f"finite positions of shape {self.position.shape} [m]")
@@ -122,7 +122,7 @@ class HeldPlant(ABC):
         self.placed += 1
 
     def hold(self, hand: Hand, T: float) -> None:
-        """Put the hand's gains, its targets at the plant's time and samples of T seconds into the block."""
+        """Write the hand's gains, its targets at the plant's time and the period T [s] into the block."""
         K, B, S = hand.stiffness, hand.damping, self._entries
         n, d = self.position.shape
         if not (math.isfinite(T) and T > 0.0):
@@ -143,7 +143,7 @@ class HeldPlant(ABC):
         self._coupled_hand = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        """Move for T seconds under efforts (n, d), held, and the hand; DeviceError if the motion cannot go on."""
+        """Advance by T seconds under held efforts (n, d) and the hand; raise DeviceError if the motion diverges."""
         if force.shape != self._effort.shape:
             raise InputError("force", force, f"an array of shape {self._effort.shape}")
         S, coupled = self._entries, self._coupled_hand
@@ -175,28 +175,28 @@ class HeldPlant(ABC):
         at[1][...] = v
 
     def fault_text(self, code: int) -> str:
-        """Why the kernel gave this number."""
-        return "efforts or the hand's targets are not finite numbers: a simulated plant does not move"
+        """Explain a code of the kernel."""
+        return "efforts or the hand's targets are not finite, so a simulated plant cannot move"
 
     @property
     @abstractmethod
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that do not change after `hold` and pick what the kernel does."""
+        """Entries of the block, integers, that are constant after `hold` and select the computation."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
-        """Place what else there is to place; raise DeviceError, and change nothing, if it cannot be."""
+        """Place further parts; raise DeviceError, and change nothing, if that is impossible."""
 
     @abstractmethod
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        """Put gains (d, n, n) and whatever else depends on them and on T into the block."""
+        """Write gains (d, n, n), and everything that depends on them and on T, into the block."""
 
 
 @kernel
 def unfit(inputs: Floats, rows: int, columns: int) -> int:
-    """Give NOT_FINITE if any of so many rows of inputs is not finite, or 0.
+    """Return NOT_FINITE if any of the rows of inputs is not finite, else 0.
 
-    Sums of the rows do not wait for one another.
+    The sums of the rows are independent, so that the processor can overlap them.
     """
     nothing = 0.0
     for row in range(rows):

@@ -1,4 +1,4 @@
-"""Settings of drivers, checked one by one: an InputError by the setting's name."""
+"""Validation of driver settings; an InputError names the setting."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from graspfx.protocols import LARGEST, InputError, finite
 
 
 def number(name: str, value: object, least: float, most: float = LARGEST) -> float:
-    """Take a finite number between two bounds."""
+    """Return a finite number between two bounds."""
     expected = f"a number from {least:g} to {most:g}"
     figure = finite(name, value, expected)
     if isinstance(value, bool) or figure.shape != () or not least <= figure <= most:
@@ -15,7 +15,7 @@ def number(name: str, value: object, least: float, most: float = LARGEST) -> flo
 
 
 def pair(name: str, value: object, least: float) -> tuple[float, float]:
-    """Take two finite numbers that are not below a bound."""
+    """Return two finite numbers that are not below a bound."""
     expected = f"two numbers of at least {least:g}"
     both = finite(name, value, expected)
     if both.shape != (2,) or (both < least).any():
@@ -24,14 +24,14 @@ def pair(name: str, value: object, least: float) -> tuple[float, float]:
 
 
 def whole(name: str, value: object, least: int, most: int) -> int:
-    """Take a whole number between two bounds."""
+    """Return an integer between two bounds."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(name, value, f"a whole number from {least} to {most}")
+        raise InputError(name, value, f"an integer from {least} to {most}")
     return value
 
 
 def port_name(value: object) -> str:
-    """Take the name of a serial port."""
+    """Return the name of a serial port."""
     if not isinstance(value, str) or not value or "\0" in value:
         raise InputError("port", value, "the name of a serial port, such as /dev/ttyACM0")
     return value

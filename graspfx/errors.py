@@ -127,8 +127,8 @@ def __dir__() -> list[str]:
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
     """Return the close match of a misspelt name, or None; a likeness of 1 accepts only the name itself.
 
-    A match contains the other name, or all its parts between dots in any order, or its edit distance is small: one, and
-    one more for every three letters. Words that merely share letters do not match.
+    A match contains the other name, or all its parts between dots in any order, or has an edit distance of at most one
+    plus one per three letters. Words that merely share letters do not match.
     """
     from difflib import get_close_matches  # imported only for errors
 

@@ -6,7 +6,7 @@ import graspfx as gx
 
 
 def scene() -> gx.Scene:
-    """Draw the springs 10 mm into the cube; sideways, sticking contacts hold it."""
+    """Stretch the springs by 10 mm into the cube; sticking contacts hold it sideways."""
     spring = gx.load("paper-spring")
     fingers = [
         {

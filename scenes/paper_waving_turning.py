@@ -8,10 +8,11 @@ EDGE = 0.05  # [m]
 
 
 def scene(rotational_viscosity: float | None = None) -> gx.Scene:
-    """Turn the cube: its rotation is the weakest mode of the grasp, unstable without any rotational viscosity.
+    """Let the cube turn: its rotation is the weakest mode of the grasp, unstable without rotational viscosity.
 
     Args:
-        rotational_viscosity: [N m s/rad]; b_v a^2 / 6 if not given, which makes rotation as damped as translation.
+        rotational_viscosity: Viscosity [N m s/rad]; by default b_v a^2 / 6, which damps rotation as much as
+            translation.
     """
     waving = gx.load("paper-waving")
     if rotational_viscosity is None:

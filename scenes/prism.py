@@ -1,4 +1,4 @@
-"""A prism of any number of sides, its mesh made by a formula, lifted by fingers in the middle of its sides."""
+"""A prism with any number of sides, whose mesh is generated, lifted by fingers at the centres of its sides."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 
-KIP, HAND = 800.0, 300.0  # of the coupling and of a finger's hand [N/m]
+KIP, HAND = 800.0, 300.0  # coupling stiffness and stiffness of a finger's hand [N/m]
 
 
 def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and each end's middle.
+    """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings and two centres.
 
-    Corners lie on the radius; the first side, between corners 0 and 1, looks along x.
+    Corners lie on the radius; the first side, between corners 0 and 1, faces along x.
     """
     corner = np.arange(sides)
     following = (corner + 1) % sides
@@ -42,23 +42,24 @@ def scene(
     density: float = 600.0,
     friction: float = 0.6,
 ) -> gx.Scene:
-    """Lift the prism by 30 mm; fingers start in the squeeze, pinch/KIP deep.
+    """Lift the prism by 30 mm; fingers start in the squeeze, at the depth pinch/KIP.
 
     Args:
-        sides: three or more.
-        radius: from the axis to a corner [m].
-        height: [m].
-        fingers: two or more, one for a side at most; evenly about the prism where their number divides the sides'.
-        pinch: with which each finger pushes [N]; together, times the friction, more than the prism weighs.
-        density: [kg/m^3]; wood.
-        friction: coefficient.
+        sides: Number of sides, at least three.
+        radius: Distance from the axis to a corner [m].
+        height: Height [m].
+        fingers: Number of fingers, at least two and at most one per side; evenly spaced if it divides the number of
+            sides.
+        pinch: Force of each finger [N]; its sum times the friction must exceed the prism's weight.
+        density: Density [kg/m^3]; by default wood.
+        friction: Coefficient of friction.
     """
     if not (isinstance(sides, int) and sides >= 3):
-        raise gx.errors.InputError("sides", sides, "a whole number of 3 or more")
+        raise gx.errors.InputError("sides", sides, "an integer of at least 3")
     if not (isinstance(fingers, int) and 2 <= fingers <= sides):
-        raise gx.errors.InputError("fingers", fingers, f"a whole number from 2 to {sides}, one for a side at most")
+        raise gx.errors.InputError("fingers", fingers, f"an integer from 2 to {sides}, at most one per side")
     vertices, faces = prism(sides, radius, height)
-    angle = 2 * np.pi * (np.arange(fingers) * sides // fingers) / sides  # of the sides' normals
+    angle = 2 * np.pi * (np.arange(fingers) * sides // fingers) / sides  # angle of each side's normal
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(fingers)], axis=1)
     start = (radius * np.cos(np.pi / sides) - pinch / KIP) * outward
     rest = start - pinch / HAND * outward

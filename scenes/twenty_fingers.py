@@ -15,22 +15,22 @@ GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
 
 
 def corners(file: Path) -> NDArray[np.float64]:
-    """Read the vertices of a binary PLY file, (V, 3): numbers of four bytes, which stand before its triangles."""
+    """Read the vertices (V, 3) of a binary PLY file: four-byte floats, stored before the triangles."""
     head, _, body = file.read_bytes().partition(b"end_header\n")
     count = int(head.partition(b"element vertex ")[2].split()[0])
     return np.frombuffer(body, "<f4", 3 * count).reshape(-1, 3).astype(np.float64)
 
 
 def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
-    """Close fingers along the normals, from the surface, on the rays of a Fibonacci spiral from the middle.
+    """Close fingers along the normals, from the surface, at the directions of a Fibonacci spiral.
 
-    The directions: z_i = 1 - (2 i + 1)/n, turned about z by i times the golden angle.
+    The directions have z_i = 1 - (2 i + 1)/n and are rotated about z by i times the golden angle.
 
     Args:
-        fingers: n.
-        squeeze: how far each of them closes [m].
-        radius: of the balls that the fingertips are [m]; 0: points.
-        friction: coefficient mu.
+        fingers: Number of fingers n.
+        squeeze: Displacement by which each finger closes [m].
+        radius: Radius of spherical fingertips [m]; 0 for points.
+        friction: Coefficient of friction mu.
     """
     vertices = 0.001 * corners(POTATO)  # (V, 3) [m], 1 mm apart
     i = np.arange(fingers)
@@ -57,7 +57,7 @@ def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, fricti
             "internal": {"stiffness": 400.0, "damping": 1.0},
             "friction": friction,
             "damping_depth": 0.001,  # no step of the damping's force where the falling mesh is caught [m]
-            "absent": "follow",  # all of them stay near, whatever they press
+            "absent": "follow",  # all fingers stay near, with and without contact
         },
         hand=[
             {

@@ -1,4 +1,4 @@
-"""Three devices of 50, 100 and 300 g wave a puck: with the mass metric its squeeze does not notice."""
+"""Three devices of 50, 100 and 300 g wave a puck; with the mass metric the motion does not disturb the squeeze."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ import numpy as np
 import graspfx as gx
 
 MASSES = np.array([0.05, 0.1, 0.3])  # m_i [kg]
-RADIUS = 0.03  # of the puck [m]
+RADIUS = 0.03  # radius of the puck [m]
 KIP = 400.0  # [N/m]
 
 
 def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
-    """Scale each device's damping, and its hand's stiffness and damping, with its mass: that decouples the modes.
+    """Scale each device's damping, and its hand's stiffness and damping, with its mass, which decouples the modes.
 
-    The fingers start at rest in the squeeze, finger i pinch/(kip M_i) deep and its hand's spring pinch/k_i deeper; M_i
-    is the device's mass over their mean, or 1 without the metric. The puck does not turn, as the paper's cube does not:
-    with a rotation the contacts' displacements are not linear in the motion, and modes decouple only nearly.
+    The fingers start at rest in the squeeze: finger i at the depth pinch/(kip M_i), its hand's spring stretched by
+    pinch/k_i. M_i is the device's mass over the mean mass, or 1 without the metric. The puck does not turn, like the
+    paper's cube; with rotation, contact displacements are not linear in the motion, and modes decouple only
+    approximately.
 
     Args:
-        metric: "mass" or "equal".
-        pinch: with which each finger pushes [N].
+        metric: Metric of the split, "mass" or "equal".
+        pinch: Force of each finger [N].
     """
     angles = np.pi * np.array([1 / 2, 7 / 6, 11 / 6])
     outward = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -1,1 +1,1 @@
-"""Input devices that display no force: events of Linux, and fingers that follow them."""
+"""Input devices without force feedback: Linux input events, and fingers that follow them."""

@@ -1,4 +1,4 @@
-"""Events of Linux's input devices, /dev/input/event*, as the kernel's input-event-codes.h numbers them."""
+"""Linux input events from /dev/input/event*, with codes as in the kernel's input-event-codes.h."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from typing import NamedTuple
 from graspfx.protocols import DeviceError
 
 EVENT = struct.Struct("@llHHi")  # seconds, microseconds, kind, code, value
-MOST, ROUNDS = 256 * EVENT.size, 16  # bytes at a time, and times: events that come faster wait
+MOST, ROUNDS = 256 * EVENT.size, 16  # bytes per read and reads per call; further events wait
 
-SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds
-REPORT, DROPPED = 0, 3  # codes of SYNC: the events before belong together; events were lost
+SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds of events
+REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and events were lost
 
-# Requests of ioctl: direction and size of what is exchanged, the letter E, a number.
+# ioctl requests: direction and size of the data, the letter E, a number.
 READ, WRITE = 2, 1
 GRAB = 0x90
 KEYS = 0x18
 AXIS = 0x40
 KEY_BYTES = 96
-AXIS_STATE = struct.Struct("@6i")  # value, least, most, and three that are of no use here
+AXIS_STATE = struct.Struct("@6i")  # value, minimum, maximum, and three unused entries
 
 
 class Event(NamedTuple):
-    """An event: what kind, of which key or axis, and its value."""
+    """An event: its kind, its key or axis, and its value."""
 
     kind: int
     code: int
@@ -36,7 +36,7 @@ class Event(NamedTuple):
 
 
 class Range(NamedTuple):
-    """The state of an absolute axis: where it is, and between what."""
+    """State of an absolute axis: its value and its limits."""
 
     value: int
     least: int
@@ -44,17 +44,17 @@ class Range(NamedTuple):
 
 
 def request(direction: int, number: int, size: int) -> int:
-    """Give the number of a request for ioctl."""
+    """Return the number of an ioctl request."""
     return direction << 30 | size << 16 | ord("E") << 8 | number
 
 
 class EventPort:
-    """The port of an input device, for one program of ours at a time; others, such as a desktop, may read it too.
+    """The port of an input device, used by one GraspFX program at a time; others, such as a desktop, may read it too.
 
     Args:
-        path: such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
-        grab: whether no other program has the events meanwhile.
-        now: clock of who reads them [s].
+        path: Path such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
+        grab: Whether to withhold the events from other programs.
+        now: Clock of the reader [s].
     """
 
     def __init__(self, path: str, *, grab: bool, now: Callable[[], float] = time.perf_counter) -> None:
@@ -63,17 +63,17 @@ class EventPort:
         self._bytes = b""
 
     def open(self) -> None:
-        """Take the port, and forget events that wait there."""
+        """Open the port and discard pending events."""
         self.close()
         try:
             import fcntl
         except ImportError as error:
-            raise DeviceError(f"{self.path}: input events are read on Linux only") from error
+            raise DeviceError(f"{self.path}: input events are available on Linux only") from error
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             hint = "; members of the group input may read it" if error.errno == errno.EACCES else ""
-            raise DeviceError(f"{self.path} does not open: {error.strerror}{hint}") from error
+            raise DeviceError(f"{self.path} cannot be opened: {error.strerror}{hint}") from error
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if self.grab:
@@ -83,17 +83,17 @@ class EventPort:
         except OSError as error:
             self.close()
             busy = error.errno in (errno.EWOULDBLOCK, errno.EBUSY)
-            text = "is taken by another program; end that one first" if busy else f"does not open: {error.strerror}"
+            text = "is taken by another program; end it first" if busy else f"cannot be opened: {error.strerror}"
             raise DeviceError(f"{self.path} {text}") from error
         except DeviceError:
             self.close()
             raise
 
     def events(self) -> Iterator[Event]:
-        """Give the events that have come.
+        """Yield the pending events.
 
         Raises:
-            DeviceError: the device is gone.
+            DeviceError: If the device is gone.
         """
         for _ in range(ROUNDS):
             try:
@@ -103,7 +103,7 @@ class EventPort:
             except OSError as error:
                 raise DeviceError(f"the input device at {self.path} is gone: {error.strerror}") from error
             if not data:
-                raise DeviceError(f"the input device at {self.path} is gone: its line is closed")
+                raise DeviceError(f"the input device at {self.path} is gone: the file was closed")
             self._bytes += data
             whole = len(self._bytes) - len(self._bytes) % EVENT.size
             data, self._bytes = self._bytes[:whole], self._bytes[whole:]
@@ -111,12 +111,12 @@ class EventPort:
                 yield Event(kind, code, value)
 
     def axis(self, code: int) -> Range | None:
-        """Ask for the state of an absolute axis; None where nobody tells it."""
+        """Return the state of an absolute axis; None if it is unknown."""
         answer = self._ask(AXIS + code, AXIS_STATE.size)
         return None if answer is None else Range(*AXIS_STATE.unpack(answer)[:3])
 
     def keys(self) -> bytes | None:
-        """Ask which keys are down, a bit for each code; None where nobody tells it."""
+        """Return the pressed keys, one bit per code; None if they are unknown."""
         return self._ask(KEYS, KEY_BYTES)
 
     def _ask(self, number: int, size: int) -> bytes | None:
@@ -127,13 +127,13 @@ class EventPort:
         return None
 
     def close(self) -> None:
-        """Let go of the port; returns also with the device gone, and twice."""
+        """Close the port; it also returns if the device is gone or already closed."""
         descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
         if descriptor >= 0:
             with suppress(OSError):
-                os.close(descriptor)  # and with it the lock, and the grab
+                os.close(descriptor)  # also releases the lock and the grab
 
 
 def is_down(keys: bytes, code: int) -> bool:
-    """Tell whether a key is down."""
+    """Tell whether a key is pressed."""
     return bool(keys[code // 8] >> code % 8 & 1)

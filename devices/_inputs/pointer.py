@@ -1,4 +1,4 @@
-"""A finger that follows an input device: what it moves is a target, and the finger comes after it smoothly."""
+"""A finger that smoothly follows a target, which an input device moves."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from graspfx.protocols import DeviceError, Features, Follower, InputError, appro
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # between two readings that counts: after more the target has not moved on [s]
+LONGEST = 0.1  # longest time between two readings for which the target moves on [s]
 AXES = 3
 
 
 class Pointer(ABC):
-    """One finger without force: it displays none, whatever is written.
+    """One finger without force feedback: forces are checked and not displayed.
 
-    Events move a target within the workspace, at most as fast as `speed`; the finger follows it, critically damped,
-    so that events of 60 to 1000 Hz make a motion for a loop of any rate. A device that is silent is one at rest.
+    Events move a target within the workspace, at most at `speed`. The finger follows it with critical damping, so
+    events at 60 to 1000 Hz give a smooth motion for a loop of any rate. A silent device is at rest.
 
     Args:
-        port: of its events.
-        workspace: corners, (2, d) [m].
-        start: of the finger when it is opened, (d,) [m].
-        lag: of the finger behind the target; twice that where it moves steadily [s].
-        speed: the largest of the target [m/s].
-        buttons: codes of its switches, the first for bit 0.
+        port: Port of its events.
+        workspace: Corners of the workspace (2, d) [m].
+        start: Position of the finger when the device is opened (d,) [m].
+        lag: Time constant of the finger; it lags a steady target by twice this time [s].
+        speed: Largest speed of the target [m/s].
+        buttons: Codes of its switches; the first is bit 0.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Pointer(ABC):
 
     @property
     def switches(self) -> int:
-        """Buttons that were down at the last reading, as bits."""
+        """Buttons pressed at the last reading, as bits."""
         return self._switches
 
     def open(self, period: float) -> None:
@@ -71,15 +71,15 @@ class Pointer(ABC):
         self.port.open()
         self._goal[:] = self._target[:] = self._start
         self._follower.place(self._start)
-        self._events: list[Event] = []  # since the last report
-        self._is_lost = False  # whether events of this report are not there
+        self._events: list[Event] = []  # events since the last report
+        self._is_lost = False  # whether events of this report were lost
         self._begin()
         self._look_at_keys()
         self._began = self._time = self.port.now()
         self._is_open = True
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, d) [m], velocity (1, d) [m/s] and time [s]."""
+        """Return position (1, d) [m], velocity (1, d) [m/s] and time [s]."""
         self._opened()
         self._take(self.port.events())
         now = self.port.now()
@@ -91,15 +91,15 @@ class Pointer(ABC):
         return self._position, self._velocity, now - self._began
 
     def write(self, forces: FloatArray) -> None:
-        """Check the forces, and display none."""
+        """Check the forces without displaying them."""
         self._opened()
         if np.shape(forces) != self._position.shape:
             raise InputError("forces", forces, f"an array of shape {self._position.shape}: one finger")
         if not np.isfinite(forces).all():
-            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is none")
+            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is not finite")
 
     def stop(self) -> None:  # noqa: B027 (every device has it)
-        """Do nothing: there is no force."""
+        """Do nothing, because there is no force."""
 
     def close(self) -> None:
         self._is_open = False
@@ -113,23 +113,23 @@ class Pointer(ABC):
         self.close()
 
     def _begin(self) -> None:  # noqa: B027 (not every device has axes that stand somewhere)
-        """Look where axes are when the device is opened."""
+        """Read the axes when the device is opened."""
 
     @abstractmethod
     def _act(self, event: Event) -> None:
-        """Take an event of a whole report, other than one of a button."""
+        """Process an event of a complete report, except for buttons."""
 
     def _move(self, goal: FloatArray, duration: float) -> None:  # noqa: B027 (nor sticks)
-        """Move the goal on by itself, as a stick that is held does."""
+        """Move the goal without events, such as by a deflected stick."""
 
     def _take(self, events: Iterable[Event]) -> None:
-        """Take reports as a whole; of one that has lost events only what can be asked for counts."""
+        """Process complete reports; after lost events, use only the state that can be queried."""
         for event in events:
             if event.kind != SYNC:
                 self._events.append(event)
             elif event.code == DROPPED:
                 self._is_lost = True
-                self._switches = 0  # nobody knows who lets go meanwhile
+                self._switches = 0  # releases may have been lost
             elif event.code == REPORT:
                 report, self._events = self._events, []
                 if self._is_lost:
@@ -139,7 +139,7 @@ class Pointer(ABC):
                 else:
                     for each in report:
                         self._press(each) if each.kind == KEY else self._act(each)
-            del self._events[:-1000]  # a device that reports nothing
+            del self._events[:-1000]  # limits the memory for a device that never ends a report
 
     def _press(self, event: Event) -> None:
         if event.code in self._buttons:
@@ -157,7 +157,7 @@ class Pointer(ABC):
 
 
 def box(workspace: object, size: float, dimensions: object) -> FloatArray:
-    """Take the corners of a workspace, (2, d) [m]; around zero, so far to every side, if None."""
+    """Return the corners of a workspace (2, d) [m]; a cube around zero if None."""
     if isinstance(dimensions, bool) or not isinstance(dimensions, int) or not 1 <= dimensions <= AXES:
         raise InputError("dimensions", dimensions, "1, 2 or 3")
     if workspace is None:
@@ -170,7 +170,7 @@ def box(workspace: object, size: float, dimensions: object) -> FloatArray:
 
 
 def place(start: object, workspace: FloatArray) -> FloatArray:
-    """Take where a finger is at first, (d,) [m]; the middle of its workspace if None."""
+    """Return the initial position of a finger (d,) [m]; the middle of its workspace if None."""
     if start is None:
         middle: FloatArray = workspace.mean(axis=0)
         return middle

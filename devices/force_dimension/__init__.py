@@ -1,7 +1,7 @@
-"""Devices of Force Dimension (delta, omega, sigma, lambda): one finger in space, by the maker's library.
+"""Force Dimension devices (delta, omega, sigma, lambda): one finger in space, by the vendor's library.
 
-Tested against an emulator only (`graspfx.testing.wire.ForceDimensionWire`); written from the names and numbers of the
-maker's interface. The library, libdrd, comes with the maker's SDK: nothing of it is here, and it is loaded at `open`.
+Tested against an emulator only (`graspfx.testing.wire.ForceDimensionWire`), and written from the names and numbers of
+the vendor's interface. The library, libdrd, is part of the vendor's SDK; it is not included, and is loaded at `open`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from graspfx.protocols import SMALLEST, WINDOW
 __all__ = ["Delta", "connect", "quench"]
 
 MOST_FORCE = 40.0  # [N]
-MOST_SAMPLES = 1_000_000  # of a window
-PERIOD = 0.001  # of no account where nothing is read twice [s]
+MOST_SAMPLES = 1_000_000  # largest window [samples]
+PERIOD = 0.001  # arbitrary, because `quench` reads once only [s]
 
 
 def connect(
@@ -30,12 +30,12 @@ def connect(
     """Connect a device.
 
     Args:
-        serial: its number, printed on it and told by the maker's tools; ids change from start to start. None for the
-            first that is free.
-        library: path of libdrd; None for its usual names.
-        force_limit: largest force at the handle; the maker's library is told it too [N].
-        resolution: of a position [m].
-        velocity_window: the longest window of the velocity estimate [samples].
+        serial: Serial number, printed on the device and shown by the vendor's tools; ids change between starts. None
+            for the first free device.
+        library: Path of libdrd; None for its usual names.
+        force_limit: Largest force at the handle, also set in the vendor's library [N].
+        resolution: Resolution of a position [m].
+        velocity_window: Longest window of the velocity estimate [samples].
     """
     check_library(library, "Force Dimension's library")
     return (Delta if is_of_c(library) else PlainDelta)(
@@ -48,13 +48,13 @@ def connect(
 
 
 def quench(*, serial: int | None = None, library: object = None, **_: object) -> None:
-    """Take the force from a device whose program has died: open it afresh, zero force, brakes, close.
+    """Remove the force from a device whose program has died: reopen it, set zero force, apply the brakes, close.
 
     Args:
-        serial, library: as of `connect`; other settings do not matter.
+        serial, library: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: it cannot be opened or takes no force of zero.
+        DeviceError: If the device cannot be opened, or rejects zero force.
     """
     device = PlainDelta(serial=serial, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1)
     with device:

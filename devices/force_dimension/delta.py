@@ -1,4 +1,4 @@
-"""A device of Force Dimension's: positions and forces in space, by the maker's library."""
+"""A Force Dimension device: positions and forces in space, by the vendor's library."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from graspfx.protocols import (
 
 FloatArray = NDArray[np.float64]
 
-WATCHDOG, UNIT = 255, 125e-6  # the longest that a device takes, and its unit [s]
+WATCHDOG, UNIT = 255, 125e-6  # largest watchdog setting of a device, and its unit [s]
 
 
 class PlainDelta:
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
-    Each call of the library is judged by itself: less than zero is a fault, and of the reading a 1, no new data, is the
-    last sample again with its time. Velocities are estimated from positions. The maker's own limits and thresholds stay
-    as they are; its watchdog is set where the device takes one, and set back by `close`.
+    Each call of the library is checked: a negative result is a fault, and a reading with the result 1 (no new data)
+    keeps the last sample and its time. Velocities are estimated from positions. The vendor's limits and thresholds are
+    not changed. The watchdog is set if the device supports it, and restored by `close`.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class PlainDelta:
         self._window, self.now = velocity_window, now
         self._dhd: Dhd | None = None  # while the device is open
         self._id = -1
-        self._factory_watchdog: int | None = None  # where it was changed
+        self._factory_watchdog: int | None = None  # set if it was changed
         self._xyz, self._status = (ctypes.c_double * 3)(), (ctypes.c_int * STATUS)()
         self._places = [ctypes.cast(ctypes.byref(self._xyz, 8 * i), ctypes.POINTER(ctypes.c_double)) for i in range(3)]
         self._position: FloatArray = np.zeros((1, 3))
@@ -51,7 +51,7 @@ class PlainDelta:
 
     @property
     def features(self) -> Features:
-        """The watchdog is unknown until the device has taken it, at `open`."""
+        """Features; the watchdog is unknown until the device has accepted it at `open`."""
         return Features(
             fingers=1,
             dimensions=3,
@@ -75,14 +75,14 @@ class PlainDelta:
             self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
             self._time, self._began = 0.0, self.now()
             if not self._refresh():
-                raise DeviceError("the device gives no first position")
+                raise DeviceError("the device returns no initial position")
             self._follow()
         except DeviceError:
             self.close()
             raise
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without new data the last ones."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without new data."""
         self._opened().call("dhdGetStatus", self._status, self._id)
         if not self._status[FORCE]:
             raise DeviceError(f"the device has switched its force off: {self._cause}")
@@ -111,7 +111,7 @@ class PlainDelta:
             self._dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
 
     def close(self) -> None:
-        """Zero force, then brakes, then the watchdog as it was, then close; each tried whatever the others did."""
+        """Set zero force, apply the brakes, restore the watchdog and close; each step is tried even if others fail."""
         dhd, self._dhd = self._dhd, None
         if dhd is None:
             return
@@ -119,7 +119,7 @@ class PlainDelta:
         if self._factory_watchdog is not None:
             calls += [("dhdSetWatchdog", self._factory_watchdog, self._id), ("dhdDisableExpertMode",)]
         for name, *arguments in [*calls, ("dhdClose", self._id)]:
-            with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+            with suppress(DeviceError):  # the hardware may be gone
                 dhd.call(str(name), *arguments)
         self._factory_watchdog = None
 
@@ -130,7 +130,7 @@ class PlainDelta:
         self.close()
 
     def _watch(self) -> None:
-        """Set the device's watchdog, if its library and the device take one."""
+        """Set the device's watchdog if its library and the device support it."""
         dhd, before = self._opened(), ctypes.c_ubyte(0)
         if not dhd.expert:
             return
@@ -141,14 +141,14 @@ class PlainDelta:
             self._factory_watchdog = before.value
 
     def _refresh(self) -> bool:
-        """Ask for the position, and tell whether it is new."""
+        """Read the position and tell whether it is new."""
         fresh: bool = self._opened().call("dhdGetPosition", *self._places, self._id) != NO_NEW_DATA
         if fresh and not np.isfinite(self._xyz).all():
-            raise DeviceError(f"the device gives the position {list(self._xyz)}")
+            raise DeviceError(f"the device returned the position {list(self._xyz)}")
         return fresh
 
     def _follow(self) -> None:
-        """Take the position; samples that were missed lie on a line between the last one and this."""
+        """Use the position; missed samples are interpolated linearly between the last sample and this one."""
         self._position[0] = self._xyz
         self._velocity[0] = self._estimator.update(self._position[0])
 
@@ -163,7 +163,7 @@ class PlainDelta:
 
 
 class Delta(PlainDelta):
-    """A device with its library's C functions, so that no Python runs in its loop."""
+    """A device with its library's C functions, so that its loop needs no Python."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -175,7 +175,7 @@ class Delta(PlainDelta):
 
     def open(self, period: float) -> None:
         super().open(period)
-        with suppress(MissingPackageError):  # without LLVM the loop is Python's
+        with suppress(MissingPackageError):  # without LLVM the Python loop is used
             self._calls = adapt(
                 self._opened().library,
                 read=f"int dhdGetStatus(i32[{STATUS}] status, i8 id); int dhdGetPosition(out 0, out 1, out 2, i8 id)",
@@ -192,7 +192,7 @@ class Delta(PlainDelta):
         super().close()
 
     def fault_text(self, code: int) -> str:
-        """Say what a code below zero of the C functions means."""
+        """Explain a negative code of the C functions."""
         assert self._calls is not None
         adapter = self._calls.keep
         text: str = adapter.fault_text(code)

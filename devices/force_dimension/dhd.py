@@ -1,4 +1,4 @@
-"""Functions of Force Dimension's library (DHD), by their names; the library is loaded when a device is opened."""
+"""Functions of Force Dimension's library (DHD), by name; the library is loaded when a device is opened."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from graspfx.protocols import DeviceError
 NAMES = {"win32": ("drd64.dll", "dhd64.dll"), "darwin": ("libdrd.dylib", "libdhd.dylib")}
 ELSEWHERE = "libdrd.so", "libdrd.so.3", "libdhd.so"
 
-# What functions return: less than zero is an error.
-NO_NEW_DATA = 1  # of a reading: the time guard says that the last sample stands
+# Return values: a negative value is an error.
+NO_NEW_DATA = 1  # for a reading: the time guard keeps the last sample
 
-STATUS = 17  # entries of dhdGetStatus
+STATUS = 17  # number of entries of dhdGetStatus
 FORCE, OFF_CAUSE = 5, 14
 OFF = {
-    0: "it says no cause: its force may not have been switched on, or its encoders not initialised",
+    0: "no cause reported: its force may not have been switched on, or its encoders not initialised",
     1: "the button on the device",
     2: "the velocity was above the device's safety threshold",
     3: "the device's watchdog: no force came in time",
     4: "a program",
     5: "the USB cable",
-    6: "the deadman switch was let go",
+    6: "the deadman switch was released",
 }
 
 _int, _char, _byte, _double = ctypes.c_int, ctypes.c_byte, ctypes.c_ubyte, ctypes.c_double
@@ -39,7 +39,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "dhdSetForce": (_double, _double, _double, _char),
     "dhdGetStatus": (ctypes.POINTER(_int), _char),
 }
-EXPERT: dict[str, tuple[Any, ...]] = {  # where the library has them
+EXPERT: dict[str, tuple[Any, ...]] = {  # if the library has them
     "dhdEnableExpertMode": (),
     "dhdDisableExpertMode": (),
     "dhdGetWatchdog": (ctypes.POINTER(_byte), _char),
@@ -48,13 +48,13 @@ EXPERT: dict[str, tuple[Any, ...]] = {  # where the library has them
 
 
 class Dhd:
-    """The library's functions with their arguments; a call that fails is a DeviceError, one of its own each.
+    """The library's functions with their argument types; a failed call raises a DeviceError.
 
     Args:
-        library: its path; None for its usual names; or an object with functions of these names.
+        library: Path of the library; None for its usual names; or an object with functions of these names.
 
     Attributes:
-        library: as it is loaded.
+        library: Library as loaded.
     """
 
     def __init__(self, library: object) -> None:
@@ -66,10 +66,10 @@ class Dhd:
             self._functions |= {name: self._function(loaded, name, kinds) for name, kinds in EXPERT.items()}
 
     def call(self, name: str, *arguments: object) -> int:
-        """Call a function and give what it returns, zero or more.
+        """Call a function and return its result, which is not negative.
 
         Raises:
-            DeviceError: it returns less.
+            DeviceError: If the result is negative.
         """
         code = int(self._functions[name](*arguments))
         if code < 0:
@@ -82,13 +82,13 @@ class Dhd:
         try:
             function = getattr(library, name)
         except AttributeError as error:
-            raise DeviceError(f"Force Dimension's library has no {name}: it is another one, or too old") from error
+            raise DeviceError(f"Force Dimension's library has no {name}: it is another library, or too old") from error
         if isinstance(library, ctypes.CDLL):
             function.argtypes, function.restype = kinds, gives
         return function
 
 
 def is_of_c(library: object) -> bool:
-    """Tell whether a library's functions are C's, as they are in one that is loaded by its path."""
+    """Tell whether a library has C functions, as one loaded from a path has."""
     function = getattr(library, "dhdSetForce", None)
     return library is None or isinstance(library, str) or (hasattr(function, "argtypes") and function is not None)

@@ -1,4 +1,4 @@
-"""An emulator of Force Dimension's devices: four behind a stand-in for their library, which a test moves."""
+"""An emulator of Force Dimension devices: four devices behind a replacement of their library, for tests."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ FUNCTIONS = (
 )  # fmt: skip
 NUMBERS = {name: k for k, name in enumerate(FUNCTIONS)}
 DEVICES = 4
-STATUS = 17  # entries of dhdGetStatus
+STATUS = 17  # number of entries of dhdGetStatus
 HOME = 0.01, -0.02, 0.03  # [m]
-STEP = 0.003  # of `move`, along every axis [m]
-SERIAL = 101  # of the first device, and so on
-NO_NEW_DATA, ERROR = 1, -1  # what the functions return
+STEP = 0.003  # displacement of `move` along every axis [m]
+SERIAL = 101  # serial number of the first device; the others follow
+NO_NEW_DATA, ERROR = 1, -1  # return values of the functions
 MOTORS_ON = {0: 1, 1: 1, 2: 1, 4: 1, 5: 1}  # power, connected, started, idle, force
 FORCE, CAUSE = 5, 14  # entries of the status
-UNIT = 125e-6  # of a watchdog [s]
+UNIT = 125e-6  # unit of a watchdog [s]
 
 
 class FakeDevice(ctypes.Structure):
-    """State of one device, which the library works on: `struct device` of libdrd.c."""
+    """State of one device, shared with the library: `struct device` of libdrd.c."""
 
     _fields_ = (
         *((f"{name}{i}", ctypes.c_double) for name in ("position", "velocity", "force") for i in range(3)),
         ("max_force", ctypes.c_double),
-        ("written", ctypes.c_int64 * 2),  # when the force was set last, by the monotonic clock [s, ns]
+        ("written", ctypes.c_int64 * 2),  # monotonic time when the force was last set [s, ns]
         ("calls", ctypes.c_int64 * len(FUNCTIONS)),
-        ("codes", ctypes.c_int32 * len(FUNCTIONS)),  # that the functions return
+        ("codes", ctypes.c_int32 * len(FUNCTIONS)),  # return values of the functions
         ("status", ctypes.c_int32 * STATUS),
         ("serial", ctypes.c_int32),
-        ("owner", ctypes.c_int32),  # the process that has it open, 0 for none
+        ("owner", ctypes.c_int32),  # process that has opened it, 0 for none
         ("enabled", ctypes.c_int32),
         ("braking", ctypes.c_int32),
         ("watchdog", ctypes.c_int32),
@@ -60,22 +60,21 @@ class FakeDevices(ctypes.Structure):
 
 
 class ForceDimensionWire(Wire):
-    """Devices 101 to 104 behind a fake library: every call is counted, and returns what a test wishes.
+    """Devices 101 to 104 behind a fake library, which counts every call and returns the codes that a test sets.
 
-    Other programs that load the library meet the same devices. `settings`, `position`, `force` and `torque` are those
-    of the first device.
+    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` are those of
+    the first device.
 
     Args:
-        slowness: seconds in which a second of the devices' watchdogs goes by; above 1 they wait for tests on a busy
-            machine.
-        clock: of the watchdogs, from the look on that first sees a force; the machine's if it is left out.
+        slowness: Factor by which the devices' watchdogs run slower, for tests on a busy machine.
+        clock: Clock of the watchdogs, from the first force on; by default the system's clock.
 
     Attributes:
-        library: its path.
-        devices: the state of each, as the library has it.
+        library: Path of the library.
+        devices: State of each device, shared with the library.
 
     Raises:
-        MissingPackageError: this machine has no C compiler.
+        MissingPackageError: If there is no C compiler.
     """
 
     kinds: frozenset[Failure] = frozenset({"late", "drop", "garbage", "unplugged", "blocked"})
@@ -84,7 +83,7 @@ class ForceDimensionWire(Wire):
     def __init__(self, *, slowness: float = 1.0, clock: Clock | None = None) -> None:
         super().__init__(clock)
         self.slowness = slowness
-        self._seen = 0.0, 0.0  # when the force was set that was seen last: by the library's time and by the clock [s]
+        self._seen = 0.0, 0.0  # time of the last force seen, by the library's time and by the clock [s]
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
         state, library = self._folder / "state", self._folder / "libdrd.so"
         self.devices = shared_page(FakeDevices, state).devices
@@ -104,9 +103,9 @@ class ForceDimensionWire(Wire):
 
     @property
     def torque(self) -> FloatArray:
-        """Force that was set last (3,) [N]; zero once the watchdog, if it is on, has seen none for its time.
+        """Force last set (3,) [N]; zero after the watchdog, if enabled, has expired.
 
-        The brakes of dhdStop do not make it zero: only dhdSetForce does.
+        The brakes of dhdStop do not make it zero; only dhdSetForce does.
         """
         device = self.devices[0]
         age = self._age(device.written[0] + 1e-9 * device.written[1])
@@ -115,7 +114,7 @@ class ForceDimensionWire(Wire):
         return np.array([device.force0, device.force1, device.force2])
 
     def _age(self, written: float) -> float:
-        """Compute how long ago a force was set [s]; the library writes down the machine's time."""
+        """Return the age of a force [s]; the library stores the system's time."""
         if isinstance(self.clock, WallClock):
             return time.clock_gettime(time.CLOCK_MONOTONIC) - written
         if written != self._seen[0]:
@@ -132,15 +131,15 @@ class ForceDimensionWire(Wire):
         return self.torque[None, :]
 
     def calls(self, function: str, device: int = 0) -> int:
-        """Count how often a function was called, for one device."""
+        """Return the number of calls of a function for one device."""
         return int(self.devices[device].calls[NUMBERS[function]])
 
     def answer(self, function: str, code: int, device: int = 0) -> None:
-        """Have a function return this code for one device, without doing anything if it is negative."""
+        """Let a function return this code for one device; if it is negative, the function does nothing else."""
         self.devices[device].codes[NUMBERS[function]] = code
 
     def switch_off(self, cause: int, device: int = 0) -> None:
-        """Switch the motors off, for a cause as dhdGetStatus has it: 1 button, 2 velocity, 3 watchdog, 6 deadman."""
+        """Switch the motors off, with a cause of dhdGetStatus: 1 button, 2 velocity, 3 watchdog, 6 deadman."""
         self.devices[device].status[FORCE], self.devices[device].status[CAUSE] = 0, cause
 
     def move(self) -> None:
@@ -150,13 +149,13 @@ class ForceDimensionWire(Wire):
         self.place(np.array(HOME))
 
     def place(self, position: FloatArray, device: int = 0) -> None:
-        """Put the handle of a device at a position (3,) [m]."""
+        """Place the handle of a device at a position (3,) [m]."""
         for i, x in enumerate(position.tolist()):
             setattr(self.devices[device], f"position{i}", x)
 
     def _change(self) -> None:
-        """Have all functions of the first device return what the failure makes of them."""
-        if self.failure == "unplugged":  # no power, and nobody's
+        """Let all functions of the first device return the codes of the current failure."""
+        if self.failure == "unplugged":  # no power and no owner
             device = self.devices[0]
             device.owner = device.enabled = 0
             device.force0 = device.force1 = device.force2 = 0.0

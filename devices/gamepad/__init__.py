@@ -1,7 +1,7 @@
-"""A gamepad as one finger without force: its sticks say where the finger is, or how fast it goes.
+"""A gamepad as one finger without force feedback: its sticks set the position or the velocity of the finger.
 
-For people without hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Read on Linux, from
-/dev/input/event*, with no package besides.
+Intended for users without haptic hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Works
+on Linux, from /dev/input/event*, and needs no further packages.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from graspfx.protocols import SMALLEST, InputError
 
 __all__ = ["Gamepad", "connect"]
 
-STICKS = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}  # codes of absolute axes, whose y go down
+STICKS = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}  # codes of absolute axes; y axes point down
 BUTTONS = tuple(range(0x130, 0x13F))
-RANGE = Range(0, -32768, 32767)  # where the device tells none
+RANGE = Range(0, -32768, 32767)  # range of an axis that reports none
 MODES = "position", "rate"
 
 
@@ -27,9 +27,9 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see the shelf from
     """A gamepad: a stick for each axis of the finger.
 
     Args:
-        sticks: code and sign for each axis.
-        rate: whether a stick says how fast the finger goes, and not where it is.
-        dead: of a stick's way that counts as none.
+        sticks: Code and sign for each axis.
+        rate: Whether a stick sets the velocity instead of the position.
+        dead: Fraction of a stick's range that counts as the middle.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see the shelf from
                     self._deflect(i, event.value)
 
     def _deflect(self, i: int, value: int) -> None:
-        """Note how far a stick is from its middle, from -1 to 1; within the dead way it is there."""
+        """Store the deflection of a stick, from -1 to 1; zero within the dead zone."""
         _, least, most = self._ranges[i]
         part = max(-1.0, min((2.0 * value - least - most) / (most - least), 1.0))
         size = max(0.0, (abs(part) - self._dead) / (1.0 - self._dead))
@@ -88,17 +88,17 @@ def connect(
     """Connect a gamepad.
 
     Args:
-        port: its file of events, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists them.
-        dimensions: of the scene.
-        mode: "position": a stick says where the finger is between `start` and the workspace's ends; "rate": how fast
-            it goes, and where it is left it stays.
-        sticks: for each axis one of x, y, z, rx, ry, rz, with a minus where they go the other way; more are left out.
-        workspace: corners in which the finger stays, (2, d) [m]; 0.1 m to every side if not given.
-        start: of the finger when it is opened, (d,) [m]; the middle of the workspace if not given.
-        dead: part of a stick's way that counts as none.
-        lag: of the finger behind the sticks; twice that where it moves steadily [s].
-        speed: the largest of the finger [m/s].
-        grab: whether other programs have no events meanwhile.
+        port: Event file, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists them.
+        dimensions: Number of dimensions of the scene.
+        mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": it sets the
+            velocity, and the finger stays where it is when the stick returns.
+        sticks: One of x, y, z, rx, ry, rz for each axis, with a minus to reverse it; further axes are unused.
+        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
+        start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
+        dead: Fraction of a stick's range that counts as the middle.
+        lag: Time constant of the finger; it lags a steady motion by twice this time [s].
+        speed: Largest speed of the finger [m/s].
+        grab: Whether to withhold the events from other programs.
     """
     corners = box(workspace, 0.1, dimensions)
     if mode not in MODES:

@@ -1,13 +1,13 @@
-"""The Haply 2DIY, open hardware: two motors and two encoders on a planar five-bar linkage, one finger.
+"""The Haply 2DIY, open hardware: a planar five-bar linkage with two motors and two encoders, one finger.
 
-Tested against an emulator only (`graspfx.testing.wire.DiyWire`); written from the facts of its line.
+Tested against an emulator only (`graspfx.testing.wire.DiyWire`), and written from its protocol.
 
-Its firmware has **no watchdog: the last torques stay when the program dies**, and a frame that is cut blocks the board
-for up to a second with its motors on. A frame is sent by one call, zero torques on `stop`, `close` and at the end of
-`with`, and `quench` takes the torques away when a program has died. Nothing on the line is checked: a bit that changes
-an angle by less than a link can turn in a sample is not seen.
+Its firmware has **no watchdog: the last torques persist when the program dies**, and a truncated frame blocks the
+board for up to a second with its motors on. A frame is therefore sent by one call. `stop`, `close` and the end of
+`with` send zero torques, and `quench` removes the torques after a program has died. The protocol has no checksum: a
+bit error that changes an angle by less than a link can turn in a sample remains undetected.
 
-`open` writes the offsets into the encoders, so that the handle must stand at home then.
+`open` writes the offsets into the encoders, so the handle must then be at its home position.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from graspfx.protocols import LARGEST, SMALLEST, WINDOW, DeviceError, InputError
 
 __all__ = ["Haply2Diy", "connect", "quench"]
 
-FIRMWARE_LIMIT = 0.123  # of a motor, clamped by the board [N m]
-MOST_SAMPLES = 1_000_000  # of a window
-TRIES = 10  # to have zeros answered
+FIRMWARE_LIMIT = 0.123  # torque limit of a motor in the board's firmware [N m]
+MOST_SAMPLES = 1_000_000  # largest window [samples]
+TRIES = 10  # attempts to have zero torques answered
 
 
 def connect(
@@ -43,20 +43,20 @@ def connect(
 ) -> Haply2Diy:
     """Connect a 2DIY.
 
-    The origin is midway between the motors, x to the right, y away from them to the handle. Links and distance of the
-    third version are the defaults; the second has 0.05, 0.07 and 0.02 m.
+    The origin is midway between the motors; x points to the right, y from the motors to the handle. The default links
+    and distance are those of the third version; the second version has 0.05, 0.07 and 0.02 m.
 
     Args:
-        port: its serial port, such as /dev/ttyACM0.
-        links: at the motors, and from those to the handle [m].
-        distance: between the motors [m].
-        home: directions of the links at the motors, encoders 1 and 2, where the handle stands at `open` [deg].
-        counts: of an encoder for a revolution.
-        torque_limit: of a motor; the firmware's own is 0.123 [N m].
-        margin: how near to the stretched posture the handle may come [m].
-        device: number of the device on its line.
-        timeout: until an answer is given up and the last sample stands; less than the period [s].
-        velocity_window: the longest window of the velocity estimate [samples].
+        port: Serial port, such as /dev/ttyACM0.
+        links: Lengths of the links at the motors, and from these to the handle [m].
+        distance: Distance between the motors [m].
+        home: Directions of the links at the motors, encoders 1 and 2, for the handle's position at `open` [deg].
+        counts: Counts of an encoder per revolution.
+        torque_limit: Torque limit of a motor; that of the firmware is 0.123 [N m].
+        margin: Smallest distance of the handle from the stretched posture [m].
+        device: Number of the device on its line.
+        timeout: Time after which the last sample is kept instead of an answer; less than the period [s].
+        velocity_window: Longest window of the velocity estimate [samples].
     """
     inner, outer = pair("links", links, SMALLEST)
     first, second = pair("home", home, -LARGEST)
@@ -78,32 +78,32 @@ def connect(
 
 
 def quench(*, port: str, device: int = 5, **_: object) -> None:
-    """Take the torques from a board whose program has died: zeros until it answers to two frames in a row.
+    """Remove the torques from a board whose program has died: send zeros until it answers two successive frames.
 
-    It works without a set-up, so that the encoders' offsets stay. A board that waits for the rest of a frame that was
-    cut takes the first zeros for it, which are torques of nothing too.
+    It needs no set-up, so the offsets of the encoders are kept. A board that waits for the rest of a truncated frame
+    takes the first zeros as the rest, which are zero torques, too.
 
     Args:
-        port, device: as of `connect`; other settings do not matter.
+        port, device: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: another program has the port, or the board does not answer, so that its torques may still be there.
+        DeviceError: If another program has the port, or the board does not answer, so that its torques may persist.
     """
     line = SerialPort(port)
     line.open()
     try:
         if _quiet(line, device):
             return
-        line.sleep(BLOCKED + 0.05)  # a board that takes frames for the rest of others begins afresh after that
+        line.sleep(BLOCKED + 0.05)  # after this time a board discards a truncated frame
         if _quiet(line, device):
             return
     finally:
         line.close()
-    raise DeviceError(f"the board at {port} does not answer: take its power away, its motors may be on")
+    raise DeviceError(f"the board at {port} does not answer: disconnect its power, because its motors may be on")
 
 
 def _quiet(line: SerialPort, device: int) -> bool:
-    """Write zeros until two in a row are answered; tell whether they were."""
+    """Write zeros until two successive frames are answered; return whether they were."""
     answers = 0
     for _ in range(TRIES):
         line.flush()

@@ -1,4 +1,4 @@
-"""The Haply 2DIY as a device: angles to the handle's motion, forces to torques."""
+"""The Haply 2DIY as a device: handle motion from angles, torques from forces."""
 
 from __future__ import annotations
 
@@ -15,23 +15,22 @@ from graspfx.protocols import DeviceError, Features, InputError, SerialPort, Vel
 
 FloatArray = NDArray[np.float64]
 
-FASTEST = 30.0  # of a link, 2 m/s of its tip: an angle that asks for more is a bit changed on the way [rad/s]
-HARDEST = 5000.0  # of a link, 350 m/s^2 of its tip: likewise, where no hand and no motor brings it [rad/s^2]
-LONGEST = 5.0  # samples for which a link is believed to have turned so
-SILENCE = 20  # readings without an answer, one after another, until the board counts as gone
-BLOCKED = 1.0  # a board that waits for the rest of a frame waits so long [s]
+FASTEST = 30.0  # speed limit of a link, 2 m/s at its tip; a faster angle is a bit error [rad/s]
+HARDEST = 5000.0  # acceleration limit of a link, 350 m/s^2 at its tip; no hand and no motor exceeds it [rad/s^2]
+LONGEST = 5.0  # largest number of samples over which the limits are extrapolated
+SILENCE = 20  # number of successive readings without an answer after which the board counts as lost
+BLOCKED = 1.0  # time that a board waits for the rest of a frame [s]
 
 
 class Haply2Diy:
-    """A 2DIY behind its port: one finger in the plane.
+    """A 2DIY at a serial port: one finger in the plane.
 
         p = p(q),   v = J(q) q',   tau = J'(q) f
 
-    The board answers a frame of torques with its angles. `ask` repeats the last torques for that, so that a reading is
-    as old as one exchange; the answer to `write` is thrown away. Torques beyond the limit are scaled down together, so
-    that the force keeps its direction. An answer of the wrong length, of another device, or further from the last one
-    than a link can turn or be accelerated, is none: the line is flushed, the last sample stands, and the next reading
-    asks again.
+    The board answers a frame of torques with its angles. `ask` therefore repeats the last torques, so a reading is as
+    old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled together, so the force
+    keeps its direction. An answer of the wrong length, of another device, or too far from the last one for a link's
+    speed and acceleration, is rejected: the line is flushed, the last sample is kept, and the next reading asks again.
     """
 
     def __init__(
@@ -51,9 +50,9 @@ class Haply2Diy:
         self._window = velocity_window
         self._position, self._velocity, self._largest = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1)
         self._raw: FloatArray = np.zeros(2)
-        self._estimator: VelocityEstimator | None = None  # while the device is open
+        self._estimator: VelocityEstimator | None = None  # only while the device is open
         self._torque = (0.0, 0.0)
-        self._answering = False  # whether a frame is not answered yet
+        self._answering = False  # whether a frame is unanswered
         self._turn(*self._angles_at_home)
 
     @property
@@ -62,7 +61,7 @@ class Haply2Diy:
 
     @property
     def features(self) -> Features:
-        """Peak force and resolution are those at home; `largest_force` follows the handle."""
+        """Features; peak force and resolution are those at home, and `largest_force` depends on the handle."""
         levers = self._levers(self.linkage.handle(*self._angles_at_home)[1])
         return Features(
             fingers=1,
@@ -74,16 +73,16 @@ class Haply2Diy:
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that the motors reach in every direction where the handle was read last, (1,) [N]."""
+        """Largest force that the motors reach in every direction at the last reading (1,) [N]."""
         return self._largest
 
     @property
     def raw(self) -> FloatArray:
-        """Angles of encoders 1 and 2 that the board answered last, (2,) [rad]."""
+        """Last angles of encoders 1 and 2 (2,) [rad]."""
         return self._raw
 
     def open(self, period: float) -> None:
-        """Set the board up and take a first reading; the handle stands at home."""
+        """Set the board up and take a first reading; the handle must be at home."""
         self.close()
         self.port.open()
         try:
@@ -103,13 +102,13 @@ class Haply2Diy:
     def ask(self) -> None:
         self._opened()
         if self._answering:
-            self._bytes(self.port.now() + 0.5 * self.timeout)  # the answer to the last `write`
-        self.port.flush()  # and whatever a line that failed has left
+            self._bytes(self.port.now() + 0.5 * self.timeout)  # answer to the last `write`
+        self.port.flush()  # discards remains of a failed transmission
         self._send()
         self._waiting, self._asked_at = True, self.port.now()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; without a new answer the last ones."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; the last sample without a new answer."""
         self._opened()
         if not self._waiting:
             self.ask()
@@ -164,20 +163,20 @@ class Haply2Diy:
         self._answering = True
 
     def _abandon(self) -> None:
-        """Write zero torque, and again: a board that waits for the rest of a frame takes the first for it."""
+        """Write zero torque twice; a board that waits for the rest of a frame takes the first one as that rest."""
         self._torque = (0.0, 0.0)
-        with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+        with suppress(DeviceError):  # the hardware may be gone
             for _ in range(2):
                 self._send()
 
     def _drain(self) -> None:
-        """Wait until nothing comes any more: an answer to the last `close` has angles from before the set-up."""
+        """Read until nothing arrives; an answer to the last `close` has angles from before the set-up."""
         deadline = self.port.now() + BLOCKED
         while self.port.receive(self.port.now() + self.timeout) and self.port.now() < deadline:
             pass
 
     def _first_angles(self) -> tuple[float, float]:
-        """Ask until the board answers, as long as one may be blocked."""
+        """Ask until the board answers, for as long as a board may be blocked."""
         deadline = self.port.now() + BLOCKED + 0.2
         while self.port.now() < deadline:
             self.port.flush()
@@ -190,20 +189,20 @@ class Haply2Diy:
         )
 
     def _answer(self, deadline: float) -> tuple[float, float] | None:
-        """Wait for an answer, and read its angles [rad]; None for one that is late, cut or none of this device's."""
+        """Wait for an answer and return its angles [rad]; None if it is late, truncated or from another device."""
         angles = angles_in(self._bytes(deadline), self.device)
         self._answering = False
         return None if angles is None else (math.radians(angles[0]), math.radians(angles[1]))
 
     def _bytes(self, deadline: float) -> bytes:
-        """Wait for as many bytes as an answer has, or for the deadline."""
+        """Wait for the bytes of an answer, or until the deadline."""
         data = b""
         while len(data) < ANGLES.size and (part := self.port.receive(deadline)):
             data += part
         return data
 
     def _can_be(self, angles: tuple[float, float], since: float) -> bool:
-        """Tell whether links can have turned so far since the last sample, and so far off the way that they had."""
+        """Tell whether the angles respect the links' speed and acceleration since the last sample."""
         time = min(max(since, self._period), LONGEST * self._period)
         step, off = FASTEST * time, HARDEST * time * time
         for new, old, rate in zip(angles, self._angles, self._rates, strict=True):
@@ -214,7 +213,7 @@ class Haply2Diy:
         return True
 
     def _follow(self, first: float, second: float) -> None:
-        """Take the next angles, at the time of their reading."""
+        """Use the next angles, at the time of their reading."""
         assert self._estimator is not None
         rate = self._estimator.update((first, second), self._time)
         passed = max(self._time - self._last, self._period)
@@ -230,7 +229,7 @@ class Haply2Diy:
 
     @staticmethod
     def _levers(J: FloatArray) -> FloatArray:
-        """Compute how far the handle goes for a radian of each motor, (2,) [m]."""
+        """Compute the displacement of the handle per radian of each motor (2,) [m]."""
         levers: FloatArray = np.hypot(J[0], J[1])
         return levers
 

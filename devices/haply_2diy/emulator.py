@@ -14,30 +14,31 @@ from graspfx.testing.wire import Clock, SerialWire, WallClock, tip_force
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 1.0  # the board waits so long for the rest of a frame, its motors on [s]
-CLAMP = 0.123  # of a motor [N m]
+PATIENCE = 1.0  # time that the board waits for the rest of a frame, with its motors on [s]
+CLAMP = 0.123  # torque limit of a motor [N m]
 HOME = 168.0, 12.0  # directions of the links at the motors, encoders 1 and 2 [deg]
 RESET, SETUP, TORQUE = 0, 1, 2
-STEP = 3.0  # of `move` [deg]
-MOST_FRAMES = 100_000  # that are remembered
+STEP = 3.0  # rotation of `move` [deg]
+MOST_FRAMES = 100_000  # largest number of frames stored
 
 
 class DiyWire(SerialWire):
-    """A 2DIY board with its five-bar linkage, which nothing moves but `move`, `place` and, given an inertia, torques.
+    """A 2DIY board with its five-bar linkage, moved by `move`, `place` and, with an inertia, by torques.
 
-    A frame that is cut in its payload blocks the board for a second while the last torques stay on; whatever comes
-    meanwhile is taken for the rest of it. Nothing but a frame of zeros takes the torque away.
+    A frame truncated in its payload blocks the board for a second while the last torques persist; all bytes received
+    meanwhile are taken as its rest. Only a frame of zeros removes the torque.
 
     Args:
-        links: at the motors, and from those to the handle [m].
-        distance: between the motors [m].
-        inertia: of each link at a motor with all that it moves [kg m^2]; None for links that stand where they are put.
-        friction: viscous, at each motor [N m s/rad]; with an inertia encoders tell whole counts.
-        seed: of the damage that failures do.
-        clock: as of `SerialWire`.
+        links: Lengths of the links at the motors, and from these to the handle [m].
+        distance: Distance between the motors [m].
+        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2]; None for links that keep their
+            place.
+        friction: Viscous friction at each motor [N m s/rad]; with an inertia, encoders report integer counts.
+        seed: Seed of random damage by failures.
+        clock: Same as for `SerialWire`.
 
     Attributes:
-        frames: torques that were written, each with its time [s] of its clock.
+        frames: Torques written, each with its time by the clock [s].
     """
 
     limit = CLAMP
@@ -54,11 +55,11 @@ class DiyWire(SerialWire):
         clock: Clock | None = None,
     ) -> None:
         self.links, self.distance, self.inertia, self.friction = links, distance, inertia, friction
-        self._speed, self._step = np.zeros(2), 0.0  # [rad/s], and a count [deg]
-        self._moved = (clock or WallClock()).now()  # until when torques have turned the links [s]
+        self._speed, self._step = np.zeros(2), 0.0  # speeds [rad/s], and size of a count [deg]
+        self._moved = (clock or WallClock()).now()  # time up to which torques have moved the links [s]
         self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
         self._angles, self._offset = np.array(HOME), np.zeros(2)
-        self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, which stand at ports 2 and 1
+        self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, at ports 2 and 1
         self._identity: int | None = None
         self._buffer, self._began = b"", 0.0
         super().__init__(seed, clock)
@@ -76,18 +77,18 @@ class DiyWire(SerialWire):
         return tip_force(self._place, np.radians(self._angles), self._torque)[None, :]
 
     def move(self) -> None:
-        """Turn both links inwards by 3 degrees; the handle goes away from the motors."""
+        """Turn both links inwards by 3 degrees, which moves the handle away from the motors."""
         self.place(np.array(HOME) + np.array([-STEP, STEP]))
 
     def home(self) -> None:
         self.place(np.array(HOME))
 
     def place(self, angles: FloatArray) -> None:
-        """Put the links at the motors in these directions, (2,) [deg]."""
+        """Place the links at the motors in these directions (2,) [deg]."""
         self._angles = np.array(angles, dtype=float)
 
     def _place(self, angles: FloatArray) -> FloatArray:
-        """Find the handle, (2,) [m]: where two links of equal length meet, on the side away from the motors."""
+        """Return the handle (2,) [m], where two links of equal length meet on the side away from the motors."""
         inner, outer = self.links
         tips = inner * np.array([np.cos(angles), np.sin(angles)]).T + [
             [-self.distance / 2, 0.0],
@@ -109,7 +110,7 @@ class DiyWire(SerialWire):
             yield from self._act(frame)
 
     def _move_on(self) -> None:
-        """Turn the links as torques have had them since the last time: I a'' + c a' = torque, exactly."""
+        """Move the links under the torques since the last call: I a'' + c a' = torque, exactly."""
         now = self.clock.now()
         passed, self._moved = now - self._moved, now
         if self.inertia is None or passed <= 0.0:
@@ -124,17 +125,17 @@ class DiyWire(SerialWire):
     def tick(self) -> None:
         self._move_on()
         if self._buffer and self.clock.now() - self._began > PATIENCE:
-            self._buffer = b""  # what came of the frame is given up
+            self._buffer = b""  # discard the received part of the frame
 
     def _encoders(self) -> FloatArray:
-        """Give what the encoders tell, (2,) [deg]."""
+        """Return the angles that the encoders report (2,) [deg]."""
         if self._step == 0.0:
             return self._angles + self._offset
         angles: FloatArray = np.round(self._angles / self._step) * self._step + self._offset
         return angles
 
     def _size(self) -> int:
-        """Count the bytes of the frame that begins the buffer; the board does not wait for the second one."""
+        """Return the size of the frame at the start of the buffer; the board does not wait for the second one."""
         if len(self._buffer) < 2:
             return len(self._buffer)
         command, identity = self._buffer[:2]
@@ -142,7 +143,7 @@ class DiyWire(SerialWire):
             return 10
         if command == SETUP:
             return 26
-        return 2  # a reset, and whatever means nothing to the board
+        return 2  # a reset, or an unknown command
 
     def _act(self, frame: bytes) -> Iterator[bytes]:
         if len(frame) < 2:
@@ -150,9 +151,9 @@ class DiyWire(SerialWire):
         self._move_on()
         if frame[0] == SETUP:
             self._identity = frame[1]
-            second, _, first, counts = struct.unpack_from("<4f", frame, 10)  # ports ascend: encoder 2 is at port 1
+            second, _, first, counts = struct.unpack_from("<4f", frame, 10)  # ascending ports: encoder 2 is at port 1
             self._step = 360.0 / counts if self.inertia is not None and counts > 0.0 else 0.0
-            self._offset = np.array([first, second]) - self._angles  # the board takes it that the handle is at home
+            self._offset = np.array([first, second]) - self._angles  # the board assumes that the handle is at home
         elif frame[0] == RESET and frame[1] == self._identity:
             self._torque = np.zeros(2)
         elif frame[0] == TORQUE and frame[1] == self._identity:

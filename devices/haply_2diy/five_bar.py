@@ -16,17 +16,17 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class FiveBar:
-    """A and B the tips of the links at the motors, p the handle: |p - A| = |p - B| = L, p away from the motors.
+    """Five-bar kinematics: A and B are the tips of the links at the motors, p is the handle, |p - A| = |p - B| = L.
 
         A = (-d/2, 0) + l (cos q1, sin q1),   B = (d/2, 0) + l (cos q2, sin q2),
         J = [(p - A)'; (p - B)']^-1 diag((p - A)'dA/dq1, (p - B)'dB/dq2)
 
-    The origin is midway between the motors, x goes from motor 1 to motor 2, y away from them to the handle.
+    The origin is midway between the motors; x points from motor 1 to motor 2, y from the motors to the handle.
 
     Args:
-        links: l at the motors and L to the handle [m].
-        distance: d, between the motors [m]; 0 where they share an axis.
-        margin: how near to the stretched posture the handle may come, as the height of the triangle A, p, B [m].
+        links: Lengths l at the motors and L to the handle [m].
+        distance: Distance d between the motors [m]; 0 if they share an axis.
+        margin: Smallest distance from the stretched posture, as the height of the triangle A, p, B [m].
     """
 
     links: Pair
@@ -39,16 +39,16 @@ class FiveBar:
 
     @property
     def reach(self) -> tuple[FloatArray, FloatArray]:
-        """Corners of a box around all places that both sides reach [m]."""
+        """Corners of a box around all positions that both sides reach [m]."""
         far = sum(self.links)
         across = far - self.distance / 2.0
         return np.array([-across, 0.0]), np.array([across, math.sqrt(far**2 - self.distance**2 / 4.0)])
 
     def handle(self, q1: float, q2: float) -> tuple[Pair, FloatArray]:
-        """Give the handle's place (x, y) [m] and J = dp/dq, (2, 2) [m], at the motors' angles [rad].
+        """Return the handle's position (x, y) [m] and J = dp/dq (2, 2) [m] at the motors' angles [rad].
 
         Raises:
-            DeviceError: the links at these angles do not reach one another, or nearly.
+            DeviceError: If the links at these angles do not reach each other, or are too close to the limit.
         """
         (inner, outer), half = self.links, self.distance / 2.0
         c1, s1, c2, s2 = math.cos(q1), math.sin(q1), math.cos(q2), math.sin(q2)
@@ -60,7 +60,7 @@ class FiveBar:
             raise DeviceError(
                 f"the links at {math.degrees(q1):.1f} and {math.degrees(q2):.1f} degrees have their tips {apart:.4f} m "
                 f"apart: the handle is at the end of its reach ({self.margin:g} m short of the stretched and folded "
-                "postures), or did not stand at home when the device was opened"
+                "postures), or was not at home when the device was opened"
             )
         away = math.sqrt(height) / apart
         x, y = 0.5 * (ax + bx) - away * dy, 0.5 * (ay + by) + away * dx

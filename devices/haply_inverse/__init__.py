@@ -1,10 +1,10 @@
 """Devices of the Haply Inverse service (Inverse3): one finger in space each, over a WebSocket.
 
-Tested against an emulator only (`graspfx.testing.wire.InverseWire`); what the service says of a device's basis, mount,
-damping and force gate is suspected. It answers each message once and never speaks by itself; all devices of a program
-share one connection, and one message carries the forces of all.
+Tested against an emulator only (`graspfx.testing.wire.InverseWire`); the service's messages about a device's basis,
+mount, damping and force gate are assumptions. The service answers each message once and sends nothing else. All
+devices of a program share one connection, and one message contains the forces of all.
 
-Whether the service drops a force when its program dies is not known: `quench` reaches it afresh and sets zero.
+It is unknown whether the service removes a force when its program dies; `quench` connects again and sets zero.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ __all__ = ["Inverse", "connect", "quench"]
 
 URL = "ws://localhost:10001"
 MOST_FORCE = 20.0  # [N]
-MOST_SAMPLES = 1_000_000  # of a window
+MOST_SAMPLES = 1_000_000  # largest window [samples]
 BASES = frozenset("".join(letters) for letters in itertools.permutations(IDENTITY))
-QUIET = 2.0  # for the service to answer `quench` [s]
+QUIET = 2.0  # time for the service to answer `quench` [s]
 
 
 def connect(
@@ -40,17 +40,17 @@ def connect(
     """Connect a device.
 
     Args:
-        url: of the service.
-        device: its id, as the service's own tools tell it; None for the only one there is.
-        basis: axes that the service has for it, such as "XYZ"; another one is refused.
-        damping: that the service adds, counted as the device's own b; another one is refused [N s/m].
-        force_limit: largest force at the handle; the service documents none [N].
-        resolution: of a position [m].
-        velocity_window: the longest window of the velocity estimate [samples].
-        timeout: until an answer is given up and the last sample stands; less than the period [s].
+        url: Address of the service.
+        device: Id of the device, as shown by the service's tools; None for the only device.
+        basis: Axes of the device in the service, such as "XYZ"; any other setting is rejected.
+        damping: Damping that the service adds, counted as the device's b; any other setting is rejected [N s/m].
+        force_limit: Largest force at the handle; the service documents no limit [N].
+        resolution: Resolution of a position [m].
+        velocity_window: Longest window of the velocity estimate [samples].
+        timeout: Time after which the last sample is kept instead of an answer; less than the period [s].
 
     Raises:
-        MissingPackageError: websockets is not installed, which `pip install graspfx[inverse]` brings.
+        MissingPackageError: If websockets is not installed; `pip install graspfx[inverse]` installs it.
     """
     service = service_at(url)
     _check_name(device)
@@ -69,14 +69,14 @@ def connect(
 
 
 def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
-    """Take the force from a device whose program has died: a connection of its own, and zero until it is answered.
+    """Remove the force from a device whose program has died: open a new connection and send zero until answered.
 
     Args:
-        url, device: as of `connect`; other settings do not matter.
+        url, device: Same as for `connect`; other settings are ignored.
 
     Raises:
-        MissingPackageError: websockets is not installed.
-        DeviceError: the service does not answer, so that the force may still be there.
+        MissingPackageError: If websockets is not installed.
+        DeviceError: If the service does not answer, so that the force may persist.
     """
     service = Service(url)
     name = service.join(device)
@@ -92,7 +92,7 @@ def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
     finally:
         service.leave(name)
         lock.release()
-    raise DeviceError(f"the service at {url} does not answer: switch {name} off, its force may be there")
+    raise DeviceError(f"the service at {url} does not answer: switch {name} off, because its force may persist")
 
 
 def _check_name(device: object) -> None:

@@ -1,4 +1,4 @@
-"""An emulator of the Haply Inverse service: a WebSocket that answers each message once, for several devices."""
+"""An emulator of the Haply Inverse service: a WebSocket server with several devices that answers each message once."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-HOME = 0.03, -0.1, 0.15  # of the first device [m]
-APART = 0.1  # from one device to the next, along x [m]
-STEP = 0.003  # of `move`, along every axis [m]
-IDLE = 0.001  # between two looks of a connection at what is due [s]
+HOME = 0.03, -0.1, 0.15  # position of the first device [m]
+APART = 0.1  # distance between devices along x [m]
+STEP = 0.003  # displacement of `move` along every axis [m]
+IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 
 
 class InverseWire(Wire):
-    """A service with devices that nothing moves but a test; a force stays until another one is set.
+    """A service whose devices are moved by tests only; a force persists until another one is set.
 
-    That is the worst that a service can do: of the real one nobody has seen whether it drops the force of a program
-    that has died. Coordinates of exactly zero are left out of its answers.
+    This is the worst case: the real service's behaviour after the death of a program is unknown. Coordinates that are
+    exactly zero are omitted from its answers.
 
     Args:
-        devices: their ids.
-        config: of each device, as its first message says it.
-        stall: of one answer in a thousand [s].
-        seed: of the damage that failures do.
-        clock: of the service; the machine's if it is left out. On another it has no thread: who gave it calls `answer`.
+        devices: Ids of the devices.
+        config: Configuration of each device in the first message.
+        stall: Delay of one answer in a thousand [s].
+        seed: Seed of random damage by failures.
+        clock: Clock of the service; by default the system's. With another clock it has no thread, and its owner calls
+            `answer`.
 
     Attributes:
-        messages: texts that have come, all connections together; the last thousands.
+        messages: Received texts of all connections; the last thousands.
 
     Raises:
-        MissingPackageError: websockets is not installed.
+        MissingPackageError: If websockets is not installed.
     """
 
     kinds: frozenset[Failure] = frozenset({"late", "drop", "cut", "garbage", "wrong-id", "unplugged", "blocked"})
@@ -67,10 +68,10 @@ class InverseWire(Wire):
         }
         self._forces: dict[str, FloatArray] = {name: np.zeros(3) for name in devices}
         self._damage, self._lock = Damage(seed), threading.Lock()
-        self._turn = threading.Lock()  # whoever answers has it: a failure begins between two answers
+        self._turn = threading.Lock()  # held while answering, so that a failure begins between two answers
         self._answers = 0
         self._lines: set[ServerConnection] = set()
-        self._socket: socket.socket | None = None  # while the service is there
+        self._socket: socket.socket | None = None  # only while the service runs
         self._server: Server | None = None
         self._thread = threading.Thread()
         self._port = 0
@@ -78,7 +79,7 @@ class InverseWire(Wire):
 
     @property
     def url(self) -> str:
-        """Address of the service, the same after it was gone."""
+        """Address of the service; it does not change after a restart."""
         return f"ws://127.0.0.1:{self._port}"
 
     @property
@@ -87,7 +88,7 @@ class InverseWire(Wire):
 
     @property
     def torque(self) -> FloatArray:
-        """Force of the first device, (3,) [N]."""
+        """Force of the first device (3,) [N]."""
         return self._forces[self.devices[0]].copy()
 
     @property
@@ -99,7 +100,7 @@ class InverseWire(Wire):
         return self.torque[None, :]
 
     def force_of(self, name: str) -> FloatArray:
-        """Give the force of a device, (3,) [N]."""
+        """Return the force of a device (3,) [N]."""
         return self._forces[name].copy()
 
     def move(self) -> None:
@@ -109,11 +110,11 @@ class InverseWire(Wire):
         self.place(self.devices[0], np.array(HOME))
 
     def place(self, name: str, position: FloatArray) -> None:
-        """Put the handle of a device at a position (3,) [m]."""
+        """Place the handle of a device at a position (3,) [m]."""
         self._places[name] = np.array(position, dtype=float)
 
     def remove(self, name: str) -> None:
-        """Take a device away from the service, as its cable does."""
+        """Remove a device from the service, as if unplugged."""
         self._places.pop(name, None)
 
     def _change(self) -> None:
@@ -144,7 +145,7 @@ class InverseWire(Wire):
             self._thread.start()
 
     def _shut(self) -> None:
-        """Close the service and every connection to it, without a farewell."""
+        """Close the service and all connections without a closing handshake."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -182,7 +183,7 @@ class InverseWire(Wire):
             self._lines.discard(line)
 
     def answer(self, text: bytes) -> Iterator[tuple[float, bytes]]:
-        """Act on a message, and give what comes of its one answer, with times [s]."""
+        """Process a message, and yield the data of its answer with their times [s]."""
         self.messages.append(text.decode(errors="replace"))
         del self.messages[:-10_000]
         self._act(text)
@@ -203,10 +204,10 @@ class InverseWire(Wire):
                 if device["device_id"] in self._forces and np.isfinite(force).all():
                     self._forces[device["device_id"]] = np.clip(force, -self.limit, self.limit)
         except (ValueError, KeyError, TypeError, AttributeError):
-            return  # a message that sets no force is answered like any other
+            return  # a message without forces is answered like any other
 
     def state(self, *, first: bool = False, name: str | None = None) -> bytes:
-        """Write where the devices are; the first message of a connection says how they are set, too."""
+        """Return the state of the devices; the first message of a connection also contains their configuration."""
         devices = []
         for own, place in list(self._places.items()):
             position = {axis: x for axis, x in zip("xyz", place.tolist(), strict=True) if x}

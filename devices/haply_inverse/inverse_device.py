@@ -13,32 +13,32 @@ from graspfx.protocols import DeviceError, Features, InputError, ProgramLock, Ve
 
 FloatArray = NDArray[np.float64]
 
-FASTEST = 5.0  # of a hand: a position that asks for more is none [m/s]
-NEAR = 1e-3  # that one may be off besides [m]
-SILENCE = 0.1  # without a sample, until the device counts as gone [s]
-FIRST = 1.0  # for the first sample [s]
+FASTEST = 5.0  # speed limit of a hand; a faster position is rejected [m/s]
+NEAR = 1e-3  # additional tolerance of a position [m]
+SILENCE = 0.1  # time without a sample after which the device counts as lost [s]
+FIRST = 1.0  # time for the first sample [s]
 
 
 def lock_of(service: Service, name: str) -> ProgramLock:
-    """Give the lock of a device, for one program of this machine."""
+    """Return the lock of a device, which one program on this machine can hold."""
     return ProgramLock(f"the device {name} of {service.url}")
 
 
 class Inverse:
     """An Inverse behind its service: positions and forces in the service's axes, z up.
 
-    `ask` repeats the last forces, so that a reading is as old as one exchange. A position further from the last one
-    than a hand can go is none; without a new one the last stands, with its time.
+    `ask` repeats the last forces, so a reading is as old as one exchange. A position too far from the last one for a
+    hand is rejected. Without a new position the last sample is kept, with its time.
 
     Args:
-        service: of all devices of this program.
-        device: its id; None for the only one there is.
-        basis: of its axes, as the service is to have it.
-        damping: that the service adds, as it is to say [N s/m].
-        force_limit: largest force [N].
-        resolution: of a position [m].
-        velocity_window: the longest window of the velocity estimate [samples].
-        timeout: until an answer is given up [s].
+        service: Service shared by all devices of this program.
+        device: Id of the device; None for the only device.
+        basis: Expected basis of its axes in the service.
+        damping: Expected damping of the service [N s/m].
+        force_limit: Largest force [N].
+        resolution: Resolution of a position [m].
+        velocity_window: Longest window of the velocity estimate [samples].
+        timeout: Longest wait for an answer [s].
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Inverse:
         self.service, self.device, self.basis, self.damping = service, device, basis, damping
         self.force_limit, self.resolution, self.timeout = force_limit, resolution, timeout
         self._window = velocity_window
-        self._name = ""  # while it is open
+        self._name = ""  # only while it is open
         self._lock: ProgramLock | None = None
         self._position: FloatArray = np.zeros((1, 3))
         self._velocity: FloatArray = np.zeros((1, 3))
@@ -78,7 +78,7 @@ class Inverse:
                 self.service.ask(name)
                 sample = self.service.sample(name, self.service.now() + 0.05)
             if sample is None:
-                raise DeviceError(f"{name} tells no first position")
+                raise DeviceError(f"{name} reports no initial position")
             (self._position[0], self._time), self._velocity[0] = sample, 0.0
         except DeviceError:
             self.close()
@@ -92,7 +92,7 @@ class Inverse:
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample the last ones."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without a new one."""
         self._opened()
         if not self._waiting:
             self.ask()
@@ -103,7 +103,7 @@ class Inverse:
             self._velocity[0] = self._estimator.update(self._position[0], self._time - self._began)
         elif self.service.now() - self._time > SILENCE:
             self._abandon()
-            raise DeviceError(f"{self._name} has told no new position for {SILENCE:g} s")
+            raise DeviceError(f"{self._name} has reported no new position for {SILENCE:g} s")
         return self._position, self._velocity, self._time - self._began
 
     def write(self, forces: FloatArray) -> None:
@@ -139,11 +139,11 @@ class Inverse:
         self.close()
 
     def _abandon(self) -> None:
-        with suppress(DeviceError):  # the service may be gone, and then nothing is left to tell it
+        with suppress(DeviceError):  # the service may be gone
             self.stop()
 
     def _can_be(self, position: tuple[float, float, float], when: float) -> bool:
-        """Tell whether a hand can have gone so far since the last sample."""
+        """Tell whether a hand can have moved this far since the last sample."""
         way = float(np.linalg.norm(self._position[0] - position))
         return bool(way <= NEAR + FASTEST * (when - self._time))
 

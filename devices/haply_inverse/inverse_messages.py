@@ -1,8 +1,7 @@
-"""Messages of the Haply Inverse service: JSON, in metres and newtons, z up; read without trust in what is there.
+"""Messages of the Haply Inverse service: JSON, in metres and newtons, z up; every field is validated.
 
-Parts that equal the identity are left out of what the service sends, so that a coordinate that is not there is zero;
-a position of which nothing is there is none. The keys of a device's configuration are suspected: nobody has read them
-from a service yet.
+The service omits values that equal the identity, so a missing coordinate is zero, but a position without coordinates
+is invalid. The keys of a device's configuration are assumptions, not yet confirmed with a service.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from graspfx.protocols import DeviceError
 
 KIND = "inverse3"
 AXES = "x", "y", "z"
-IDENTITY = "XYZ"  # of a basis: the service's own axes
+IDENTITY = "XYZ"  # identity basis: the service's own axes
 
 Force = tuple[float, float, float]
 
 
 def forces_text(forces: Mapping[str, Force]) -> str:
-    """Write the one message that sets the force of each device [N]."""
+    """Return the message that sets the force of each device [N]."""
     devices = [
         {"device_id": name, "commands": {"set_cursor_force": {"values": dict(zip(AXES, force, strict=True))}}}
         for name, force in forces.items()
@@ -31,7 +30,7 @@ def forces_text(forces: Mapping[str, Force]) -> str:
 
 
 def devices_in(text: str) -> dict[str, Mapping[str, Any]] | None:
-    """Read what a message says of each device, by its id; None for a text that is no such message."""
+    """Return the data of each device in a message, by id; None if the text is not such a message."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -47,7 +46,7 @@ def devices_in(text: str) -> dict[str, Mapping[str, Any]] | None:
 
 
 def position_in(device: Mapping[str, Any]) -> tuple[float, float, float] | None:
-    """Read a device's position [m]; None where there is none, or no finite one."""
+    """Return a device's position [m]; None if it is missing or not finite."""
     state = device.get("state")
     position = state.get("cursor_position") if isinstance(state, dict) else None
     if not isinstance(position, dict) or not position.keys() & set(AXES):
@@ -60,37 +59,37 @@ def position_in(device: Mapping[str, Any]) -> tuple[float, float, float] | None:
 
 
 def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
-    """Check that the service's settings of a device are those that the scene counts with.
+    """Check that the service's settings of a device agree with those of the scene.
 
     Raises:
-        DeviceError: another basis or damping, a mount, or a closed gate of forces.
+        DeviceError: If basis or damping differ, or there is a mount or a closed force gate.
     """
     name, config = device["device_id"], device.get("config")
     if not isinstance(config, dict):
         config = {}
     own = _part(config.get("basis"), "permutation", IDENTITY)
     if own != basis:
-        raise _other(name, "basis", own, basis, "let the device's `frame` turn its axes")
+        raise _other(name, "basis", own, basis, "rotate its axes by the device's `frame`")
     mount = config.get("mount")
     if mount and not _is_identity(mount):
-        raise _other(name, "mount", mount, "none", "let the device's `frame` say where it stands")
+        raise _other(name, "mount", mount, "none", "set its position by the device's `frame`")
     viscous = _part(config.get("damping"), "scalar", 0.0)
     if isinstance(viscous, bool) or not isinstance(viscous, int | float) or abs(viscous - damping) > 1e-9:
         raise _other(name, "damping", viscous, f"{damping:g} N s/m", "it is counted as the device's own b")
     gate = _part(config.get("force_gate"), "enabled", True)
     if gate is False or (isinstance(gate, int | float) and gate == 0):
-        raise DeviceError(f"the service lets no force through to {name}: open its force gate")
+        raise DeviceError(f"the service blocks the force of {name}: open its force gate")
 
 
 def _part(value: Any, key: str, default: Any) -> Any:
-    """Give a setting that stands by itself or under a key; its default where it is left out."""
+    """Return a setting given directly or under a key; its default if it is missing."""
     if isinstance(value, dict):
         value = value.get(key)
     return default if value is None else value
 
 
 def _is_identity(value: Any) -> bool:
-    """Tell whether a transform moves nothing: positions of 0, scales and the w of a rotation of 1."""
+    """Tell whether a transform is the identity: positions 0, scales 1, rotation w 1."""
     if isinstance(value, dict):
         return all(
             part == 1 if key == "w" else _scale_is_one(part) if key == "scale" else _is_identity(part)
@@ -105,4 +104,4 @@ def _scale_is_one(value: Any) -> bool:
 
 def _other(name: str, key: str, own: Any, expected: str, do: str) -> DeviceError:
     own_text = json.dumps(own)[:80]
-    return DeviceError(f"the service's {key} of {name} is {own_text}, and the scene counts with {expected}: {do}")
+    return DeviceError(f"the service's {key} of {name} is {own_text}, but the scene expects {expected}: {do}")

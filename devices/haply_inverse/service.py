@@ -1,4 +1,4 @@
-"""The Inverse service for all devices of a program: one connection, and one message for all of them at a time."""
+"""The Inverse service for all devices of a program: one connection, and one message for all devices at a time."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from graspfx.protocols import DeviceError, MissingPackageError
 if TYPE_CHECKING:
     from graspfx.devices.haply_inverse.websocket import WebSocket
 
-INVENTORY = 1.0  # for the first message of the service [s]
-LOST = 0.02  # an answer that has not come by then is not waited for any more [s]
-ABSENT = 2  # answers in a row without a device that was there
+INVENTORY = 1.0  # time for the first message of the service [s]
+LOST = 0.02  # time after which an answer counts as lost [s]
+ABSENT = 2  # successive answers without a known device
 ZERO: Force = (0.0, 0.0, 0.0)
 
-Sample = tuple[tuple[float, float, float], float]  # where [m], and when it was asked for [s]
+Sample = tuple[tuple[float, float, float], float]  # position [m] and time of the request [s]
 
 
 class Service:
-    """A connection that the devices of a program share; the service answers each message once, and says nothing else.
+    """A connection shared by the devices of a program; the service answers each message once, and sends nothing else.
 
-    A message carries the forces of all devices. One is sent when the first of them asks in a tick, and one when the
-    last has written. Answers come in order; one that is lost or late holds nobody up: the next tick sends all the same.
+    A message contains the forces of all devices. One is sent when the first device asks in a tick, and one when the
+    last device has written. Answers arrive in order. A lost or late answer blocks nothing: the next tick sends its
+    message.
 
     Args:
-        url: of the service.
+        url: Address of the service.
 
     Raises:
-        MissingPackageError: websockets is not installed.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(self, url: str) -> None:
         self._line = _websocket(url)
         self.forces: dict[str, Force] = {}
-        self.samples: dict[str, Sample] = {}  # the newest of each device
+        self.samples: dict[str, Sample] = {}  # newest sample of each device
         self._inventory: Mapping[str, Mapping[str, Any]] = {}
-        self._sent: deque[float] = deque()  # times of messages that are not answered
-        self._round: set[str] = set()  # devices that have asked since the last question
+        self._sent: deque[float] = deque()  # times of unanswered messages
+        self._round: set[str] = set()  # devices that have asked since the last request
         self._written: set[str] = set()  # devices that have written since the last message
         self._missing: dict[str, int] = {}
 
@@ -49,18 +50,18 @@ class Service:
         return str(self._line.url)
 
     def now(self) -> float:
-        """Give the time of the connection's clock [s]."""
+        """Return the time of the connection's clock [s]."""
         return float(self._line.now())
 
     def join(self, name: str | None, basis: str | None = None, damping: float = 0.0) -> str:
-        """Take a device, at zero force; give its id.
+        """Register a device, at zero force; return its id.
 
         Args:
-            name: its id; None for the only one there is.
-            basis, damping: that the service has to have for it; not looked at if there is no basis.
+            name: Id of the device; None for the only device.
+            basis, damping: Expected configuration in the service; not checked if basis is None.
 
         Raises:
-            DeviceError: no service, no such device, one that is taken, or one that the service has set otherwise.
+            DeviceError: If the service or the device does not exist, or the device is in use or configured differently.
         """
         if not self.forces:
             self._connect()
@@ -77,13 +78,13 @@ class Service:
         return name
 
     def leave(self, name: str) -> None:
-        """Let go of a device at zero force; the last one closes the connection."""
+        """Release a device at zero force; the last one closes the connection."""
         if name not in self.forces:
             return
         self.forces[name] = ZERO
-        with suppress(DeviceError):  # the service may be gone, and then nothing is left to tell it
+        with suppress(DeviceError):  # the service may be gone
             self._send()
-            self._drain(self.now() + LOST, all_of_them=True)  # so that it has been read before the line closes
+            self._drain(self.now() + LOST, all_of_them=True)  # so that it is read before the connection closes
         del self.forces[name]
         self.samples.pop(name, None)
         self._round.discard(name)
@@ -92,35 +93,35 @@ class Service:
             self._line.close()
 
     def ask(self, name: str) -> None:
-        """Ask where devices are, once for all that ask in a tick."""
+        """Request the positions, once for all devices that ask in a tick."""
         if self._round and name not in self._round:
             self._round.add(name)
             return
         self._round = {name}
-        self._drain(0.0, keep=False)  # answers to what was written, which are a period old
+        self._drain(0.0, keep=False)  # discards answers to written forces, which are a period old
         self._send()
 
     def sample(self, name: str, deadline: float) -> Sample | None:
-        """Give the newest sample of a device, after an answer to the last question or at a time; None if there is none.
+        """Return the newest sample of a device, after an answer to the last request or a deadline; None without one.
 
         Raises:
-            DeviceError: the service is gone, or says that the device is.
+            DeviceError: If the service is gone, or reports that the device is.
         """
         if self._sent:
             self._drain(deadline)
         if self._missing[name] >= ABSENT:
-            raise DeviceError(f"{name} is gone: the service at {self.url} has it no more")
+            raise DeviceError(f"{name} is gone: the service at {self.url} no longer has it")
         return self.samples.get(name)
 
     def write(self, name: str, force: Force) -> None:
-        """Set the force of a device; what all have written goes out together."""
+        """Set the force of a device; the forces of all devices are sent together."""
         self.forces[name] = force
         self._written.add(name)
         if self._written >= self.forces.keys():
             self._send()
 
     def stop(self, name: str) -> None:
-        """Set the force of a device to zero, now."""
+        """Set the force of a device to zero immediately."""
         self.forces[name] = ZERO
         self._send()
 
@@ -136,18 +137,18 @@ class Service:
                 self._inventory = devices
                 return
         self._line.close()
-        raise DeviceError(f"the service at {self.url} gives no inventory")
+        raise DeviceError(f"the service at {self.url} sends no inventory")
 
     def _choose(self, name: str | None) -> str:
         names = ", ".join(self._inventory) or "none"
         if name is None:
             if len(self._inventory) != 1:
-                raise DeviceError(f"the service at {self.url} has the devices {names}: name one, as `device`")
+                raise DeviceError(f"the service at {self.url} has the devices {names}: set `device` to one of them")
             name = next(iter(self._inventory))
         if name not in self._inventory:
             raise DeviceError(f"the service at {self.url} has no device {name!r}; it has {names}")
         if name in self.forces:
-            raise DeviceError(f"{name} is taken: two must not drive one device")
+            raise DeviceError(f"{name} is in use: only one may drive a device")
         return name
 
     def _send(self) -> None:
@@ -158,7 +159,7 @@ class Service:
         self._question = now
 
     def _drain(self, deadline: float, *, keep: bool = True, all_of_them: bool = False) -> None:
-        """Take the answers that have come; wait for one, or for all, until a time."""
+        """Process the pending answers; wait for one, or for all, until a deadline."""
         while (text := self._line.receive(deadline)) is not None:
             self._take(text, keep)
             if not (all_of_them and self._sent):
@@ -167,7 +168,7 @@ class Service:
             self._sent.popleft()
 
     def _take(self, text: str, keep: bool) -> None:
-        """Take an answer: of the oldest question, unless that one is lost, so that a sample is never called younger."""
+        """Process an answer to the oldest request, or to a later one if that was lost; samples never seem newer."""
         when = self._sent.popleft() if self._sent else self._question
         devices = devices_in(text)
         if devices is None:
@@ -193,5 +194,5 @@ _services: dict[str, Service] = {}
 
 
 def service_at(url: str) -> Service:
-    """Give this program's connection to a service, whichever device asked for it first."""
+    """Return this program's connection to a service, shared by its devices."""
     return _services.setdefault(url, Service(url))

@@ -1,6 +1,6 @@
-"""A client's end of a WebSocket for a loop in real time: no thread, and no wait without an end.
+"""A WebSocket client for a real-time loop: without a thread, and with a deadline for every wait.
 
-The package `websockets` reads and writes the protocol (RFC 6455); the socket is this module's.
+The package `websockets` encodes and decodes the protocol (RFC 6455); this module owns the socket.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from websockets.uri import WebSocketURI, parse_uri
 
 from graspfx.protocols import DeviceError, InputError
 
-PATIENCE = 1.0  # for the connection [s]
+PATIENCE = 1.0  # time for connecting [s]
 DATA = frozenset({Opcode.CONT, Opcode.TEXT, Opcode.BINARY})
-MOST = 1 << 20  # bytes of a message: a larger one is no answer of a device
+MOST = 1 << 20  # largest message [bytes]
 CHUNK = 1 << 16
-SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # a tick writes no log, whatever a program has set up
+SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # a tick writes no log, whatever the program has configured
 
 
 def address(url: object) -> WebSocketURI:
-    """Read a url such as ws://localhost:10001."""
+    """Parse a URL such as ws://localhost:10001."""
     uri = None
     if isinstance(url, str) and all("!" <= letter <= "~" for letter in url):
         with suppress(InvalidURI, ValueError):
@@ -39,10 +39,10 @@ def address(url: object) -> WebSocketURI:
 
 
 class WebSocket:
-    """A connection to a service, over which texts go both ways.
+    """A connection to a service for texts in both directions.
 
     Args:
-        url: of the service.
+        url: Address of the service.
     """
 
     def __init__(self, url: str) -> None:
@@ -51,14 +51,14 @@ class WebSocket:
         self._protocol = ClientProtocol(self._uri)
         self._socket: socket.socket | None = None
         self._texts: deque[str] = deque()
-        self._parts = bytearray()  # of a message that comes in several frames
+        self._parts = bytearray()  # incomplete message in several frames
 
     def now(self) -> float:
-        """Give the time of the clock by which `receive` waits, `time.perf_counter` [s]."""
+        """Return the time of the clock used by `receive`, `time.perf_counter` [s]."""
         return time.perf_counter()
 
     def open(self) -> None:
-        """Connect, afresh if there is a connection."""
+        """Connect, replacing an existing connection."""
         self.close()
         deadline = self.now() + PATIENCE
         try:
@@ -94,13 +94,13 @@ class WebSocket:
             self._take()
             return
         error = protocol.handshake_exc
-        raise DeviceError(f"what answers at {self.url} is no WebSocket{f': {error}' if error else ''}"[:200]) from error
+        raise DeviceError(f"the server at {self.url} is no WebSocket{f': {error}' if error else ''}"[:200]) from error
 
     def send(self, text: str) -> None:
-        """Send a text, also to a service that has closed or broken the protocol: a force of zero must go out.
+        """Send a text, even if the service has closed or violated the protocol, because zero force must be sent.
 
         Raises:
-            DeviceError: the connection is lost, or takes no more.
+            DeviceError: If the connection is lost, or accepts no more data.
         """
         self._send(Frame(Opcode.TEXT, text.encode()).serialize(mask=True))
 
@@ -110,13 +110,13 @@ class WebSocket:
         except OSError as error:
             raise DeviceError(f"the service at {self.url} is gone: {error}") from error
         if count != len(data):
-            raise DeviceError(f"the service at {self.url} takes no more: a message was cut")
+            raise DeviceError(f"the service at {self.url} accepts no more data: a message was truncated")
 
     def receive(self, deadline: float) -> str | None:
-        """Wait for a text until a time of `now` [s]; None if none has come.
+        """Wait for a text until a deadline of `now` [s]; return None without one.
 
         Raises:
-            DeviceError: the connection is lost, or what comes is no WebSocket's.
+            DeviceError: If the connection is lost, or the data are not a WebSocket's.
         """
         while not self._texts:
             if not self._more(deadline):
@@ -124,7 +124,7 @@ class WebSocket:
         return self._texts.popleft()
 
     def _more(self, deadline: float) -> bool:
-        """Wait for more bytes; tell whether some have come."""
+        """Wait for more bytes; return whether some have arrived."""
         line, protocol = self._line, self._protocol
         if protocol.state is not State.OPEN:
             raise self._end()
@@ -144,7 +144,7 @@ class WebSocket:
         return True
 
     def _take(self) -> None:
-        """Take the texts of frames that have come, and answer pings."""
+        """Process the frames that have arrived, and answer pings."""
         protocol = self._protocol
         for event in protocol.events_received():
             if isinstance(event, Frame) and event.opcode in DATA:
@@ -153,19 +153,19 @@ class WebSocket:
                     self._texts.append(self._parts.decode(errors="replace"))
                     self._parts.clear()
         answers = b"".join(protocol.data_to_send())
-        # A connection that ends here is closed by `close`, after which no force of zero could be sent.
+        # Only `close` closes a connection that ends here, because zero force could not be sent afterwards.
         if answers and protocol.state is State.OPEN:
             self._send(answers)
 
     def _end(self) -> DeviceError:
-        """Say why the protocol has ended."""
+        """Return the reason why the protocol has ended."""
         error = self._protocol.parser_exc
         if error is None:
             text = f"the service at {self.url} has closed the connection"
         elif isinstance(error, PayloadTooBig):
             text = f"the service at {self.url} sends a message of more than {MOST} bytes"
         else:
-            text = f"what comes from {self.url} is no WebSocket's: {error}"
+            text = f"the data from {self.url} are not a WebSocket's: {error}"
         end = DeviceError(text)
         end.__cause__ = error
         return end
@@ -177,7 +177,7 @@ class WebSocket:
         return self._socket
 
     def close(self) -> None:
-        """Close the connection; returns also with the service gone, and twice."""
+        """Close the connection; it also returns if the service is gone or the connection already closed."""
         line, self._socket = self._socket, None
         if line is not None:
             with suppress(OSError):

@@ -1,7 +1,7 @@
-"""A mouse as one finger without force: its way on the table is the finger's, the wheel is the third axis.
+"""A mouse as one finger without force feedback: its motion on the table moves the finger, the wheel is the third axis.
 
-For people without hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Read on Linux, from
-/dev/input/event*, with no package besides; a desktop moves its pointer meanwhile unless the mouse is grabbed.
+Intended for users without haptic hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Works
+on Linux, from /dev/input/event*, and needs no further packages. The desktop's pointer also moves unless `grab` is set.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Mouse", "connect"]
 INCH = 0.0254  # [m]
 RIGHT, DOWN, WHEEL = 0, 1, 8  # codes of relative axes
 BUTTONS = 0x110, 0x111, 0x112  # left, right, middle
-MOST_COUNTS = 10_000  # of one event
+MOST_COUNTS = 10_000  # largest count of one event
 
 
 class Mouse(Pointer):  # type: ignore[misc] # mypy does not see the shelf from inside the package
@@ -55,15 +55,15 @@ def connect(
     """Connect a mouse.
 
     Args:
-        port: its file of events, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
-        dimensions: of the scene.
-        dpi: counts of the mouse for an inch; twice that makes the finger go half as far.
-        wheel: of the third axis for a notch [m].
-        workspace: corners in which the finger stays, (2, d) [m]; 0.1 m to every side if not given.
-        start: of the finger when it is opened, (d,) [m]; the middle of the workspace if not given.
-        lag: of the finger behind the mouse; twice that where it moves steadily [s].
-        speed: the largest of the finger [m/s].
-        grab: whether the desktop has no events meanwhile.
+        port: Event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
+        dimensions: Number of dimensions of the scene.
+        dpi: Counts of the mouse per inch; twice the value halves the finger's motion.
+        wheel: Motion along the third axis per notch [m].
+        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
+        start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
+        lag: Time constant of the finger; it lags a steady motion by twice this time [s].
+        speed: Largest speed of the finger [m/s].
+        grab: Whether to withhold the events from the desktop.
     """
     corners = box(workspace, 0.1, dimensions)
     if not isinstance(grab, bool):

@@ -1,4 +1,4 @@
-"""An emulator of a mouse or a gamepad of Linux: its events come through a named pipe, as the kernel's do."""
+"""An emulator of a Linux mouse or gamepad: its events arrive through a named pipe in the kernel's format."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ EVENT = "@llHHi"  # seconds, microseconds, kind, code, value
 SYNC, KEY, RELATIVE, ABSOLUTE = range(4)
 REPORT, DROPPED = 0, 3
 ELSE = 0x04, 0x11, 0x12, 0x14, 0x15, 0x17  # kinds that no pointer has: lights, sounds, repeats, forces, power
-COUNTS = 120, -80  # of `move`, to the right and up
-STICK = 12000, -9000  # likewise
-HALF = 32767.5  # of a stick's way
-DEAD, REACH = 0.1, 0.1  # of the gamepad's settings where they are not given, [1] and [m]
+COUNTS = 120, -80  # motion of `move`, to the right and up
+STICK = 12000, -9000  # the same for a stick
+HALF = 32767.5  # half of a stick's range
+DEAD, REACH = 0.1, 0.1  # default settings of the gamepad, [1] and [m]
 INCH, DPI = 0.0254, 1000.0
 
 
 class EventWire(Wire):
-    """A mouse or a gamepad, which a test moves: it displays no force.
+    """A mouse or a gamepad that a test moves, without force feedback.
 
     Args:
-        kind: of the device.
-        seed: of the damage that failures do.
-        clock: of the conformance kit; the machine's if it is left out.
+        kind: Kind of the device.
+        seed: Seed of random damage by failures.
+        clock: Clock of the conformance kit; by default the system's.
     """
 
     kinds: frozenset[Failure] = frozenset({"drop", "garbage", "unplugged"})
@@ -62,18 +62,18 @@ class EventWire(Wire):
 
     @property
     def position(self) -> FloatArray:
-        """Where the finger is by the device's settings that are not given."""
+        """Position of the finger with the device's default settings."""
         return self._place[None, :].copy()
 
     def send(self, *events: tuple[int, int, int]) -> None:
-        """Send events, each a kind, a code and a value, and a report after them."""
+        """Send events, each with kind, code and value, and the end of a report."""
         data = b"".join(struct.pack(EVENT, 0, 0, *event) for event in (*events, (SYNC, REPORT, 0)))
         if self._pipe >= 0:
-            with suppress(BlockingIOError):  # nobody has read for long
+            with suppress(BlockingIOError):  # the reader has not read for long
                 os.write(self._pipe, data)
 
     def press(self, button: int, *, down: bool = True) -> None:
-        """Press a button, or let it go: of a mouse 0 to 2, of a gamepad 0 to 14."""
+        """Press or release a button: 0 to 2 of a mouse, 0 to 14 of a gamepad."""
         self.send((KEY, (0x110 if self.kind == "mouse" else 0x130) + button, int(down)))
 
     def move(self) -> None:
@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Put the sticks in their middle; a mouse is at home wherever it is."""
+        """Move the sticks to their middle; a mouse is at home everywhere."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))

@@ -1,7 +1,7 @@
-"""Touch and Phantom devices by OpenHaptics: one finger in space each, in the scheduler of the maker's library.
+"""Touch and Phantom devices by OpenHaptics: one finger in space each, in the scheduler of the vendor's library.
 
-Tested against an emulator only (`graspfx.testing.wire.OpenHapticsWire`); written from the names and numbers of the
-library's interface. The library, libHD, comes with the maker's SDK: nothing of it is here, and it is loaded at `open`.
+Tested against an emulator only (`graspfx.testing.wire.OpenHapticsWire`), and written from the names and numbers of the
+library's interface. The library, libHD, is part of the vendor's SDK; it is not included, and is loaded at `open`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from graspfx.protocols import SMALLEST, WINDOW
 __all__ = ["Stylus", "connect", "quench"]
 
 MOST_FORCE = 40.0  # [N]
-MOST_SAMPLES = 1_000_000  # of a window
+MOST_SAMPLES = 1_000_000  # largest window [samples]
 PERIOD = 0.001  # [s]
 
 
@@ -30,11 +30,11 @@ def connect(
     """Connect a device.
 
     Args:
-        unit: its name in the maker's setup tool; None for the default device.
-        library: path of libHD; None for its usual names.
-        force_limit: largest force at the handle [N].
-        resolution: of a position [m].
-        velocity_window: the longest window of the velocity estimate [samples].
+        unit: Name of the device in the vendor's setup tool; None for the default device.
+        library: Path of libHD; None for its usual names.
+        force_limit: Largest force at the handle [N].
+        resolution: Resolution of a position [m].
+        velocity_window: Longest window of the velocity estimate [samples].
     """
     check_library(library, "libHD")
     check_unit(unit)
@@ -48,13 +48,13 @@ def connect(
 
 
 def quench(*, unit: str | None = None, library: object = None, **_: object) -> None:
-    """Take the force from a device whose program has died: open it afresh, display zero force, close it.
+    """Remove the force from a device whose program has died: reopen it, display zero force, close it.
 
     Args:
-        unit, library: as of `connect`; other settings do not matter.
+        unit, library: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: it cannot be opened, or its scheduler does not run.
+        DeviceError: If the device cannot be opened, or its scheduler does not run.
     """
     with Stylus(unit=unit, library=library, force_limit=1.0, resolution=1e-5, velocity_window=1) as device:
         device.open(PERIOD)

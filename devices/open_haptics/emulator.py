@@ -1,4 +1,4 @@
-"""An emulator of Touch and Phantom devices: three behind a stand-in for OpenHaptics, which a test moves."""
+"""An emulator of Touch and Phantom devices: three devices behind a replacement of OpenHaptics, for tests."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HOME = 0.01, -0.02, 0.03  # [m]
-STEP = 0.003  # of `move`, along every axis [m]
+STEP = 0.003  # displacement of `move` along every axis [m]
 NAMES = "left", "right", "third"
 COMM_ERROR = 0x302
 MM = 1e-3  # [m]
-TURN = 1.0  # longest for the thread to take its turns [s]
-BINS = 2048  # of a microsecond, of what the callback takes
+TURN = 1.0  # time for the thread to complete its turns [s]
+BINS = 2048  # bins of one microsecond for the duration of the callback
 
 
 class FakeDevice(ctypes.Structure):
@@ -55,18 +55,19 @@ class FakeScheduler(ctypes.Structure):
 class OpenHapticsWire(Wire):
     """Devices "left", "right" and "third" behind a fake library whose thread calls back 1000 times a second.
 
-    Other programs that load the library meet the same devices. `settings`, `position`, `force` and `torque` are those
-    of the first device.
+    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` are those of
+    the first device.
 
     Args:
-        clock: of the scheduler, which then calls as somebody waits on the wire's `clock`; the machine's if left out.
+        clock: Clock of the scheduler, which then calls back while the wire's `clock` is waited on; by default the
+            system's.
 
     Attributes:
-        library: its path.
-        state: of the library.
+        library: Path of the library.
+        state: State of the library.
 
     Raises:
-        MissingPackageError: this machine has no C compiler.
+        MissingPackageError: If there is no C compiler.
     """
 
     kinds: frozenset[Failure] = frozenset({"late", "drop", "garbage", "unplugged", "blocked"})
@@ -90,7 +91,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def torque(self) -> FloatArray:
-        """Force that the first device displays (3,) [N]; it stays if nobody writes any more."""
+        """Force that the first device displays (3,) [N]; it persists without further writes."""
         return self.forces(0)
 
     @property
@@ -103,29 +104,29 @@ class OpenHapticsWire(Wire):
 
     @property
     def turns(self) -> int:
-        """Calls of the callback so far."""
+        """Number of calls of the callback."""
         return int(self.state.turns)
 
     @property
     def violations(self) -> int:
-        """Breaches of the library's rules: calls outside a frame or callback, frames that cross, a second callback."""
+        """Violations of the library's rules: calls outside a frame or callback, crossing frames, a second callback."""
         return int(self.state.violations)
 
     @property
     def durations(self) -> IntArray:
-        """Counts of callbacks by how long they took, a microsecond a bin; the last has the rest."""
+        """Histogram of the callback's duration in bins of a microsecond; the last bin counts all longer ones."""
         return np.ctypeslib.as_array(self.state.bins)
 
     def place(self, position: FloatArray, device: int = 0) -> None:
-        """Put the handle of a device at a position (3,) [m]."""
+        """Place the handle of a device at a position (3,) [m]."""
         self.state.devices[device].position[:] = (np.asarray(position) / MM).tolist()
 
     def leave(self, error: int, device: int = 0) -> None:
-        """Have every frame of a device leave this error on the library's stack; 0 for none."""
+        """Let every frame of a device leave this error on the library's stack; 0 for none."""
         self.state.devices[device].error = error
 
     def forces(self, device: int) -> FloatArray:
-        """Force that a device displays (3,) [N]."""
+        """Return the force that a device displays (3,) [N]."""
         return np.array(self.state.devices[device].force)
 
     def move(self) -> None:
@@ -135,10 +136,10 @@ class OpenHapticsWire(Wire):
         self.place(np.array(HOME))
 
     def _change(self) -> None:
-        """Have the scheduler or the first device be what the failure makes of them."""
+        """Apply the current failure to the scheduler or the first device."""
         self.state.stalled = self.failure in ("late", "drop", "blocked")
         self.leave(COMM_ERROR if self.failure == "unplugged" else 0)
-        if self.failure == "unplugged":  # no power, and nobody's
+        if self.failure == "unplugged":  # no power and no owner
             self.state.devices[0].owner = 0
             self.state.devices[0].force[:] = [0.0] * 3
         if self.failure == "garbage":
@@ -151,7 +152,7 @@ class OpenHapticsWire(Wire):
 
 
 class _TurnsClock:
-    """A clock on which to wait is to let the scheduler take its turns."""
+    """A clock whose waits let the scheduler complete its turns."""
 
     def __init__(self, clock: Clock, wire: OpenHapticsWire) -> None:
         self.now = clock.now

@@ -1,4 +1,4 @@
-"""Functions and numbers of the OpenHaptics library (HD), by their names; it is loaded when a device is opened."""
+"""Functions and constants of the OpenHaptics library (HD), by name; it is loaded when a device is opened."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ ELSEWHERE = "libHD.so", "libHD.so.3.4", "libHD.so.3"
 
 NO_DEVICE = 0xFFFFFFFF
 POSITION, FORCE, FORCE_OUTPUT = 0x2050, 0x2700, 0x4000  # mm, N
-FIRST = 0xFFFF  # priority of a callback that comes before all others
-RATE = 1000  # of the scheduler [Hz]
+FIRST = 0xFFFF  # priority of a callback before all others
+RATE = 1000  # rate of the scheduler [Hz]
 ERRORS = {
     0x102: "an operation that is not allowed there",
     0x200: "the motors are warm: let them cool down",
@@ -23,7 +23,7 @@ ERRORS = {
     0x203: "the handle was faster than the device allows",
     0x204: "the force cannot be displayed",
     0x300: "the device has a fault: it may be unplugged, switched off, or in use by another program",
-    0x302: "the device does not answer: look after its cable",
+    0x302: "the device does not answer: check its cable",
     0x304: "the scheduler's timer does not run",
 }
 
@@ -43,7 +43,7 @@ SIGNATURES: dict[str, tuple[Any, ...]] = {
     "hdStartScheduler": (None,),
     "hdStopScheduler": (None,),
 }
-MOST = 64  # errors that the stack is asked for
+MOST = 64  # largest number of errors popped from the stack
 
 
 class _Error(ctypes.Structure):
@@ -53,13 +53,13 @@ class _Error(ctypes.Structure):
 
 
 class Hd:
-    """The library's functions with their arguments; an error on its stack after a call is a DeviceError.
+    """The library's functions with their argument types; an error on its stack after a call raises a DeviceError.
 
     Args:
-        library: its path; None for its usual names; or an object with ctypes functions of these names.
+        library: Path of the library; None for its usual names; or an object with ctypes functions of these names.
 
     Attributes:
-        library: as it is loaded.
+        library: Library as loaded.
     """
 
     def __init__(self, library: object) -> None:
@@ -74,10 +74,10 @@ class Hd:
             self._functions[name] = function
 
     def call(self, name: str, *arguments: object) -> Any:
-        """Call a function and give what it returns.
+        """Call a function and return its result.
 
         Raises:
-            DeviceError: it leaves an error.
+            DeviceError: If it leaves an error on the stack.
         """
         result = self._functions[name](*arguments)
         errors: list[int] = []
@@ -89,11 +89,11 @@ class Hd:
 
 
 def error_text(code: int) -> str:
-    """Say what an error of the library means."""
+    """Explain an error of the library."""
     return f"{ERRORS.get(code, 'an error')} (0x{code:X})"
 
 
 def check_unit(unit: object) -> None:
-    """Refuse what can be no name of a device."""
+    """Reject values that cannot be the name of a device."""
     if unit is not None and not (isinstance(unit, str) and unit):
-        raise InputError("unit", unit, "the name that the maker's setup tool has for the device, or None")
+        raise InputError("unit", unit, "the device's name in the vendor's setup tool, or None")

@@ -1,4 +1,4 @@
-"""The library's scheduler, one in a process: it starts once all devices are there, and calls one function a period."""
+"""The library's scheduler, one per process: it starts when all devices are added, and calls one function per period."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Protocol
 from graspfx.devices.open_haptics.hd import FIRST, FORCE, FORCE_OUTPUT, NO_DEVICE, POSITION, RATE, Hd
 from graspfx.protocols import Calls, DeviceError, Mailbox, VelocityEstimator, adapt
 
-LONGEST = 0.5  # for a scheduler to call [s]
-SETTLED = 2  # turns after which what was written is displayed
+LONGEST = 0.5  # time for the scheduler to call back [s]
+SETTLED = 2  # turns after which a written force is displayed
 
 
 class Member(Protocol):
@@ -25,41 +25,41 @@ class Member(Protocol):
 
 
 class Scheduler:
-    """The devices of one library that are open in this process, and the thread that exchanges with them.
+    """The open devices of one library in this process, and the thread that exchanges data with them.
 
-    Devices are initialised before it starts; one more stops it for that time.
+    Devices are initialised before the scheduler starts; adding another device stops it temporarily.
 
     Args:
-        hd: functions of the library.
+        hd: Functions of the library.
     """
 
     def __init__(self, hd: Hd) -> None:
         self._hd, self._members = hd, list[Member]()
         self._calls: list[Calls] = []
-        self._mailbox: Mailbox | None = None  # while it runs
-        self._number = 0  # of the callback
+        self._mailbox: Mailbox | None = None  # only while it runs
+        self._number = 0  # handle of the callback
         self._lock = RLock()
 
     def add(self, member: Member, unit: str | None, velocity: VelocityEstimator) -> Calls:
-        """Initialise a device; give its C functions, which may be called in the scheduler's thread only.
+        """Initialise a device; return its C functions, which may be called in the scheduler's thread only.
 
         Args:
-            member: the device.
-            unit: its name in the maker's setup tool.
-            velocity: estimates velocities, a period of the scheduler after the other.
+            member: Device to add.
+            unit: Name of the device in the vendor's setup tool.
+            velocity: Estimator of velocities, called once per period of the scheduler.
         """
         hd = self._hd
         with self._lock:
             self._halt()
             handle = int(hd.call("hdInitDevice", None if unit is None else unit.encode()))
             if handle == NO_DEVICE:
-                raise DeviceError("OpenHaptics gives no handle for the device")
+                raise DeviceError("OpenHaptics returned no handle for the device")
             member.handle = handle
             try:
                 hd.call("hdMakeCurrentDevice", handle)
                 hd.call("hdEnable", FORCE_OUTPUT)
                 calls = _calls(hd, handle, velocity)
-            except BaseException:  # a signal may break it off too
+            except BaseException:  # also interruptions by a signal
                 with suppress(DeviceError):
                     hd.call("hdDisableDevice", handle)
                 raise
@@ -68,7 +68,7 @@ class Scheduler:
             return calls
 
     def remove(self, member: Member) -> None:
-        """Stop, disable a device, and go on with the others."""
+        """Stop and disable a device, and continue with the others."""
         with self._lock:
             if member not in self._members:
                 return
@@ -84,7 +84,7 @@ class Scheduler:
                     self.start()
 
     def start(self) -> Mailbox:
-        """Start, unless it runs; give the exchange with its devices."""
+        """Start the scheduler unless it runs; return the mailbox of its devices."""
         with self._lock:
             if self._mailbox is not None:
                 return self._mailbox
@@ -95,7 +95,7 @@ class Scheduler:
                 hd.call("hdSetSchedulerRate", RATE)
                 hd.call("hdStartScheduler")
                 if not mailbox.wait(SETTLED, LONGEST):
-                    raise DeviceError("the scheduler of OpenHaptics does not call: its driver may not run")
+                    raise DeviceError("the scheduler of OpenHaptics does not call back: its driver may not run")
             except DeviceError:
                 self._halt()
                 raise
@@ -103,15 +103,15 @@ class Scheduler:
 
     @property
     def mailbox(self) -> Mailbox | None:
-        """The exchange with its devices, while it runs."""
+        """The mailbox of its devices while it runs, else None."""
         return self._mailbox
 
     def place(self, member: Member) -> int:
-        """Give the number of a device in the mailbox."""
+        """Return the index of a device in the mailbox."""
         return self._members.index(member)
 
     def _halt(self) -> None:
-        """Take the callback away and stop, when forces are zero."""
+        """Remove the callback and stop the scheduler, when forces are zero."""
         mailbox, self._mailbox = self._mailbox, None
         if mailbox is None:
             return
@@ -129,7 +129,7 @@ class Scheduler:
 
 
 def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
-    """Adapt the library's functions: a frame of each device, frames inside one another, lengths in mm."""
+    """Adapt the library's functions: one frame per device, nested frames, lengths in mm."""
     return adapt(
         hd.library,
         ask="void hdBeginFrame(u32 handle)",
@@ -144,16 +144,16 @@ def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
     )
 
 
-_SCHEDULERS: dict[object, Scheduler] = {}  # by library: one for all devices of this process
+_SCHEDULERS: dict[object, Scheduler] = {}  # by library; shared by all devices of this process
 
 
 def library_key(library: object) -> object:
-    """Name a library by its path, or the object that it is."""
+    """Return a key for a library: its path, or the object itself."""
     return library if library is None or isinstance(library, str) else id(library)
 
 
 def scheduler_of(library: object) -> Scheduler:
-    """Give the scheduler of a library, which is loaded the first time."""
+    """Return the scheduler of a library, which is loaded on first use."""
     key = library_key(library)
     if key not in _SCHEDULERS:
         _SCHEDULERS[key] = Scheduler(Hd(library))

@@ -1,4 +1,4 @@
-"""A Touch or Phantom: positions and forces of its handle's tip, exchanged in the thread of OpenHaptics."""
+"""A Touch or Phantom: positions and forces of the tip of its handle, exchanged in the thread of OpenHaptics."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from graspfx.protocols import Calls, DeviceError, Features, InputError, Mailbox,
 
 FloatArray = NDArray[np.float64]
 
-NAP = 1e-4  # between two looks for a sample [s]
-LONGEST = 0.05  # for a force of zero to be displayed [s]
+NAP = 1e-4  # time between two checks for a sample [s]
+LONGEST = 0.05  # time for zero force to be displayed [s]
 
 
 class Stylus:
     """One finger in space: x to the right, y up, z towards the operator.
 
-    The library's thread has the clock, 1000 times a second: `read` waits for its next sample, a period at most, and a
-    force is displayed from its next turn on; without news from this program for 20 ms it displays none. A loop without
-    Python runs in that thread. Velocities are estimated from positions. Every error of the library is a fault.
+    The library's thread runs 1000 times a second. `read` waits for its next sample, at most one period, and a force is
+    displayed from its next turn on. Without a message from this program for 20 ms the thread displays zero force. A
+    loop without Python runs in that thread. Velocities are estimated from positions. Every error of the library is a
+    fault.
     """
 
     def __init__(
@@ -36,7 +37,7 @@ class Stylus:
         self._window = velocity_window
         self.now, self.sleep = now, sleep
         self.handle = -1
-        self._scheduler: Scheduler | None = None  # while the device is open
+        self._scheduler: Scheduler | None = None  # only while the device is open
         self._calls: Calls | None = None
 
     @property
@@ -47,17 +48,17 @@ class Stylus:
 
     @property
     def calls(self) -> Calls | None:
-        """C functions for the library's thread, while the device is open."""
+        """C functions for the library's thread while the device is open, else None."""
         return self._calls
 
     @property
     def thread(self) -> object:
-        """The library, whose scheduler all its devices share."""
+        """The library, whose devices share one scheduler."""
         return library_key(self.library)
 
     @property
     def drives(self) -> bool:
-        """Whether the library's thread is there to call."""
+        """Whether the library's thread can call a loop."""
         return self._scheduler is not None and self._scheduler.mailbox is not None
 
     def drive(self, function: int, context: int) -> None:
@@ -65,7 +66,7 @@ class Stylus:
         self._started().drive(function, context)
 
     def release(self, wait: float) -> bool:
-        """Let it call the function no more; tell whether it has come back from it within so long [s]."""
+        """Stop these calls; return whether the last one has ended within `wait` seconds."""
         mailbox = None if self._scheduler is None else self._scheduler.mailbox
         return mailbox is None or mailbox.release(wait)
 
@@ -81,7 +82,7 @@ class Stylus:
         self._velocity: FloatArray = np.zeros((1, 3))
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample the last ones."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without a new one."""
         mailbox, i, end = self._started(), self._place, self.now() + self._period
         while True:
             if fault := mailbox.fault(i):
@@ -93,7 +94,7 @@ class Stylus:
             self.sleep(NAP)
         if count != self._count:
             if not np.isfinite(position).all():
-                raise DeviceError(f"the device gives the position {position[0].tolist()}")
+                raise DeviceError(f"the device returned the position {position[0].tolist()}")
             self._time += (count - self._count) / RATE
             self._count = count
             self._position[...] = position
@@ -116,17 +117,17 @@ class Stylus:
             raise DeviceError(self.fault_text(fault))
 
     def stop(self) -> None:
-        """Display zero force; where the library's thread does not take it, that is a DeviceError."""
+        """Display zero force; raise DeviceError if the library's thread does not accept it."""
         mailbox = None if self._scheduler is None else self._scheduler.mailbox
         if mailbox is None:
             return
         mailbox.release(LONGEST)
         mailbox.write(self._place, np.zeros((1, 3)))
         if not mailbox.wait(2, LONGEST):
-            raise DeviceError("the scheduler of OpenHaptics does not call any more")
+            raise DeviceError("the scheduler of OpenHaptics no longer calls back")
 
     def close(self) -> None:
-        """Zero force, then without a callback and stopped, then disabled; each tried whatever the others did."""
+        """Set zero force, remove the callback, stop and disable the device; each step is tried even if others fail."""
         scheduler, self._calls = self._scheduler, None
         if scheduler is not None:
             with suppress(DeviceError):
@@ -141,7 +142,7 @@ class Stylus:
         self.close()
 
     def fault_text(self, code: int) -> str:
-        """Say what a code below zero of the C functions means."""
+        """Explain a negative code of the C functions."""
         if self._calls is None:
             return f"code {code}"
         adapter = self._calls.keep
@@ -158,7 +159,7 @@ class Stylus:
         return place
 
     def _started(self) -> Mailbox:
-        """Give the exchange with the library's thread, which is started where it is not."""
+        """Return the mailbox of the library's thread, starting the thread if necessary."""
         if self._scheduler is None:
             raise DeviceError("the device is not open: call open(period) first")
         mailbox: Mailbox = self._scheduler.start()

@@ -1,8 +1,8 @@
-"""The rig: two planar two-link arms on one controller, open hardware after the paper's, a finger each.
+"""The rig: two planar two-link arms on one controller, open hardware modelled on the paper's, one finger each.
 
-A proposal that nobody has built yet (docs/how-to/hardware.md); tested against its own firmware on a desktop computer
-only, firmware/rig.c behind firmware/host.c. The controller drops its force by itself 5 ms after the last torques,
-within 20 ms more. Arms, gears and encoders are those of `two-link`.
+It is a design that has not been built yet (docs/how-to/hardware.md). It is tested only against its own firmware on a
+desktop computer: firmware/rig.c with firmware/host.c. The controller drops its force on its own 5 ms after the last
+torques, within a further 20 ms. Arms, gears and encoders are those of `two-link`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from graspfx.protocols import SMALLEST, InputError, SerialPort
 
 __all__ = ["Rig", "connect", "quench"]
 
-OWN = ("base", "elbow", "zero")  # settings that an arm may have for itself
+OWN = ("base", "elbow", "zero")  # settings that may differ between arms
 
 
 def connect(
@@ -44,13 +44,14 @@ def connect(
 ) -> Rig:
     """Connect the rig: channel 0 is the first arm, channel 1 the second.
 
-    Settings that are not here are explained by `graspfx.devices.two_link.connect`, which takes them for each arm.
+    The other settings are those of `graspfx.devices.two_link.connect`, for each arm.
 
     Args:
-        port: the controller's serial port, such as /dev/ttyACM0.
-        arms: one or two tables, each with `base` [m], `elbow`, and `zero` if the directions of its links are not zero
-            where the counts are [rad].
-        timeout: until an answer is given up and the last sample stands; less than the period, 2.5 ms at most [s].
+        port: Serial port of the controller, such as /dev/ttyACM0.
+        arms: One or two tables, each with `base` [m], `elbow`, and optionally `zero`: directions of the links at zero
+            counts [rad].
+        timeout: Time after which the last sample is kept instead of an answer; less than the period, at most 2.5 ms
+            [s].
     """
     tables = _tables(arms)
     settings = {
@@ -85,13 +86,13 @@ def _tables(value: object) -> list[Mapping[str, Any]]:
 
 
 def quench(*, port: str, **_: object) -> None:
-    """Switch the motors off after a program has died, ahead of the controller's own watchdog.
+    """Switch the motors off after a program has died, before the controller's own watchdog does.
 
     Args:
-        port: as of `connect`; other settings do not matter.
+        port: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: another program has the port, or nothing answers there.
+        DeviceError: If another program has the port, or nothing answers there.
     """
     controller = Controller(SerialPort(port), 0.0)
     try:

@@ -1,4 +1,4 @@
-"""The rig's controller behind its port: HELLO and ARM, then POLL, STATE and RUN in each sample, STOP at the end."""
+"""The rig's controller at its port: HELLO and ARM, then POLL, STATE and RUN in each sample, and STOP at the end."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from graspfx.protocols import DeviceError, SerialPort
 
 T = TypeVar("T")
 
-TRIES = 5  # of HELLO and ARM
-PATIENCE = 0.1  # for an answer to one of them [s]
-GOODBYE = 0.02  # for an answer to STOP [s]
-LONGEST = 4096  # bytes without an end that are kept
+TRIES = 5  # attempts of HELLO and ARM
+PATIENCE = 0.1  # time for an answer to each of them [s]
+GOODBYE = 0.02  # time for an answer to STOP [s]
+LONGEST = 4096  # largest number of stored bytes without an end of frame
 STILL = (0.0,) * AXES
 
 
@@ -37,35 +37,35 @@ class Controller:
     """A controller of two arms, for one program.
 
     Args:
-        port: its line.
-        timeout: for the answer to POLL [s].
+        port: Serial port.
+        timeout: Longest wait for the answer to POLL [s].
     """
 
     def __init__(self, port: SerialPort, timeout: float) -> None:
         self.port, self.timeout = port, timeout
-        self._number = 0  # of the last RUN: it alone counts, or commands would look old after many questions
+        self._number = 0  # number of the last RUN, counted separately because many POLLs would make commands look old
         self._question = 0  # number of the last POLL
-        self._session = 0  # as the controller has named it
+        self._session = 0  # session number from the controller
         self._buffer = b""
-        self._deadline: float | None = None  # of the answer that is on its way
+        self._deadline: float | None = None  # deadline of the pending answer
         self._armed = False
 
     def open(self, torque_limit: float, watchdog: float) -> State:
-        """Make the controller's acquaintance, and switch the motors on at zero torque.
+        """Identify the controller, and switch the motors on at zero torque.
 
         Raises:
-            DeviceError: no answer, another version, limits below the settings', or a controller that does not arm.
+            DeviceError: If there is no answer, the version differs, limits are too low, or the controller does not arm.
         """
         self.close()
         self.port.open()
         try:
             about = self._meet()
             if about.version != VERSION or about.axes != AXES:
-                text = f"version {about.version} with {about.axes} axes; this driver speaks {VERSION} with {AXES}"
-                raise DeviceError(f"the controller at {self.port.path} has {text}: load the firmware beside the driver")
+                text = f"version {about.version} with {about.axes} axes; this driver needs {VERSION} with {AXES}"
+                raise DeviceError(f"the controller at {self.port.path} has {text}: load the driver's firmware")
             if min(about.limits) < torque_limit:
                 text = f"{min(about.limits):g} N m, below `torque_limit`, {torque_limit:g} N m"
-                raise DeviceError(f"the controller at {self.port.path} limits its motors to {text}: set that lower")
+                raise DeviceError(f"the controller at {self.port.path} limits its motors to {text}: reduce the setting")
             if about.watchdog > watchdog:
                 raise DeviceError(
                     f"the controller at {self.port.path} waits {about.watchdog:g} s for torques: too long"
@@ -87,10 +87,10 @@ class Controller:
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
-        """Wait for the STATE that answers the last `ask`, or ask first; None if it does not come in time.
+        """Wait for the STATE that answers the last `ask`, or ask first; return None if it is too late.
 
         Raises:
-            DeviceError: the hardware is gone, or the controller has latched a fault or begun anew.
+            DeviceError: If the hardware is gone, or the controller has latched a fault or restarted.
         """
         if self._deadline is None:
             self.ask()
@@ -99,23 +99,23 @@ class Controller:
             state = state_in(message)
             if state is not None and state.mode not in (Mode.ARMED, Mode.RUNNING):
                 raise DeviceError(f"the controller at {self.port.path} is at rest; {self._fault(state)}")
-            if state is not None and state.number == self._question & 0xFFFF:  # an older one answers what was given up
+            if state is not None and state.number == self._question & 0xFFFF:  # older numbers answer lost requests
                 return state
         return None
 
     def run(self, torques: tuple[float, ...]) -> None:
-        """Send torques of the motors, (4,) [N m]."""
+        """Send the torques of the motors (4,) [N m]."""
         self._number += 1
         self.port.send(run_frame(self._number, self._session, torques))
 
     def rest(self) -> None:
-        """Reach the controller afresh and switch its motors off, whoever had switched them on."""
+        """Connect to the controller again and switch its motors off, whichever program switched them on."""
         self.close()
         self.port.open()
         self._exchange(Kind.STOP, lambda: short_frame(Kind.STOP), state_in)
 
     def close(self) -> None:
-        """Zero torque, motors off, and let go of the port; returns also with the hardware gone, and twice."""
+        """Set zero torque, switch the motors off and close the port; it also returns if the hardware is gone."""
         if self._armed:
             self._armed = False
             with suppress(DeviceError):
@@ -126,7 +126,7 @@ class Controller:
         self._buffer, self._deadline = b"", None
 
     def _meet(self) -> About:
-        """Begin a session; each try has a nonce of its own, by which an answer that is late is known."""
+        """Begin a session; each attempt has its own nonce, by which a late answer is recognised."""
         nonce = 0
 
         def hello() -> bytes:
@@ -143,7 +143,7 @@ class Controller:
 
     def _exchange(self, kind: Kind, question: Callable[[], bytes], reading: Callable[[bytes], T | None]) -> T:
         for _ in range(TRIES):
-            self.port.send(b"\0" + question())  # the zero ends whatever another program left
+            self.port.send(b"\0" + question())  # the zero byte ends a frame left by another program
             for message in self._messages(self.port.now() + PATIENCE):
                 answer = reading(message)
                 if answer is not None:
@@ -152,7 +152,7 @@ class Controller:
         raise DeviceError(f"nothing at {self.port.path} answers {kind.name} as a rig's controller does")
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Give messages as they come, until a time of the port's clock [s]; damaged ones are left out."""
+        """Yield messages until a deadline of the port's clock [s], skipping damaged ones."""
         while True:
             frame, end, rest = self._buffer.partition(b"\0")
             if end:

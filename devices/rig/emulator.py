@@ -1,4 +1,4 @@
-"""An emulator of the rig: its controller's firmware on this machine, with two simulated arms."""
+"""An emulator of the rig: its controller's firmware on this computer, with two simulated arms."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from graspfx.testing.wire import FAILURES, Clock, Plug, Wire, build, shared_page
 FloatArray = NDArray[np.float64]
 
 AXES = 4
-LIMIT = 0.06  # of a motor, in the firmware [N m]
+LIMIT = 0.06  # torque limit of a motor in the firmware [N m]
 GEAR = 15.0
 LINK = 0.128  # [m]
 BASES = (-0.04, -0.18), (0.04, -0.18)  # [m]
 HOME = 2.2752353, 0.7000749, 0.8663574, 2.4415177  # directions of the links with fingers at (-0.025, 0), (0.025, 0)
-STEP = 0.05  # of `move` [rad]
-NEAR = 1e-5  # of links that have come to where hands hold them [rad], and in 10 ms [rad/s]
-MOST = 1 << 16  # bytes of the controller's at a time
-PATIENCE = 5.0  # for the program to start, or to plug the cable in [s]
+STEP = 0.05  # rotation of `move` [rad]
+NEAR = 1e-5  # tolerance of links at the positions of the hands [rad], and in 10 ms [rad/s]
+MOST = 1 << 16  # largest read from the controller [bytes]
+PATIENCE = 5.0  # time for the program to start, or to plug in the cable [s]
 
 
 class Page(ctypes.Structure):
-    """The page that firmware/host.c shares: `struct page` there."""
+    """Memory shared with firmware/host.c: `struct page` there."""
 
     _fields_ = (
         ("rest", ctypes.c_double * AXES),
@@ -59,30 +59,30 @@ class Page(ctypes.Structure):
 
 @cache
 def _built(name: str, *options: str) -> Path:
-    """Build the emulator, once for a process, in a folder that goes when the process ends."""
+    """Build the emulator once per process, in a temporary folder."""
     folder = Path(mkdtemp(prefix="graspfx-rig-"))
     atexit.register(rmtree, folder, ignore_errors=True)
     return build([*options, "host.c", "rig.c", "-lm"], folder / name, Path(__file__).with_name("firmware"))
 
 
 class RigWire(Wire):
-    """The rig without its metal: rig.c built by this machine's compiler, in a program of its own.
+    """The rig without hardware: rig.c compiled for this computer, in a separate program.
 
-    On a clock that is given it is a library of this process instead, without a port, one at a time: it works in
-    `exchange` alone, and in no other time than that clock's.
+    With a given clock it is a library in this process instead, without a port, one at a time. It then runs only in
+    `exchange` and in the time of that clock.
 
-    Hands hold both fingers at home, with a stiffness at each joint. What is damaged by "flip" are frames in both
-    directions, since both have a checksum.
+    Hands hold both fingers at home, with a stiffness at each joint. The failure "flip" damages frames in both
+    directions, because both have a checksum.
 
     Args:
-        stiffness: of the hands at each joint [N m/rad].
-        damping: of the hands at each joint [N m s/rad].
-        slowness: seconds in which a second of the controller's clock goes by; above 1 its watchdog waits for tests on
-            a busy machine.
-        clock: of the controller; the machine's if it is left out.
+        stiffness: Stiffness of the hands at each joint [N m/rad].
+        damping: Damping of the hands at each joint [N m s/rad].
+        slowness: Factor by which the controller's clock runs slower; values above 1 extend its watchdog for tests on a
+            busy machine.
+        clock: Clock of the controller; by default the system's.
 
     Raises:
-        MissingPackageError: this machine has no C compiler.
+        MissingPackageError: If there is no C compiler.
     """
 
     limit = LIMIT
@@ -115,7 +115,7 @@ class RigWire(Wire):
             raise
 
     def exchange(self, data: bytes = b"") -> bytes:
-        """Give the controller bytes, on a clock that was given, and take what has come out of it by now."""
+        """Pass bytes to the controller on a given clock, and return its output so far."""
         self._unread += data
         taken = b"" if self.failure == "blocked" else self._unread
         self._unread = self._unread[len(taken) :]
@@ -150,7 +150,7 @@ class RigWire(Wire):
         return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
 
     def move(self) -> None:
-        """Turn the first link of each arm by 0.05 rad; the hands of a board at rest have brought the arms there."""
+        """Turn the first link of each arm by 0.05 rad; the hands of a resting board have moved the arms there."""
         self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
 
     def home(self) -> None:
@@ -174,7 +174,7 @@ class RigWire(Wire):
             return
         if self.failure == "unplugged":
             self._plug.pull()
-            self.clock.sleep(0.01)  # until it is out
+            self.clock.sleep(0.01)  # until the data are sent
         elif not self._plugged:
             self._await_plug(plugs)
 

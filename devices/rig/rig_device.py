@@ -1,4 +1,4 @@
-"""The rig as a device: two two-link arms on one controller, a finger each."""
+"""The rig as a device: two two-link arms on one controller, one finger each."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from graspfx.protocols import DeviceError, Features, InputError
 
 FloatArray = NDArray[np.float64]
 
-SILENCE = 20  # readings without an answer, one after another, until the controller counts as gone
-WATCHDOG = 0.005  # of the controller: longer without torques is its fault [s]
-DECAY = 0.02  # then, to zero [s]
-LONGEST = 0.0025  # period: the watchdog must not be the pace [s]
-WRAP = 1 << 32  # of the controller's clock [us]
+SILENCE = 20  # successive readings without an answer after which the controller counts as lost
+WATCHDOG = 0.005  # watchdog of the controller; a longer time without torques is a fault [s]
+DECAY = 0.02  # time in which forces then decay to zero [s]
+LONGEST = 0.0025  # longest period, because the watchdog must not be needed between samples [s]
+WRAP = 1 << 32  # range of the controller's clock [us]
 
 
 class Half:
-    """One arm's encoders and motors, as a `Board` of the two-link arm: what the controller said and will be told."""
+    """One arm's encoders and motors as a `Board` of the two-link arm: last reading and next torques."""
 
     def __init__(self) -> None:
         self.reading, self.time = (0, 0), 0.0
@@ -44,15 +44,15 @@ class Half:
 
 
 class Rig:
-    """Two arms behind one controller: POLL, STATE, then RUN in each sample.
+    """Two arms on one controller: POLL, STATE, then RUN in each sample.
 
-    Positions, velocities and torques are those of `two-link`, by the controller's clock. A sample without an answer is
-    the last one again, with its time.
+    Positions, velocities and torques are computed as for `two-link`, with the controller's clock. Without an answer the
+    last sample is kept, with its time.
 
     Args:
-        controller: not yet open.
-        arms: one or two, each behind a `Half`.
-        halves: the boards of the arms.
+        controller: Controller, not yet open.
+        arms: One or two arms, each with a `Half`.
+        halves: Boards of the arms.
     """
 
     def __init__(self, controller: Controller, arms: Sequence[TwoLink], halves: Sequence[Half]) -> None:
@@ -61,11 +61,11 @@ class Rig:
         self._position: FloatArray = np.zeros(shape)
         self._velocity: FloatArray = np.zeros(shape)
         self._raw: NDArray[np.int64] = np.zeros(1 + 2 * len(STILL), dtype=np.int64)
-        self._period: float | None = None  # while the device is open
+        self._period: float | None = None  # only while the device is open
 
     @property
     def features(self) -> Features:
-        """Peak force is that of the weaker arm, resolution that of the coarser one; the workspace is around both."""
+        """Features: peak force of the weaker arm, resolution of the coarser one, workspace around both."""
         each = [arm.features for arm in self.arms]
         corners = [feature.workspace for feature in each if feature.workspace is not None]
         peaks = [feature.peak_force for feature in each if feature.peak_force is not None]
@@ -82,12 +82,12 @@ class Rig:
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that the motors of each arm reach in every direction where it was read last, (k,) [N]."""
+        """Largest force that each arm's motors reach in every direction at the last reading (k,) [N]."""
         return np.concatenate([arm.largest_force for arm in self.arms])
 
     @property
     def raw(self) -> NDArray[np.int64]:
-        """The controller's clock [us] modulo 2^32, then counts and rates [1/s] of its four encoders, (9,)."""
+        """The controller's clock [us] modulo 2^32, then counts and rates [1/s] of its four encoders (9,)."""
         return self._raw
 
     def open(self, period: float) -> None:
@@ -112,7 +112,7 @@ class Rig:
         self.controller.ask()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give positions (k, 2) [m], velocities (k, 2) [m/s] and the controller's time [s] since `open`."""
+        """Return positions (k, 2) [m], velocities (k, 2) [m/s] and the controller's time [s] since `open`."""
         period = self._opened()
         state = self.controller.answer()
         if state is None:
@@ -132,7 +132,7 @@ class Rig:
         self._time += since
         try:
             self._take(state)
-        except DeviceError:  # an arm out of its reach
+        except DeviceError:  # an arm is out of its reach
             self._abandon()
             raise
         return self._position, self._velocity, self._time
@@ -144,7 +144,7 @@ class Rig:
         try:
             for arm, force in zip(self.arms, forces, strict=True):
                 arm.write(force[None, :])
-        except DeviceError:  # a force that is not finite: zero for every arm
+        except DeviceError:  # a non-finite force: zero for every arm
             self.stop()
             raise
         goals = [torque for half in self.halves for torque in half.goal]
@@ -169,7 +169,7 @@ class Rig:
         self.close()
 
     def _take(self, state: State) -> None:
-        """Move the arms to the counts of an answer, and read them."""
+        """Update the arms with the counts of an answer, and read them."""
         self._raw[:] = (state.microseconds, *state.counts, *state.rates)
         for i, (arm, half) in enumerate(zip(self.arms, self.halves, strict=True)):
             half.reading, half.time = (state.counts[2 * i], state.counts[2 * i + 1]), self._time
@@ -177,7 +177,7 @@ class Rig:
             self._position[i], self._velocity[i] = position[0], velocity[0]
 
     def _abandon(self) -> None:
-        with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+        with suppress(DeviceError):  # the hardware may be gone
             self.stop()
 
     def _opened(self) -> float:

@@ -1,4 +1,4 @@
-"""Frames of the rig's line: COBS of a message and its CRC, ended by a zero. firmware/rig.h says what they mean."""
+"""Frames of the rig's serial line: COBS of a message and its CRC, ended by a zero; firmware/rig.h defines them."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ FAULTS = (
     "watchdog: no torques came for 5 ms, or for 5 s after the motors were switched on",
     "overspeed: a joint turned faster than the controller allows",
     "overcurrent: a motor driver has switched itself off",
-    "encoder: a sensor gives no counts",
-    "emergency stop: pressed, the deadman let go, or the motors' supply gone",
+    "encoder: a sensor returns no counts",
+    "emergency stop: pressed, deadman switch released, or no supply of the motors",
     "noise: ten bad frames in a row",
 )
 
@@ -55,18 +55,18 @@ class About(NamedTuple):
     axes: int
     mode: int
     watchdog: float  # [s]
-    limits: tuple[float, ...]  # of the motors [N m]
-    nonce: int  # of the HELLO that it answers
-    session: int  # that ARM and RUN have to name
+    limits: tuple[float, ...]  # torque limits of the motors [N m]
+    nonce: int  # nonce of the answered HELLO
+    session: int  # session number for ARM and RUN
 
 
 class State(NamedTuple):
     """The controller's answer to POLL."""
 
-    number: int  # of the message that it answers
+    number: int  # number of the answered message
     mode: int
     fault: int
-    microseconds: int  # of the controller's clock, modulo 2^32
+    microseconds: int  # controller's clock, modulo 2^32
     counts: tuple[int, ...]
     rates: tuple[int, ...]  # [counts/s]
 
@@ -82,7 +82,7 @@ def framed(message: bytes) -> bytes:
 
 
 def unframed(frame: bytes) -> bytes | None:
-    """Take the message out of a frame, without its end; None if it is damaged."""
+    """Return the message of a frame without its end; None if it is damaged."""
     out, at = bytearray(), 0
     while at < len(frame):
         run = frame[at]
@@ -99,22 +99,22 @@ def unframed(frame: bytes) -> bytes | None:
 
 
 def short_frame(kind: Kind, number: int = 0) -> bytes:
-    """Write STOP or POLL."""
+    """Return a STOP or POLL frame."""
     return framed(SHORT.pack(kind, number & 0xFFFF))
 
 
 def long_frame(kind: Kind, word: int) -> bytes:
-    """Write HELLO with a nonce, or ARM with a session."""
+    """Return a HELLO frame with a nonce, or an ARM frame with a session."""
     return framed(LONG.pack(kind, 0, word))
 
 
 def run_frame(number: int, session: int, torques: tuple[float, ...]) -> bytes:
-    """Write RUN with the session and the motors' torques, (4,) [N m]."""
+    """Return a RUN frame with the session and the motors' torques (4,) [N m]."""
     return framed(RUN.pack(Kind.RUN, number & 0xFFFF, session, *(round(1e6 * torque) for torque in torques)))
 
 
 def about_in(message: bytes) -> About | None:
-    """Read ABOUT; None for another message."""
+    """Return the content of ABOUT; None for another message."""
     if len(message) != ABOUT.size or message[0] != Kind.ABOUT:
         return None
     _, version, axes, mode, watchdog, *limits, nonce, session = ABOUT.unpack(message)
@@ -122,7 +122,7 @@ def about_in(message: bytes) -> About | None:
 
 
 def state_in(message: bytes) -> State | None:
-    """Read STATE; None for another message."""
+    """Return the content of STATE; None for another message."""
     if len(message) != STATE.size or message[0] != Kind.STATE:
         return None
     _, number, mode, fault, microseconds, *axes = STATE.unpack(message)

@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 __all__ = ["PointDevice", "connect"]
 
-MOST = 1_000_000  # fingers, or samples of delay
+MOST = 1_000_000  # largest number of fingers, or of samples of delay
 
 
 @former_settings(friction="damping")
@@ -28,18 +28,18 @@ def connect(
     force_limit: float | None = None,
     workspace: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> PointDevice:
-    """Make a device whose fingertips are point masses, m x'' + b x' = force + hand's force, on every axis.
+    """Create a device whose fingertips are point masses, m x'' + b x' = force + hand's force, on every axis.
 
     Args:
-        mass: m of each fingertip [kg].
-        dimensions: d.
-        damping: viscous, b [N s/m].
-        fingers: k, the channels of this one device.
-        resolution: of its encoders [m]: positions are read to the nearest multiple of it; 0 reads them as they are.
-        velocity_window: the longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
-        delay: samples between a write and its force; with 0 it acts over the coming sample.
-        force_limit: largest force at a fingertip [N]; longer ones are shortened.
-        workspace: lower and upper corner (d,) [m]; a finger outside it is a DeviceError.
+        mass: Mass m of each fingertip [kg].
+        dimensions: Number of dimensions d.
+        damping: Viscous damping b [N s/m].
+        fingers: Number k of fingers, the channels of this device.
+        resolution: Resolution of its encoders [m]; readings are multiples of it, or exact if it is 0.
+        velocity_window: Longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
+        delay: Delay between a write and its force [samples]; with 0 it acts over the next sample.
+        force_limit: Largest force at a fingertip [N]; larger forces are scaled down.
+        workspace: Lower and upper corner (d,) [m]; a finger outside raises a DeviceError.
     """
     return PointDevice(
         mass=_number("mass", mass, "a finite mass above zero [kg]", zero=False),
@@ -65,7 +65,7 @@ def _number(name: str, value: float, expected: str, *, zero: bool = True) -> flo
 
 
 def _count(name: str, value: int, least: int, most: int = MOST) -> int:
-    limits = f"a whole number, {least} or more, at most {most}"
+    limits = f"an integer from {least} to {most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InputError(name, value, limits)
     if not least <= value <= most:
@@ -74,7 +74,7 @@ def _count(name: str, value: int, least: int, most: int = MOST) -> int:
 
 
 def _corners(workspace: tuple[ArrayLike, ArrayLike], d: int) -> tuple[FloatArray, FloatArray]:
-    expected = f"a lower and a higher corner, {d} finite components each [m]"
+    expected = f"a lower and an upper corner with {d} finite components each [m]"
     corners = finite("workspace", workspace, expected)
     if corners.shape != (2, d) or not (corners[0] < corners[1]).all():
         raise InputError("workspace", workspace, expected)

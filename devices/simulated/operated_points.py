@@ -1,4 +1,4 @@
-"""Point masses in the hands of an operator who is not a spring."""
+"""Point masses held by an operator model beyond spring and damper."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Index = NDArray[np.intp]
 
 
 class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses in the hand of an operator: `graspfx.loop.operator.Operator` has the equations.
+    """Point masses held by an operator; for the equations see `graspfx.loop.operator.Operator`.
 
-    While a sample lasts, the efforts, the grip forces and the operator's voluntary force hold, and the targets follow
-    the cubic through their values and velocities at its ends, as for `PointPlant`. The motion of tips and limbs is then
-    that of linear equations; their Taylor series are summed to rounding, in as many parts of a sample as that takes.
+    Efforts, grip forces and the operator's voluntary force are held over a sample, and targets follow the cubic through
+    their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations. Their
+    Taylor series are summed to rounding, in as many substeps as necessary.
 
     Args:
-        mass: (n,) [kg].
-        damping: (n,) [N s/m].
-        dimensions: d.
-        room: samples of reactions that are remembered; 0 without a reaction.
-        operator: who holds them at first; `hold` brings that of its hand.
+        mass: Masses (n,) [kg].
+        damping: Damping (n,) [N s/m].
+        dimensions: Number of dimensions d.
+        room: Number of stored samples of reactions; 0 without a reaction.
+        operator: Initial operator; `hold` replaces it by that of the hand.
 
     Attributes:
-        live: whether mechanics and hand may change in mid-run: they always may.
+        live: Whether mechanics and hand may change during a run; always true.
     """
 
     kernel = staticmethod(advance)
@@ -56,24 +56,24 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
 
     @property
     def structure(self) -> Index:
-        """Counts, and the room of the line."""
+        """Counts, and the size of the delay line."""
         return np.array(
             [layout(OperatedPlantState)[name].place(self._block) for name in ("fingers", "dimensions", "room")]
         )
 
     def hold(self, hand: Hand, T: float) -> None:
-        """Put the hand's gains, its operator, its targets and samples of T seconds into the block."""
+        """Write the hand's gains, its operator, its targets and the period T [s] into the block."""
         operator = getattr(hand, "operator", None)
         self._operator = Operator(len(self.position)) if operator is None else operator
         super().hold(hand, T)
 
     def adopt(self, other: OperatedPlant) -> None:
-        """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
+        """Adopt the masses and dampings of another plant of the same structure; call `hold` afterwards."""
         self.mechanics = other.mechanics
 
     @property
     def mechanics(self) -> FloatArray:
-        """Masses [kg] and dampings [N s/m], then the operator's numbers, (2, entries); `hold` comes next."""
+        """Masses [kg] and dampings [N s/m], then the operator's numbers (2, entries); call `hold` after a change."""
         own = [self._array("mass"), self._operator.numbers.ravel(), self._array("friction")]
         flat = np.concatenate(own)
         return np.asarray(np.append(flat, np.zeros(len(flat) % 2)).reshape(2, -1))
@@ -86,7 +86,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
         self._array("friction")[:] = flat[n + own.size : 2 * n + own.size]
 
     def _put(self, position: FloatArray) -> None:
-        """Place the limbs at the fingertips, at rest; nothing is remembered of what was before."""
+        """Place the limbs at the fingertips, at rest, and clear the memory."""
         self._array("limb")[:] = position.ravel()
         for name in ("limb_rate", "command", "pull"):
             self._array(name)[:] = 0.0
@@ -110,13 +110,13 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
             finger.command_share = elementary.exp(-T / own.command_lag) if own.command_lag > 0.0 else 0.0
             finger.delay = samples_of(own.delay, T)
             if self._block.room and finger.delay >= self._block.room:
-                raise InputError("delay", own.delay, f"less than {self._block.room} samples, which is the line's room")
+                raise InputError("delay", own.delay, f"less than {self._block.room} samples, the delay line's size")
 
     def fault_text(self, code: int) -> str:
-        """Why the kernel gave this number."""
+        """Explain a code of the kernel."""
         if code == TOO_STIFF:
             return (
-                f"the operator's gains ask for {MOST} parts of a sample or more: a hand is too stiff or too strongly "
+                f"the operator's gains need {MOST} substeps or more: a hand is too stiff or too strongly "
                 "damped for the masses that it holds"
             )
         text: str = super().fault_text(NOT_FINITE)
@@ -124,10 +124,10 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
 
 
 def samples_of(delay: float, T: float) -> int:
-    """Give a delay in samples, the nearest whole number, one at least if there is any."""
+    """Return a delay as the nearest integer number of samples, at least one if it is positive."""
     return max(1, round(delay / T)) if delay > 0.0 else 0
 
 
 def room_for(delay: float, T: float) -> int:
-    """Give the room of a line for a delay [s]: a power of two, so that like delays share a program; 0 without one."""
+    """Return the size of a line for a delay [s]: a power of two, so that similar delays share a program; 0 without."""
     return 0 if delay <= 0.0 else 1 << samples_of(delay, T).bit_length()

@@ -1,4 +1,4 @@
-"""A sample of point masses in the hands of an operator who is not a spring: Taylor series that end in rounding."""
+"""One sample of point masses held by an operator model: Taylor series summed to rounding."""
 
 from __future__ import annotations
 
@@ -7,49 +7,49 @@ import math
 from graspfx.devices._plant import PlantState, unfit
 from graspfx.protocols import FingerOperator, Floats, Many, Record, Table, elementary, floats, kernel, many, table
 
-WAVES = 24  # sines of a finger's noise, as `FingerOperator` has them
-SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2: with them the series ends in rounding after `TERMS`
+WAVES = 24  # sines of a finger's noise, as in `FingerOperator`
+SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2 for which `TERMS` terms reach rounding
 TERMS = 20
-MOST = 4096  # substeps of a sample; gains that ask for more are not those of a hand
+MOST = 4096  # largest number of substeps per sample, which no realistic hand needs
 
-TOO_STIFF = 2  # what the kernel gives for them
+TOO_STIFF = 2  # code of the kernel for too many substeps
 
 
 class OperatedFinger(Record):
-    """The motion of one finger's operator, and what a sample takes from it."""
+    """State of one finger's operator, and its coefficients for a sample."""
 
-    grip: float  # G, the displayed force behind its lag [N]
-    grip_share: float  # exp(-T/lag), of the grip; 0 without a lag
-    command_share: float  # of the muscle's force
+    grip: float  # grip force G, the displayed force after its lag [N]
+    grip_share: float  # factor exp(-T/lag) of the grip; 0 without a lag
+    command_share: float  # factor of the muscle force
     delay: int  # [samples]
     now: FingerOperator
 
 
 class Strand(Record):
-    """A finger on one axis, for the series of one substep: two coefficients of each motion, and sums."""
+    """A finger on one axis during one substep: two coefficients of the series of each motion, and sums."""
 
-    tip: float  # of p - r_0
+    tip: float  # series of p - r_0
     tip_next: float
     tip_sum: float
     tip_rate: float
-    limb: float  # of y - r_0
+    limb: float  # series of y - r_0
     limb_next: float
     limb_sum: float
     limb_rate: float
-    stretch: float  # y - p
+    stretch: float  # series of y - p
     stretch_rate: float
-    first: float  # of r - r_0, by powers of the substep
+    first: float  # coefficients of r - r_0 in powers of the substep
     second: float
     third: float
     fourth: float
 
 
 class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses with their hand's gains, the operators of all fingers, and what these remember."""
+    """Point masses with their hand's gains, and the operators of all fingers with their memory."""
 
-    room: int  # samples that the line of reactions holds
-    slot: int  # of the line that is filled next
-    series: int  # substeps of the last sample
+    room: int  # number of samples in the line of reactions
+    slot: int  # row of the line to fill next
+    series: int  # number of substeps of the last sample
     strands: Many[Strand] = many("fingers")
     operators: Many[OperatedFinger] = many("fingers")
     mass: Floats = floats("fingers")  # [kg]
@@ -58,16 +58,16 @@ class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see 
     damping: Floats = floats("fingers * fingers * dimensions")  # B [N s/m]
     limb: Floats = floats("fingers * dimensions")  # y [m]
     limb_rate: Floats = floats("fingers * dimensions")  # [m/s]
-    command: Floats = floats("fingers * dimensions")  # F_m, the muscle's force behind its lag [N]
-    pull: Floats = floats("fingers * dimensions")  # h, of reaction and noise, held over the sample [N]
-    line: Table = table("room", "fingers * dimensions")  # reactions to come [N]
+    command: Floats = floats("fingers * dimensions")  # F_m, muscle force after its lag [N]
+    pull: Floats = floats("fingers * dimensions")  # h, force of reaction and noise, held over the sample [N]
+    line: Table = table("room", "fingers * dimensions")  # future reactions [N]
 
 
 @kernel
 def advance(plant: OperatedPlantState) -> int:
-    """Move the plant by one sample; then the targets' end becomes their beginning.
+    """Advance the plant by one sample; the targets at the end become those at the beginning.
 
-    Gains, grip forces and h hold over the sample; within it tips and limbs move as the linear equations have it.
+    Gains, grip forces and h are held over the sample; tips and limbs move by the linear equations.
     """
     step = plant.fingers * plant.dimensions
     code: int = unfit(plant.effort, 5, step)
@@ -85,7 +85,7 @@ def advance(plant: OperatedPlantState) -> int:
     for i, finger in enumerate(plant.operators):
         for c in range(i * plant.dimensions, (i + 1) * plant.dimensions):
             r0[c], dr0[c] = r1[c], dr1[c]
-            if finger.now.limb_mass == 0.0:  # y is r, from where a limb that comes in mid-run goes on
+            if finger.now.limb_mass == 0.0:  # y equals r, from which a limb enabled during a run continues
                 plant.limb[c], plant.limb_rate[c] = r1[c], dr1[c]
     plant.series = count
     plant.ticks += 1.0
@@ -94,7 +94,7 @@ def advance(plant: OperatedPlantState) -> int:
 
 @kernel
 def grasp_force(plant: OperatedPlantState) -> None:
-    """Let each finger's grip follow the force that is displayed to it."""
+    """Update each finger's grip force from the force displayed to it."""
     d, u = plant.dimensions, plant.effort
     for i, finger in enumerate(plant.operators):
         if finger.now.rise != 0.0 or finger.now.damping_rise != 0.0:
@@ -107,7 +107,7 @@ def grasp_force(plant: OperatedPlantState) -> None:
 
 @kernel
 def substeps(plant: OperatedPlantState) -> int:
-    """Count the parts of a sample whose series end in rounding; 0 where they are too many."""
+    """Return the number of substeps for which the series converge to rounding; 0 if there are too many."""
     n, d, T = plant.fingers, plant.dimensions, plant.period
     largest = 0.0
     for a in range(d):
@@ -130,7 +130,7 @@ def substeps(plant: OperatedPlantState) -> int:
 
 @kernel
 def respond(plant: OperatedPlantState) -> None:
-    """Compute h of every finger, and let its reaction to this moment enter the line."""
+    """Compute h of every finger, and store its present reaction in the line."""
     d = plant.dimensions
     now = plant.since + plant.ticks * plant.period
     slot, room = plant.slot, plant.room
@@ -163,7 +163,7 @@ def respond(plant: OperatedPlantState) -> None:
 
 @kernel
 def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
-    """Compute the force of finger i's springs and dampers on axis a that begin at the intention."""
+    """Compute the force of finger i's springs and dampers on axis a that act from the intended position."""
     n, d = plant.fingers, plant.dimensions
     own = plant.operators[i]
     c = i * d + a
@@ -182,7 +182,7 @@ def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
 
 @kernel
 def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
-    """Move all fingers on one axis over the k-th of `count` parts of a sample, by the Taylor series of the motion.
+    """Move all fingers on one axis over the k-th of `count` substeps, by the Taylor series of the motion.
 
     With t = h s the coefficients of the second derivative give those of the motion: of a tip
     m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + [j = 0] u) - h b (j + 1) p_(j+1), of a limb likewise.
@@ -238,7 +238,7 @@ def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
 
 @kernel
 def begin(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
-    """Put the first two coefficients of all motions, and the cubics of their targets, into the strands."""
+    """Set the first two coefficients of all motions, and the cubics of their targets, in the strands."""
     d, T = plant.dimensions, plant.period
     h, e = T / count, 1.0 / count
     s = float(k) / float(count)
@@ -258,7 +258,7 @@ def begin(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
 
 @kernel
 def target_terms(strand: Strand, j: int) -> tuple[float, float]:
-    """Give the j-th coefficient of a target's cubic, and that of its derivative by s."""
+    """Return the j-th coefficient of a target's cubic, and that of its derivative with respect to s."""
     if j == 0:
         return strand.first, strand.second
     if j == 1:
@@ -270,7 +270,7 @@ def target_terms(strand: Strand, j: int) -> tuple[float, float]:
 
 @kernel
 def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
-    """Compute a coefficient of F, the force on finger i of what holds its tip, from those of all stretches."""
+    """Compute a coefficient of F, the hand's force on the tip of finger i, from those of all stretches."""
     n, own, strand = plant.fingers, plant.operators[i], plant.strands[i]
     force: float = own.grip * (own.now.rise * strand.stretch + own.now.damping_rise * strand.stretch_rate)
     for j, other in enumerate(plant.strands):

@@ -1,4 +1,4 @@
-"""The device of point masses: their sensors and actuators, sample by sample."""
+"""The device of point masses: sensors and actuators, sample by sample."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ Index = NDArray[np.intp]
 
 
 class PointDevice:
-    """A device of `connect`: its plant moves it, and it reads the plant through its sensors.
+    """A device of `connect`: a plant moves it, and it reads the plant through its sensors.
 
-    What is done each sample are the kernels `reading` and `writing`, on the block `state`.
+    The kernels `reading` and `writing` perform each sample on the block `state`.
     """
 
     declaration = PointDeviceState
@@ -63,7 +63,7 @@ class PointDevice:
         self.state: FloatArray = zeros(
             size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
         )
-        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
         block = PointDeviceState(self.state)
         block.fingers, block.dimensions, block.delay, block.estimate_size = k, d, delay, each
         block.rounded, block.bounded, block.limited = resolution > 0.0, workspace is not None, force_limit is not None
@@ -96,9 +96,9 @@ class PointDevice:
         )
         self._plant: PointPlant | OperatedPlant | None = None
         self._true: FloatArray = np.zeros(self._shape)
-        self._estimator: VelocityEstimator | None = None  # while the device is open
-        self._seen = (-1, 0.0)  # placement and time of the plant when it was read last
-        self._fault = 0  # of the last reading
+        self._estimator: VelocityEstimator | None = None  # only while the device is open
+        self._seen = (-1, 0.0)  # placement and time of the plant at the last reading
+        self._fault = 0  # fault code of the last reading
 
     @property
     def features(self) -> Features:
@@ -106,23 +106,23 @@ class PointDevice:
 
     @property
     def effort(self) -> FloatArray:
-        """The force (k, d) [N] that acts on the fingertips until the next write; not to be written to."""
+        """Force (k, d) [N] that acts on the fingertips until the next write; not to be written to."""
         return self._effort
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
-        """Make the plant that moves all fingertips of these devices, in their order; from now on they read it."""
+        """Create the plant that moves all fingertips of these devices, in their order; they read it from now on."""
         plant: PointPlant = PointDevice._moved_by(devices, PointPlant)
         return plant
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> OperatedPlant:
-        """Make the plant of `plant` for the hand of an operator who is not a spring.
+        """Create the plant of `plant` for a hand with an operator model.
 
         Args:
-            devices: of this class.
-            operator: who holds them; the longest reaction is that which the plant has room for.
-            period: T [s].
+            devices: Devices of this class.
+            operator: Operator model; its longest reaction determines the size of the delay line.
+            period: Sampling period T [s].
         """
         make = partial(OperatedPlant, room=room_for(operator.reach, period), operator=operator)
         plant: OperatedPlant = PointDevice._moved_by(devices, make)
@@ -133,11 +133,11 @@ class PointDevice:
         points = [device for device in devices if isinstance(device, PointDevice)]
         if not points or len(points) < len(devices):
             raise InputError(
-                "devices", [type(device).__name__ for device in devices], "one or more `simulated` devices"
+                "devices", [type(device).__name__ for device in devices], "at least one `simulated` device"
             )
         dimensions = {device.features.dimensions for device in points}
         if len(dimensions) > 1:
-            raise InputError("devices", sorted(dimensions), "devices of the same number of dimensions")
+            raise InputError("devices", sorted(dimensions), "devices with the same number of dimensions")
         each = [device for device in points for _ in range(device.features.fingers)]
         plant = make([device.mass for device in each], [device.damping for device in each], dimensions.pop())
         start = 0
@@ -156,7 +156,7 @@ class PointDevice:
         self.stop()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Positions (k, d) [m], velocities (k, d) [m/s], time [s]; within one tick of the plant always the same."""
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]; constant within a tick of the plant."""
         estimator, plant = self._opened(), self._plant
         if plant is None:
             raise DeviceError("nothing moves this simulated device; make its plant with PointDevice.plant([device])")
@@ -172,10 +172,9 @@ class PointDevice:
         return self._position, self._velocity, plant.time
 
     def write(self, forces: FloatArray) -> None:
-        """Hold forces (k, d) [N] on the fingertips `delay` samples from now, shortened to the force limit.
+        """Apply forces (k, d) [N] to the fingertips `delay` samples from now, scaled to the force limit.
 
-        Any that is not finite stops the device (no force on any finger, nothing left in the delay) and raises
-        DeviceError.
+        A non-finite force stops the device, clears the delay line and raises DeviceError.
         """
         self._opened()
         if np.shape(forces) != self._shape:
@@ -189,7 +188,7 @@ class PointDevice:
         self.stopping(self._entries, 0)
 
     def fault_text(self, code: int) -> str:
-        """Explain a number that a kernel gave, with the figures in the block."""
+        """Explain a code of a kernel with the values in the block."""
         i, kind = divmod(code - 1, sample.KINDS)
         finger, at = f"finger {i} of a simulated device", _point(self._position[i])
         if kind + 1 == sample.ENDLESS_FORCE:

@@ -1,4 +1,4 @@
-"""A sample of simulated point devices: sensors are read and forces are written."""
+"""One sample of simulated point devices: reading of sensors and writing of forces."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from graspfx.protocols import (
 
 
 class PointDeviceState(Record):
-    """Point devices that are one device: k fingers in d dimensions."""
+    """State of one device with k point masses in d dimensions."""
 
     fingers: int  # k
     dimensions: int  # d
-    rounded: bool  # positions are multiples of the resolution
+    rounded: bool  # positions are rounded to the resolution
     bounded: bool  # there is a workspace
-    limited: bool  # and a limit of forces
+    limited: bool  # forces are limited
     delay: int  # [samples]
-    estimate_size: int  # entries of the velocity estimate of one component
-    slot: int  # row of the delay line that is filled next
+    estimate_size: int  # size of the velocity estimate of one component
+    slot: int  # row of the delay line to fill next
     resolution: float  # [m]
     limit: float  # [N]
     low: Floats = floats("dimensions")  # corners of the workspace [m]
     high: Floats = floats("dimensions")
-    sensed: Floats = floats("fingers * dimensions")  # where the fingertips are [m]
-    position: Floats = floats("fingers * dimensions")  # where they are read [m]
+    sensed: Floats = floats("fingers * dimensions")  # true positions of the fingertips [m]
+    position: Floats = floats("fingers * dimensions")  # positions as read [m]
     velocity: Floats = floats("fingers * dimensions")  # [m/s]
     command: Floats = floats("fingers * dimensions")  # forces to display [N]
-    effort: Floats = floats("fingers * dimensions")  # forces that act [N]
+    effort: Floats = floats("fingers * dimensions")  # forces that act now [N]
     line: Table = table("delay + 1", "fingers * dimensions")
     estimates: Many[VelocityEstimate] = many("fingers * dimensions", "estimate_size")
 
@@ -49,15 +49,15 @@ STRUCTURE = [
     for name in ("fingers", "dimensions", "rounded", "bounded", "limited", "delay", "estimate_size")
 ]
 
-# What the kernels give besides 0, KINDS for each finger.
+# Codes of the kernels besides 0, KINDS for each finger.
 ENDLESS_FORCE, DIVERGED, OUTSIDE = 1, 2, 3
 KINDS = 3
 
-WHOLE = 2.0**52  # from here on floats are whole numbers
+WHOLE = 2.0**52  # floats from here on are integers
 
 
 def nearest(x: float) -> float:
-    """Round x to a whole number, halves to the even one; infinities and NaN stay as they are."""
+    """Round x to an integer, halves to even; infinities and NaN are unchanged."""
     if abs(x) < WHOLE:
         return (x + WHOLE) - WHOLE if x >= 0.0 else (x - WHOLE) + WHOLE
     return x
@@ -65,7 +65,7 @@ def nearest(x: float) -> float:
 
 @kernel
 def read(device: PointDeviceState) -> int:
-    """Work out positions and velocities from the sensed places; 0, or DIVERGED or OUTSIDE of the first such finger."""
+    """Compute positions and velocities from the sensed positions; return 0, or DIVERGED or OUTSIDE of a finger."""
     d = device.dimensions
     low, high = device.low, device.high
     sensed, position, velocity = device.sensed, device.position, device.velocity
@@ -89,9 +89,9 @@ def read(device: PointDeviceState) -> int:
 
 @kernel
 def write(device: PointDeviceState) -> int:
-    """Shorten commands to the limit, pass them through the delay line and set the efforts to its output.
+    """Scale commands to the limit, pass them through the delay line and set the efforts to its output.
 
-    0, or ENDLESS_FORCE of the first finger whose command is not finite, and then the device has stopped.
+    Returns 0, or ENDLESS_FORCE of the first finger with a non-finite command, after which the device has stopped.
     """
     d = device.dimensions
     command, effort = device.command, device.effort
@@ -116,6 +116,6 @@ def write(device: PointDeviceState) -> int:
 
 @kernel
 def stop(device: PointDeviceState) -> int:
-    """Leave no effort, and none on its way."""
+    """Set the efforts and the delay line to zero."""
     clear_line(device.line, device.delay, device.effort)
     return 0

@@ -1,4 +1,4 @@
-"""Point masses and the hand that holds them, moved exactly over a sample."""
+"""Point masses held by a hand, with exact motion over a sample."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ Index = NDArray[np.intp]
 
 
 class CoupledFingers(Record):
-    """Fingers that gains couple on an axis."""
+    """Fingers coupled by gains on an axis."""
 
     axis: int
     count: int  # g
-    first: int  # which of the plant's `members` is the first of them
-    matrix: int  # which of `matrices` is the first entry of theirs, (2 g, 6 g)
+    first: int  # index of the first in the plant's `members`
+    matrix: int  # index of the first entry in `matrices`, (2 g, 6 g)
 
 
 class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses: the groups of coupled fingers and what moves each over a sample."""
+    """Point masses: groups of coupled fingers, and the matrices that move them over a sample."""
 
-    group_count: int  # groups that there are
-    inputs: Floats = floats("6 * fingers")  # room for those of one group
+    group_count: int  # number of groups
+    inputs: Floats = floats("6 * fingers")  # room for the inputs of one group
     groups: Many[CoupledFingers] = many("fingers * dimensions")
-    members: Floats = floats("fingers * dimensions")  # fingers, group by group
+    members: Floats = floats("fingers * dimensions")  # fingers, ordered by group
     matrices: Floats = floats("12 * fingers * fingers * dimensions")
 
 
 @kernel
 def advance(plant: PointPlantState) -> int:
-    """Move the plant by one sample; then the targets' end becomes their beginning.
+    """Advance the plant by one sample; the targets at the end become those at the beginning.
 
     Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1'); the
-    last three are zero where the targets stand still.
+    last three are zero for constant targets.
     """
     d = plant.dimensions
     step = plant.fingers * d
     x, v, u = plant.position, plant.velocity, plant.effort
     r0, dr0, r1, dr1 = plant.start, plant.start_rate, plant.end, plant.end_rate
     still = plant.still
-    code: int = unfit(u, 1 if still else 5, step)  # the targets follow the efforts
+    code: int = unfit(u, 1 if still else 5, step)  # the targets follow the efforts in memory
     if code != 0:
         return code
     q, groups, members, matrices = plant.inputs, plant.groups, plant.members, plant.matrices
@@ -79,21 +79,21 @@ def advance(plant: PointPlantState) -> int:
 
 
 class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses and the hand that holds them, moved exactly while the efforts are held.
+    """Point masses and the hand that holds them, with exact motion under held efforts.
 
         m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
 
-    Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
-    that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
-    change. Fingers that no gain couples are moved by themselves.
+    Over each sample the intended positions r follow the cubic through their values and velocities at its ends. For this
+    r the motion is exact: a matrix exponential of the augmented system, recomputed when the hand's gains or the period
+    change. Fingers that no gain couples move independently.
 
     Args:
-        mass: (n,) [kg].
-        damping: (n,) [N s/m].
-        dimensions: d.
+        mass: Masses (n,) [kg].
+        damping: Damping (n,) [N s/m].
+        dimensions: Number of dimensions d.
 
     Attributes:
-        live: whether mechanics and hand may change in mid-run; to be set before a tick is written.
+        live: Whether mechanics and hand may change during a run; must be set before a tick is written.
     """
 
     kernel = staticmethod(advance)
@@ -107,13 +107,13 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Counts, and whether targets stand still unless the plant is `live`: then that goes with the hand."""
+        """Counts, and, unless the plant is `live`, whether targets are constant."""
         names = ("fingers", "dimensions") + (() if self.live else ("still",))
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 
     @property
     def grouping(self) -> Index:
-        """Entries that follow from masses and gains: groups of coupled fingers, their table and their members."""
+        """Entries that depend on masses and gains: groups of coupled fingers, their table and their members."""
         block = self._block
         if self.live:
             return np.zeros(0, dtype=np.intp)
@@ -122,12 +122,12 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         return np.concatenate([[count], groups, block.members.offset + np.arange(self.position.size)])
 
     def adopt(self, other: PointPlant) -> None:
-        """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
+        """Adopt the masses and dampings of another plant of the same structure; call `hold` afterwards."""
         self.mechanics = other.mechanics
 
     @property
     def mechanics(self) -> FloatArray:
-        """Masses [kg] and dampings [N s/m], (2, n); `hold` comes next after they were set."""
+        """Masses [kg] and dampings [N s/m], (2, n); call `hold` after setting them."""
         return np.stack([self._mass, self._damping])
 
     @mechanics.setter
@@ -136,7 +136,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         self._matrix_inputs = None
 
     def _put(self, position: FloatArray) -> None:
-        """Place nothing else: positions and velocities are the whole state."""
+        """Do nothing: positions and velocities are the whole state."""
 
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
         inputs = K.tobytes(), B.tobytes(), T
@@ -186,13 +186,13 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
     M[:, :, 3] = 6.0 * E[:, :, 4] - 12.0 * E[:, :, 5]
     M[:, :, 4] = T * (E[:, :, 3] - 4.0 * E[:, :, 4] + 6.0 * E[:, :, 5])
     M[:, :, 5] = T * (6.0 * E[:, :, 5] - 2.0 * E[:, :, 4])
-    M[1, :, 1] += T * I  # expm1 leaves the identity out: row 0 gives the change of x
+    M[1, :, 1] += T * I  # expm1 excludes the identity: row 0 is the change of x
     M[1] /= T
     return M.reshape(2 * g, 6 * g)
 
 
 def _coupled_groups(linked: NDArray[np.bool_]) -> list[list[int]]:
-    """List the groups of fingers that are linked, directly or through others, each in order."""
+    """List the groups of fingers that are coupled, directly or through others, each in order."""
     left = list(range(len(linked)))
     groups = []
     while left:

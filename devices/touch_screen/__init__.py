@@ -1,7 +1,7 @@
-"""A touch screen as fingers without force: a page in a browser, and each touch leads the nearest finger.
+"""A touch screen as fingers without force feedback: a page in a browser, where each touch leads the nearest finger.
 
-For people without hardware: the force is shown on the page, not felt. The page is served by a process of its own, on
-this machine alone or, with `lan`, to a tablet that has scanned its code. Needs the package websockets.
+Intended for users without haptic hardware: the page shows the force. A separate process serves the page, on this
+computer only or, with `lan`, to a tablet that has scanned its code. Needs the package websockets.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ def connect(
     """Connect a touch screen.
 
     Args:
-        port: of its page, http://127.0.0.1:8765.
-        fingers: how many there are, a channel each.
-        dimensions: of the scene, 1 or 2.
-        workspace: corners in which fingers stay, (2, d) [m]; 0.1 m to every side if not given.
-        start: of the fingers when it is opened, (k, d) [m]; side by side in the middle of the workspace if not given.
-        lag: of a finger behind its touch; twice that where it moves steadily [s].
-        speed: the largest of a finger [m/s].
-        lan: whether a tablet in the network is let in, by a code that is printed.
+        port: Port of its page, http://127.0.0.1:8765.
+        fingers: Number of fingers, one channel each.
+        dimensions: Number of dimensions of the scene, 1 or 2.
+        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
+        start: Positions of the fingers when the device is opened (k, d) [m]; side by side in the middle if None.
+        lag: Time constant of a finger; it lags a steady touch by twice this time [s].
+        speed: Largest speed of a finger [m/s].
+        lan: Whether a tablet in the local network may connect, with a printed code.
 
     Raises:
-        MissingPackageError: when it is opened: websockets is not installed, which `pip install graspfx[touch]` brings.
+        MissingPackageError: On opening, if websockets is not installed; `pip install graspfx[touch]` installs it.
     """
     if dimensions not in (1, 2) or isinstance(dimensions, bool):
         raise InputError("dimensions", dimensions, "1 or 2: a screen has no depth")
@@ -56,7 +56,7 @@ def connect(
         places = np.tile(0.5 * (low + high), (count, 1))
         places[:, 0] = low[0] + (high[0] - low[0]) * (np.arange(count) + 1.0) / (count + 1.0)
     else:
-        expected = f"places of {count} fingers of {dimensions} coordinates within the workspace [m]"
+        expected = f"positions of {count} fingers with {dimensions} coordinates within the workspace [m]"
         places = finite("start", start, expected)
         if places.shape != (count, dimensions) or not ((low <= places) & (places <= high)).all():
             raise InputError("start", start, expected)

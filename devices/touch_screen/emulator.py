@@ -1,4 +1,4 @@
-"""An emulator of a touch screen: it opens the device's page as a browser does, and puts fingers on it."""
+"""An emulator of a touch screen: it opens the device's page like a browser, and puts fingers on it."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 ORDER = struct.Struct("<BBHIdd")  # kind, finger, zero, number, x [m], y [m]
-ALIVE, PRESS, MOVE, LIFT = range(4)  # kinds: the page is there; a finger came down, moved, went up
+ALIVE, PRESS, MOVE, LIFT = range(4)  # kinds of orders: the page is alive; a finger touches, moves, lifts
 START = [[-0.05, 0.0], [0.05, 0.0]]
-WAY = 0.004, 0.003  # of `move` [m]
-PATIENCE = 5.0  # for the page [s]
+WAY = 0.004, 0.003  # displacement of `move` [m]
+PATIENCE = 5.0  # time for the page to answer [s]
 
 
 class ScreenWire(Wire):
-    """A touch screen with two fingers, which a test moves: it displays no force. Needs the package websockets.
+    """A touch screen with two fingers that a test moves, without force feedback. Needs the package websockets.
 
     Args:
-        seed: of the damage that failures do.
+        seed: Seed of random damage by failures.
     """
 
     kinds: frozenset[Failure] = frozenset({"drop", "garbage"})
@@ -61,7 +61,7 @@ class ScreenWire(Wire):
 
     @property
     def position(self) -> FloatArray:
-        """Where the fingers are on the screen."""
+        """Positions of the fingers on the screen."""
         return self._place.copy()
 
     def touch(self, finger: int, x: float, y: float) -> None:
@@ -70,15 +70,15 @@ class ScreenWire(Wire):
         self._place[finger] = x, y
 
     def lift(self, finger: int) -> None:
-        """Take a finger from the screen."""
+        """Lift a finger from the screen."""
         self._send(LIFT, finger)
 
     def leave(self) -> None:
-        """Close the page, as a browser that is closed does."""
+        """Close the page, like a closed browser."""
         line, self._line = self._line, None
         if line is not None:
             with suppress(OSError):
-                line.socket.close()  # without a farewell
+                line.socket.close()  # without a closing handshake
             line.close()
 
     def move(self) -> None:
@@ -86,7 +86,7 @@ class ScreenWire(Wire):
             self.touch(finger, *place.tolist())
 
     def home(self) -> None:
-        """Take the fingers from the screen: a device that is opened begins at its start."""
+        """Lift the fingers from the screen; a device that is opened begins at its start."""
         self.leave()
         self._place = np.array(START)
 
@@ -104,7 +104,7 @@ class ScreenWire(Wire):
         line.send(ORDER.pack(kind, finger, 0, self.number_of_last, x, y))
 
     def _connected(self) -> ClientConnection:
-        """Give the connection to the page, which is made where there is none."""
+        """Return the connection to the page, and connect if necessary."""
         from websockets.exceptions import WebSocketException
         from websockets.protocol import State
         from websockets.sync.client import connect

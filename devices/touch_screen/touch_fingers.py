@@ -1,4 +1,4 @@
-"""Fingers that follow touches on a screen: there while they are touched, and out of the object when they are not."""
+"""Fingers that follow touches on a screen, and move out of the object when they are lifted."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from graspfx.protocols import DeviceError, Features, Follower, InputError, Touch
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # between two readings that counts: after more the target has not moved on [s]
-BACK = 0.1  # speed at which a finger that was lifted gives way to its force [m/s]
+LONGEST = 0.1  # longest time between two readings for which the target moves on [s]
+BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
 
 
 class TouchFingers:
-    """Fingers without force: they display none, whatever is written; the page shows it.
+    """Fingers without force feedback: forces are checked and shown on the page.
 
-    A touch is a goal. The target goes there at `speed` at most, and the finger follows it, critically damped. A finger
-    that is lifted, or whose screen is lost, stays, and gives way along the force that it would display until there is
-    none. Its switch is closed while it is touched.
+    A touch is a goal. The target moves there at most at `speed`, and the finger follows it with critical damping. A
+    finger that is lifted, or whose screen is lost, stays in place and yields to its displayed force until that is zero.
+    Its switch is closed while it is touched.
 
     Args:
-        screen: that is touched.
-        workspace: corners, (2, d) [m].
-        start: of the fingers when it is opened, (k, d) [m].
-        lag: of a finger behind its target; twice that where it moves steadily [s].
-        speed: the largest of a target [m/s].
-        now: clock of who reads them [s].
+        screen: Touch screen.
+        workspace: Corners of the workspace (2, d) [m].
+        start: Positions of the fingers when the device is opened (k, d) [m].
+        lag: Time constant of a finger; it lags a steady target by twice this time [s].
+        speed: Largest speed of a target [m/s].
+        now: Clock of the reader [s].
     """
 
     def __init__(
@@ -60,14 +60,15 @@ class TouchFingers:
 
     @property
     def switches(self) -> int:
-        """Fingers that are on the screen, as bits."""
+        """Fingers on the screen, as bits."""
         return self._switches
 
     @property
     def raw(self) -> FloatArray:
-        """Counts of the page and touches, (5 + 3 k,).
+        """Counts of the page, and touches (5 + 3 k,).
 
-        Orders taken, dropped and lost, number of the last, screens; of each finger whether it is touched, and x, y [m].
+        Numbers of orders accepted, dropped and lost, number of the last order, number of screens; for each finger
+        whether it is touched, and x, y [m].
         """
         return self._raw
 
@@ -81,7 +82,7 @@ class TouchFingers:
         self._is_open = True
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give positions (k, d) [m], velocities (k, d) [m/s] and time [s]."""
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]."""
         self._opened()
         touches = self.screen.touches()
         now = self.now()
@@ -102,15 +103,15 @@ class TouchFingers:
         """Check the forces, and show them on the page."""
         self._opened()
         if np.shape(forces) != self._position.shape:
-            raise InputError("forces", forces, f"an array of shape {self._position.shape}, a row for each finger")
+            raise InputError("forces", forces, f"an array of shape {self._position.shape}, one row per finger")
         if not np.isfinite(forces).all():
             self.stop()
-            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is none")
+            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is not finite")
         self._forces[:] = forces
         self.screen.show(self._position, self._forces)
 
     def stop(self) -> None:
-        """Show no force."""
+        """Show zero force."""
         self._forces[:] = 0.0
         self.screen.show(self._position, self._forces)
 

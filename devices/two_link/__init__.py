@@ -2,7 +2,7 @@
 
 One device is one arm and moves one finger.
 
-The paper (section IV.1) gives the links, 128 mm, and 5 ms sampling; everything else of the preset is our choice:
+The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the other values of the preset are ours:
 
 | quantity | preset |
 |---|---|
@@ -15,10 +15,10 @@ The paper (section IV.1) gives the links, 128 mm, and 5 ms sampling; everything 
 | encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
 | torque of a motor | at most 0.06 N m: 7 N at the tip |
 
-Two arms that hold the 50 mm cube between them, fingers at (-0.025, 0) and (0.025, 0), stand at base (-0.04, -0.18)
+Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0), are based at (-0.04, -0.18)
 with the elbow to the left and at (0.04, -0.18) with the elbow to the right. There an arm's effective mass is 0.150 kg
 along x and 0.149 along y, with 0.0003 between, and its effective damping 0.201 and 0.199 N s/m. While its finger
-waves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every
+moves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every
 direction, and the condition number of the Jacobian below 1.21.
 """
 
@@ -48,7 +48,7 @@ PRESET: MappingProxyType[str, Pair] = MappingProxyType(
     }
 )
 
-LONGEST = 1_000_000  # delay or window of velocity [samples]
+LONGEST = 1_000_000  # largest delay or window of velocity [samples]
 
 
 @former_settings(joint_friction="joint_damping")
@@ -74,29 +74,29 @@ def connect(
 ) -> TwoLink | SimulatedTwoLink:
     """Connect one arm, which moves one finger: simulated with the preset of this module, or real, behind `board`.
 
-    A number stands for both joints alike. The mechanical settings (masses to damping) left out are the preset's for a
-    simulated arm and unknown for a real one: its mass and damping are told only when all five are given.
+    A single number applies to both joints. Omitted mechanical settings (masses to damping) are the preset's for a
+    simulated arm and unknown for a real one, whose mass and damping are reported only if all five are given.
 
     Args:
-        base: the first joint's place [m].
-        elbow: the side of the elbow, "left" or "right", seen from the base towards the finger.
-        links: lengths [m].
-        link_masses: of the links [kg].
-        link_inertias: about each link's centre of mass [kg m^2].
-        link_centres: from the joint where a link begins to its centre of mass [m].
-        rotor_inertias: of the motors, before the gear [kg m^2].
-        joint_damping: viscous, after the gear [N m s/rad].
-        drive: "base" if both motors stand at the base and the second one turns link 2 through a belt or parallelogram;
-            "elbow" if it sits at the elbow.
-        counts: of an encoder for one revolution of its motor, all edges.
-        gear: revolutions of the motor for one of the joint; negative if it turns the other way.
-        zero: where the joints are when the counts are zero [rad]: the directions of both links from the x axis, with
-            `drive="elbow"` the direction of link 1 and the angle from it to link 2.
-        torque_limit: of a motor, before the gear [N m].
-        margin: how near to the stretched or folded posture the finger may come [m].
-        velocity_window: the longest window of the velocity estimate [samples].
-        delay: output delay of a simulated arm [samples].
-        board: what the encoders and motors of a real arm are connected to.
+        base: Position of the first joint [m].
+        elbow: Side of the elbow, "left" or "right", seen from the base towards the finger.
+        links: Lengths of the links [m].
+        link_masses: Masses of the links [kg].
+        link_inertias: Moments of inertia about each link's centre of mass [kg m^2].
+        link_centres: Distances from a link's first joint to its centre of mass [m].
+        rotor_inertias: Moments of inertia of the motors, before the gear [kg m^2].
+        joint_damping: Viscous damping of the joints, after the gear [N m s/rad].
+        drive: "base" if both motors are at the base and the second one drives link 2 through a belt or parallelogram;
+            "elbow" if the second motor is at the elbow.
+        counts: Counts of an encoder per revolution of its motor, all edges.
+        gear: Revolutions of the motor per revolution of the joint; negative if it turns the other way.
+        zero: Joint positions at zero counts [rad]: directions of both links from the x axis, or with `drive="elbow"`
+            the direction of link 1 and the angle from it to link 2.
+        torque_limit: Torque limit of a motor, before the gear [N m].
+        margin: Smallest distance of the finger from the stretched or folded posture [m].
+        velocity_window: Longest window of the velocity estimate [samples].
+        delay: Output delay of a simulated arm [samples].
+        board: Board with the encoders and motors of a real arm.
     """
     arm = Arm(_pair("base", base), _pair("links", links, positive=True), elbow, drive, _pair("margin", margin)[0])
     wiring = Wiring(
@@ -117,7 +117,7 @@ def connect(
     if board is None:
         return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | figures), window, late)
     if late:
-        raise InputError("delay", delay, "0 with a board", "only a simulated arm has a delay of its own")
+        raise InputError("delay", delay, "0 with a board", "only a simulated arm has a delay")
     mechanics = _mechanics(arm, wiring, figures) if len(figures) == len(PRESET) else None
     return TwoLink(arm, wiring, board, mechanics=mechanics, velocity_window=window)
 
@@ -152,4 +152,4 @@ def _switch(value: object) -> bool:
 def _whole(name: str, value: object, least: int) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= LONGEST:
         return int(value)
-    raise InputError(name, value, f"a whole number of samples, {least} or more, at most {LONGEST}")
+    raise InputError(name, value, f"an integer number of samples from {least} to {LONGEST}")

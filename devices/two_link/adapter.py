@@ -1,4 +1,4 @@
-"""A two-link arm as a device: what every one has in common, and the one behind a board."""
+"""A two-link arm as a device: the part common to all arms, and the arm behind a board."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ FloatArray = NDArray[np.float64]
 
 
 class TwoLinkArm(ABC):
-    """Counts to the finger's position, force to the motors' torques.
+    """Convert counts to the finger's position, and forces to the motors' torques.
 
         q = zero + 2 pi counts/(counts per revolution x gear),   p = p(q),   v = J(q) q',   tau = J'(q) f / gear
 
-    q' comes from the counts by a velocity estimate with a noise bound of half a count. Torques beyond
-    `torque_limit` are scaled down together, so that the force keeps its direction. A finger outside the arm's reach, or
-    an elbow that has gone over to its other side, raises DeviceError at `read`.
+    q' is estimated from the counts with a noise bound of half a count. Torques beyond `torque_limit` are scaled
+    together, so the force keeps its direction. A finger outside the arm's reach, or an elbow on its other side, raises
+    DeviceError at `read`.
     """
 
     declaration = ArmState
@@ -50,7 +50,7 @@ class TwoLinkArm(ABC):
         self._window, self._delay = velocity_window, delay
         each, late = estimate_size(velocity_window), delay or 0
         self.state: FloatArray = zeros(size_for(ArmState, delay=late, estimate_size=each))
-        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
         block = self._block = ArmState(self._entries)
         block.base, block.lengths = Point(*arm.base), Both(*arm.links)
         block.zero, block.step, block.gear = Both(*wiring.zero), Both(*wiring.step), Both(*wiring.gear)
@@ -62,21 +62,21 @@ class TwoLinkArm(ABC):
         pairs = [start_of(ArmState, name) for name in ("position", "velocity", "command", "effort")]
         arrays = [self.state[start : start + 2].reshape(1, 2) for start in pairs]
         self._position, self._velocity, self._command, self._effort = arrays
-        self._estimator: VelocityEstimator | None = None  # while the device is open
+        self._estimator: VelocityEstimator | None = None  # only while the device is open
 
     @property
     def features(self) -> Features:
-        """Mass, damping, resolution and peak force are those at the right-angled elbow, wherever the arm points.
+        """Features; mass, damping, resolution and peak force are those with the elbow at a right angle.
 
-        Mass and damping are the geometric means of their principal values there; the peak force is the one that the
-        motors reach in every direction, the resolution the longest step of the tip for one count. The workspace is the
-        box around the arm's reach.
+        Mass and damping are the geometric means of their principal values there. The peak force is the one that the
+        motors reach in every direction, the resolution the largest step of the tip per count. The workspace is the box
+        around the arm's reach.
         """
         a1, a2 = self.arm.angles(self.arm.base[0], self.arm.base[1] + math.hypot(*self.arm.links))
         by_joint = self.arm.jacobian(a1, a2)
         if self.arm.drive == "elbow":
             by_joint[:, 0] += by_joint[:, 1]
-        lever = np.hypot(*by_joint)  # how far the tip goes for a radian of each joint [m]
+        lever = np.hypot(*by_joint)  # displacement of the tip per radian of each joint [m]
         base, far = np.array(self.arm.base), self.arm.reach[1]
         m = self.mechanics
         return Features(
@@ -91,12 +91,12 @@ class TwoLinkArm(ABC):
         )
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Give the place (2,) nearest to another one whose distance from the base is within the arm's reach [m].
+        """Return the nearest position (2,) whose distance from the base is within the arm's reach [m].
 
         Args:
-            finger: number, 0.
-            place: (2,) [m].
-            room: left to both ends of the reach, no more than half way between them [m].
+            finger: Index of the finger, 0.
+            place: Position (2,) [m].
+            room: Distance from both ends of the reach, at most half of their distance [m].
         """
         base, (low, high) = np.array(self.arm.base), self.arm.reach
         room = min(room, 0.5 * (high - low))
@@ -110,21 +110,21 @@ class TwoLinkArm(ABC):
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that the motors reach in every direction where the finger was read last, (1,) [N].
+        """Largest force that the motors reach in every direction at the last reading (1,) [N].
 
-        With both motors at the base it is the same everywhere, the peak force.
+        With both motors at the base it equals the peak force everywhere.
         """
         start = start_of(ArmState, "largest")
         return self.state[start : start + 1]
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray:
-        """Lambda = (J M^-1 J')^-1, (2, 2) [kg], with the finger at a position [m]; needs the masses of the links."""
+        """Return Lambda = (J M^-1 J')^-1 (2, 2) [kg] with the finger at a position [m]; the mechanics must be known."""
         x, y = position
         mass: FloatArray = self._require_mechanics().effective_mass(*self.arm.angles(x, y))
         return mass
 
     def effective_friction(self, position: Sequence[float]) -> FloatArray:
-        """J^-T D J^-1, (2, 2) [N s/m], with the finger at a position [m]; needs the joints' damping."""
+        """Return J^-T D J^-1 (2, 2) [N s/m] with the finger at a position [m]; the mechanics must be known."""
         x, y = position
         damping: FloatArray = self._require_mechanics().effective_friction(*self.arm.angles(x, y))
         return damping
@@ -135,13 +135,13 @@ class TwoLinkArm(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Zero torque, and let go of the hardware; returns also with the hardware gone, and twice."""
+        """Set zero torque and release the hardware; it also returns if the hardware is gone or already closed."""
 
     def fault_text(self, code: int) -> str:
-        """Explain a number that a kernel gave, with the figures in the block."""
+        """Explain a code of a kernel with the values in the block."""
         counts, links, force = self._block.counts, self._block.links, self._block.command
         if code == sample.NO_COUNTS:
-            return f"the arm's board gives counts {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
+            return f"the arm's board gave counts {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
         if code == sample.OUT_OF_REACH:
             return str(self.arm.reach_fault(links.x1 + links.x2, links.y1 + links.y2))
         if code == sample.OTHER_ELBOW:
@@ -168,7 +168,7 @@ class TwoLinkArm(ABC):
     def _require_mechanics(self) -> Mechanics:
         if self.mechanics is None:
             raise InputError(
-                "mechanics", None, "a device that knows its masses and damping", "give all five settings to connect"
+                "mechanics", None, "a device with known masses and damping", "give all five settings to connect"
             )
         return self.mechanics
 
@@ -195,21 +195,21 @@ class TwoLink(TwoLinkArm):
             self.board.open(period)
         except OSError as error:
             self._estimator = None
-            raise DeviceError(f"the arm's board does not open: {error}") from error
+            raise DeviceError(f"the arm's board cannot be opened: {error}") from error
         self._began, self._time = time.perf_counter(), -math.inf
 
     @property
     def raw(self) -> NDArray[np.int64]:
-        """Counts of the two encoders, (2,)."""
+        """Counts of the two encoders (2,)."""
         return self._raw
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Read the board; counts with the time of the last ones are the last sample again."""
+        """Read the board; if the time of the counts has not changed, return the last sample again."""
         estimator = self._opened()
         try:
             counts = self.board.counts()
         except OSError as error:
-            raise DeviceError(f"the arm's board gives no counts: {error}") from error
+            raise DeviceError(f"the arm's board returns no counts: {error}") from error
         own = self.board.time if isinstance(self.board, TimedBoard) else None
         now = time.perf_counter() - self._began if own is None else own
         if now != self._time:
@@ -243,7 +243,7 @@ class TwoLink(TwoLinkArm):
         if self._estimator is None:
             return
         self._estimator = None
-        with suppress(OSError, DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+        with suppress(OSError, DeviceError):  # the hardware may be gone
             self.board.torque(0.0, 0.0)
         with suppress(OSError, DeviceError):
             self.board.close()
@@ -252,4 +252,4 @@ class TwoLink(TwoLinkArm):
         try:
             self.board.torque(first, second)
         except OSError as error:
-            raise DeviceError(f"the arm's board takes no torques: {error}") from error
+            raise DeviceError(f"the arm's board accepts no torques: {error}") from error

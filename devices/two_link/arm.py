@@ -1,4 +1,4 @@
-"""The two-link arm of a finger: kinematics, reach, and its effective mass and friction at the tip."""
+"""Two-link arm of a finger: kinematics, reach, and effective mass and friction at the tip."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Drive = Literal["base", "elbow"]
 
 @dataclass(frozen=True, slots=True)
 class Both:
-    """A number of the first joint, link or motor, and one of the second."""
+    """Two numbers, for the first and the second joint, link or motor."""
 
     first: float
     second: float
@@ -27,7 +27,7 @@ class Both:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A place or a vector in the plane."""
+    """A point or a vector in the plane."""
 
     x: float
     y: float
@@ -44,11 +44,11 @@ class Links:
 
 
 def joint_angles(elbow: bool, a1: float, a2: float) -> Pair:
-    """Give q, the angles of the joints [rad], from the directions of the links.
+    """Return the joint angles q [rad] from the directions of the links.
 
     Args:
-        elbow: whether the second motor sits at the elbow.
-        a1, a2: [rad].
+        elbow: Whether the second motor is at the elbow.
+        a1, a2: Directions of the links [rad].
     """
     if elbow:
         return a1, a2 - a1
@@ -56,7 +56,7 @@ def joint_angles(elbow: bool, a1: float, a2: float) -> Pair:
 
 
 def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
-    """Give a1, a2 from q: the inverse of `joint_angles`."""
+    """Return a1, a2 from q; the inverse of `joint_angles`."""
     if elbow:
         return q1, q1 + q2
     return q1, q2
@@ -64,7 +64,7 @@ def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
 
 @inline
 def links_at(lengths: Both, a1: float, a2: float) -> Links:
-    """Give the links [m] in directions a1, a2 [rad]."""
+    """Return the links [m] in directions a1, a2 [rad]."""
     return Links(
         lengths.first * elementary.cos(a1),
         lengths.first * elementary.sin(a1),
@@ -75,19 +75,18 @@ def links_at(lengths: Both, a1: float, a2: float) -> Links:
 
 @dataclass(frozen=True)
 class Arm:
-    """p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
+    """Kinematics p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
 
-    Both angles are taken from the x axis, counterclockwise [rad]. The joints turn by q = (a1, a2) when both
-    motors stand at the base (`drive="base"`: a belt or a parallelogram takes the second one's motion to link 2), and
-    q = (a1, a2 - a1) when the second motor sits at the elbow (`drive="elbow"`). The elbow is to the left or to the
-    right of the line from the base to the finger.
+    Both angles are measured counterclockwise from the x axis [rad]. The joint angles are q = (a1, a2) if both motors
+    are at the base (`drive="base"`: a belt or a parallelogram drives link 2), and q = (a1, a2 - a1) if the second motor
+    is at the elbow (`drive="elbow"`). The elbow is to the left or to the right of the line from the base to the finger.
 
     Args:
-        base: where the first joint is [m].
-        links: l1, l2 [m].
-        elbow: "left" or "right".
-        drive: "base" or "elbow".
-        margin: how near to the stretched and the folded posture the finger may come [m].
+        base: Position of the first joint [m].
+        links: Lengths l1, l2 [m].
+        elbow: Side of the elbow, "left" or "right".
+        drive: Place of the second motor, "base" or "elbow".
+        margin: Smallest distance of the finger from the stretched and the folded posture [m].
     """
 
     base: Pair
@@ -100,14 +99,14 @@ class Arm:
         if str(self.elbow) not in ("left", "right"):
             raise InputError("elbow", self.elbow, '"left" or "right", seen from the base towards the finger')
         if str(self.drive) not in ("base", "elbow"):
-            raise InputError("drive", self.drive, '"base" or "elbow": where the second motor sits')
+            raise InputError("drive", self.drive, '"base" or "elbow": the place of the second motor')
         shortest = min(self.links)
         if not 0.0 < self.margin < shortest:
             raise InputError("margin", self.margin, f"a length between 0 and the shorter link, {shortest:g} m")
 
     @property
     def reach(self) -> Pair:
-        """Least and greatest distance of the finger from the base [m], the margin taken off."""
+        """Smallest and largest distance of the finger from the base [m], including the margin."""
         l1, l2 = self.links
         return abs(l1 - l2) + self.margin, l1 + l2 - self.margin
 
@@ -117,12 +116,12 @@ class Arm:
         return -1.0 if self.elbow == "left" else 1.0
 
     def tip(self, a1: float, a2: float) -> Pair:
-        """Give the position of the finger [m] at link directions a1, a2 [rad]."""
+        """Return the position of the finger [m] for link directions a1, a2 [rad]."""
         links = links_at(Both(*self.links), a1, a2)
         return self.base[0] + links.x1 + links.x2, self.base[1] + links.y1 + links.y2
 
     def jacobian(self, a1: float, a2: float) -> FloatArray:
-        """Compute J = dp/da, (2, 2) [m], by the directions of the links."""
+        """Compute J = dp/da (2, 2) [m], with respect to the directions of the links."""
         links = links_at(Both(*self.links), a1, a2)
         return np.array([[-links.y1, -links.y2], [links.x1, links.x2]])
 
@@ -131,19 +130,19 @@ class Arm:
         dx, dy = x - self.base[0], y - self.base[1]
         self.check_reach(dx, dy)
         l1, l2 = self.links
-        c = min(1.0, max(-1.0, (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)))  # of a posture in reach
+        c = min(1.0, max(-1.0, (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)))  # within 1 if in reach
         bend = self.bend * elementary.acos(c)
         a1 = elementary.atan2(dy, dx) - elementary.atan2(l2 * elementary.sin(bend), l1 + l2 * c)
         return a1, a1 + bend
 
     def check_reach(self, dx: float, dy: float) -> None:
-        """Raise DeviceError, with the figures, if a finger at dx, dy from the base [m] is out of reach."""
+        """Raise DeviceError with details if a finger at dx, dy from the base [m] is out of reach."""
         low, high = self.reach
         if not low <= math.hypot(dx, dy) <= high:
             raise DeviceError(self.reach_fault(dx, dy))
 
     def reach_fault(self, dx: float, dy: float) -> str:
-        """Explain, with the figures, that a finger at dx, dy from the base [m] is out of reach."""
+        """Return the message that a finger at dx, dy from the base [m] is out of reach."""
         low, high = self.reach
         r = math.hypot(dx, dy)
         posture, way = ("stretched", "closer to") if r > high else ("folded", "away from")
@@ -156,29 +155,29 @@ class Arm:
 
     @property
     def elbow_fault(self) -> str:
-        """Message that the elbow is on the other side."""
+        """Return the message that the elbow is on the other side."""
         side = "right" if self.elbow == "left" else "left"
         return (
             f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
             f"{self.elbow}: the arm went through its stretched or folded posture, or the encoders' zero is not "
-            "what `zero` says; bring the elbow back and open the device again"
+            "that of `zero`; bring the elbow back and open the device again"
         )
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """M(a) = [[I1, c m + r], [c m + r, I2]] and D = [[d1, d], [d, d2]], with c = cos(a2 - a1).
+    """Mass and damping matrices M(a) = [[I1, c m + r], [c m + r, I2]], D = [[d1, d], [d, d2]], c = cos(a2 - a1).
 
-    Both go with the directions of the links: the kinetic energy is w'M w/2, w = da/dt. A rotor counts with its spin
-    alone, which its gear makes large.
+    Both refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. Only the spin of a rotor
+    counts, which its gear multiplies.
 
     Args:
-        arm: the geometry.
-        masses: of the links [kg].
-        inertias: of the links about their centres of mass [kg m^2].
-        centres: from the joint at which a link begins to its centre of mass, along the link [m].
-        reflected: inertias of the rotors, gear^2 J, at the joints [kg m^2].
-        damping: viscous, at the joints [N m s/rad].
+        arm: Geometry of the arm.
+        masses: Masses of the links [kg].
+        inertias: Moments of inertia of the links about their centres of mass [kg m^2].
+        centres: Distances from a link's first joint to its centre of mass, along the link [m].
+        reflected: Rotor inertias at the joints, gear^2 J [kg m^2].
+        damping: Viscous damping at the joints [N m s/rad].
     """
 
     arm: Arm
@@ -194,7 +193,7 @@ class Mechanics:
             raise InputError(
                 "link_masses",
                 self.masses,
-                "masses and inertias that give both joints inertia in every posture",
+                "masses and inertias with a positive inertia of both joints in every posture",
                 "a link needs a mass and an inertia about its centre, or its joint a rotor",
             )
 

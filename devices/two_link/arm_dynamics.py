@@ -1,4 +1,4 @@
-"""The motion of two-link arms that one hand holds together: rigid-body dynamics, integrated over a sample."""
+"""Motion of two-link arms held by one hand: rigid-body dynamics, integrated over a sample."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Jacobian:
-    """The derivative of a finger's place by the directions of the links [m]."""
+    """Derivative of a finger's position with respect to the directions of the links [m]."""
 
     x1: float
     x2: float
@@ -30,7 +30,7 @@ class Jacobian:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A polynomial of the fifth order in u = time/T."""
+    """A fifth-order polynomial in u = time/T."""
 
     c0: float
     c1: float
@@ -48,7 +48,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class LinkMotion:
-    """Directions of the links a1, a2 [rad] and their rates w1, w2 [rad/s]; or the derivatives of these by time."""
+    """Directions of the links a1, a2 [rad] and their rates w1, w2 [rad/s], or the time derivatives of these."""
 
     a1: float
     a2: float
@@ -72,13 +72,13 @@ class LinkMotion:
 
 
 class ArmStage(Record):
-    """The motion of an arm at a stage of the integration, or its derivative."""
+    """Motion of an arm at a stage of the integration, or its derivative."""
 
     motion: LinkMotion
 
 
 class ArmStages(Record):
-    """The motion of an arm, and the stages of its integration."""
+    """Motion of an arm, and the stages of its integration."""
 
     now: ArmStage
     trial: ArmStage
@@ -92,27 +92,27 @@ class ArmStages(Record):
 
 
 class ArmConstants(Record):
-    """One arm's constants, and the terms of its present sample; M and D as in `Mechanics`."""
+    """Constants of one arm, and the terms of its present sample; M and D as in `Mechanics`."""
 
     base: Point  # [m]
-    lengths: Both  # of the links [m]
+    lengths: Both  # lengths of the links [m]
     inertia: Both  # I1, I2 [kg m^2]
     mixed: float  # m [kg m^2]
     rotors: float  # r [kg m^2]
     damping1: float  # d1, d, d2 [N m s/rad]
     damping12: float
     damping2: float
-    elbow: bool  # the second motor sits at the elbow
-    torque: Both  # by the directions of the links, held over the sample [N m]
-    jacobian: Jacobian  # where the derivative was last taken
-    error: Point  # the hand's target less the finger [m]
+    elbow: bool  # the second motor is at the elbow
+    torque: Both  # along the directions of the links, held over the sample [N m]
+    jacobian: Jacobian  # at the last evaluated derivative
+    error: Point  # target of the hand minus position of the finger [m]
     error_rate: Point  # [m/s]
-    course_x: Course  # of the target over the sample [m]
+    course_x: Course  # target over the sample [m]
     course_y: Course
 
 
 class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Two-link arms: the hand's gains, their constants, their states and the stages of the integration."""
+    """Two-link arms: the hand's gains, the arms' constants and states, and the stages of the integration."""
 
     stiffness: Table = table("2 * fingers", "fingers")  # K by axis, finger and finger [N/m]
     damping: Table = table("2 * fingers", "fingers")  # B [N s/m]
@@ -120,15 +120,15 @@ class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see
     stages: Many[ArmStages] = many("fingers")
 
 
-STEP = 0.12  # largest (fastest rate of arm and hand) x (substep)
+STEP = 0.12  # largest product of the fastest rate of arm and hand and the substep
 MOST = 1000  # substeps
 
-TOO_FAST = 2  # code of `advance`, beside NOT_FINITE, 1
+TOO_FAST = 2  # code of `advance` in addition to NOT_FINITE, 1
 
 
 @kernel
 def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmStage], u: float) -> None:
-    """Work out the slopes of the arms' states at the time u T in the sample.
+    """Compute the derivatives of the arms' states at the time u T in the sample.
 
     M(a) a'' = tau + J'F - D a' + m sin(a2 - a1) (a2'^2, -a1'^2), with F = K (r - p) + B (r' - v) on the fingers.
     """
@@ -166,10 +166,9 @@ def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmSta
 
 @kernel
 def integrate(plant: ArmPlantState, substeps: int) -> None:
-    """Move the arms' states by a sample: Butcher's sixth-order method in seven stages (1964), in equal substeps.
+    """Advance the arms' states by a sample with Butcher's sixth-order method in seven stages (1964), in equal substeps.
 
-    Sixth order, because at 5 ms one substep of it costs less than the ten of the classical fourth-order method that
-    reach the same error.
+    At 5 ms, one sixth-order substep costs less than the ten of the classical fourth-order method with the same error.
     """
     h = plant.period / substeps
     stages = plant.stages
@@ -205,7 +204,7 @@ def integrate(plant: ArmPlantState, substeps: int) -> None:
 
 @kernel
 def fastest_rate(plant: ArmPlantState) -> float:
-    """Estimate from above how fast arms and hand move [rad/s]: it sets the number of substeps."""
+    """Compute an upper bound of the rates of arm and hand [rad/s], which sets the number of substeps."""
     n, K, B = plant.fingers, plant.stiffness, plant.damping
     stiffness = damping = 0.0
     for row in range(2 * n):
@@ -220,7 +219,7 @@ def fastest_rate(plant: ArmPlantState) -> float:
     for i, arm in enumerate(plant.arms):
         I1, I2 = arm.inertia.first, arm.inertia.second
         mixed = abs(arm.mixed) + abs(arm.rotors)
-        least = 0.5 * (I1 + I2) - math.sqrt(0.25 * (I1 - I2) * (I1 - I2) + mixed * mixed)  # eigenvalue of M
+        least = 0.5 * (I1 + I2) - math.sqrt(0.25 * (I1 - I2) * (I1 - I2) + mixed * mixed)  # smaller eigenvalue of M
         longer = max(arm.lengths.first, arm.lengths.second)
         rate = max(
             rate,
@@ -236,9 +235,9 @@ def fastest_rate(plant: ArmPlantState) -> float:
 def quintic(
     start: float, start_rate: float, middle: float, middle_rate: float, end: float, end_rate: float, T: float
 ) -> Course:
-    """Give the polynomial through a target and its velocity at the beginning, the middle and the end of a sample."""
+    """Return the polynomial through a target and its velocity at the beginning, the middle and the end of a sample."""
     r, h = start, start_rate * T
-    # What is left of the middle and the end after r + h u, and of their rates after h.
+    # Residuals at the middle and the end after r + h u, and of the rates after h.
     C = middle - r - 0.5 * h
     D = middle_rate * T - h
     A = end - r - h
@@ -250,7 +249,7 @@ def quintic(
 
 @kernel
 def show(plant: ArmPlantState) -> None:
-    """Work out the tips' positions and velocities from the arms' states."""
+    """Compute the tips' positions and velocities from the arms' states."""
     stages, x, v = plant.stages, plant.position, plant.velocity
     for i, arm in enumerate(plant.arms):
         now = stages[i].now.motion
@@ -263,7 +262,7 @@ def show(plant: ArmPlantState) -> None:
 
 @kernel
 def plan(plant: ArmPlantState) -> None:
-    """Take the efforts by the directions of the links, and lay the targets' courses over the sample."""
+    """Convert the efforts to the directions of the links, and fit the targets' polynomials over the sample."""
     T, u = plant.period, plant.effort
     start, start_rate, end, end_rate = plant.start, plant.start_rate, plant.end, plant.end_rate
     middle, middle_rate = plant.middle, plant.middle_rate
@@ -276,12 +275,12 @@ def plan(plant: ArmPlantState) -> None:
 
 @kernel
 def advance(plant: ArmPlantState) -> int:
-    """Move the plant by one sample; then the targets' end becomes their beginning.
+    """Advance the plant by one sample; the targets at the end become those at the beginning.
 
-    Returns 0, or NOT_FINITE or TOO_FAST if the plant stays where it is.
+    Returns 0, or NOT_FINITE or TOO_FAST if the plant remains in place.
     """
     n, T = plant.fingers, plant.period
-    code: int = unfit(plant.effort, 7, 2 * n)  # the targets follow the efforts
+    code: int = unfit(plant.effort, 7, 2 * n)  # the targets follow the efforts in memory
     if code != 0:
         return code
     rate = fastest_rate(plant)
@@ -297,11 +296,11 @@ def advance(plant: ArmPlantState) -> int:
 
 
 class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Two-link arms, joint torques [N m] held over the sample, and the hand at their tips, moved together.
+    """Two-link arms and the hand at their tips, moved together under joint torques [N m] held over the sample.
 
-    No gravity: the arms move in a horizontal plane. The hand's targets are followed through their positions and
-    velocities at both ends and the middle of each sample. Substeps are chosen so that the tips stay within 1e-10 m
-    of the exact motion.
+    The arms move in a horizontal plane, without gravity. Targets are interpolated from their positions and velocities
+    at both ends and the middle of each sample. Substeps are chosen so that the tips stay within 1e-10 m of the exact
+    motion.
     """
 
     kernel = staticmethod(advance)
@@ -321,22 +320,22 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
             arm.base, arm.lengths = Point(*base), Both(*m.arm.links)
             I1, I2, arm.mixed, arm.rotors, arm.damping1, arm.damping12, arm.damping2 = m.constants
             arm.inertia, arm.elbow = Both(I1, I2), m.arm.drive == "elbow"
-            self._turn(i, *m.arm.angles(base[0], base[1] + away))  # at home: the elbow at a right angle
+            self._turn(i, *m.arm.angles(base[0], base[1] + away))  # home position: the elbow at a right angle
         show(block)
 
     @property
     def structure(self) -> Index:
-        """Counts, and where each arm's second motor sits."""
+        """Counts, and the place of each arm's second motor."""
         elbow = start_of(ArmConstants, "elbow")
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
     def sensed(self, i: int) -> Index:
-        """Give the entries of the block where a1 and a2 of arm i stand."""
+        """Return the entries of a1 and a2 of arm i in the block."""
         return self._block.stages[i].now.offset + np.arange(2)
 
     def angles(self, i: int) -> memoryview:
-        """Give a view of a1, a2, a1', a2' of arm i, for its encoders; the same memory for the plant's life."""
+        """Return a view of a1, a2, a1', a2' of arm i for its encoders; the same memory for the plant's lifetime."""
         view: memoryview = self._angles[i]
         return view
 

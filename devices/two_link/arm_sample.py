@@ -1,4 +1,4 @@
-"""A sample of a two-link arm: counts to the finger's motion, force to torques; and their simulation."""
+"""One sample of a two-link arm: finger motion from counts, torques from forces; and their simulation."""
 
 from __future__ import annotations
 
@@ -22,49 +22,49 @@ from graspfx.protocols import (
 
 
 class ArmState(Record):
-    """An arm as a device: its geometry, its encoders' readings and its motors' torques."""
+    """State of an arm as a device: geometry, encoder readings and motor torques."""
 
     base: Point  # [m]
-    lengths: Both  # of the links [m]
-    zero: Both  # of the joints [rad]
-    step: Both  # that a joint turns by for one count [rad]
+    lengths: Both  # lengths of the links [m]
+    zero: Both  # joint positions at zero counts [rad]
+    step: Both  # rotation of a joint per count [rad]
     gear: Both
-    torque_limit: Both  # of the motors [N m]
-    low: float  # least and greatest distance of the finger from the base [m]
+    torque_limit: Both  # torque limits of the motors [N m]
+    low: float  # smallest and largest distance of the finger from the base [m]
     high: float
-    bend: float  # the sign of sin(a2 - a1)
-    elbow: bool  # the second motor sits at the elbow
+    bend: float  # sign of sin(a2 - a1)
+    elbow: bool  # the second motor is at the elbow
     delay: int  # [samples]
-    estimate_size: int  # entries of a velocity estimate
-    slot: int  # row of the delay line that is filled next
+    estimate_size: int  # size of a velocity estimate
+    slot: int  # row of the delay line to fill next
     angles: Both  # directions of the links, read by the encoders of a simulated arm [rad]
     counts: Both
     links: Links  # [m]
-    position: Point  # of the finger [m]
+    position: Point  # position of the finger [m]
     velocity: Point  # [m/s]
     command: Point  # [N]
-    largest: float  # the largest force at the finger in every direction [N]
-    torque: Floats = floats("2")  # of the motors [N m]
-    effort: Floats = floats("2")  # at the joints [N m]
+    largest: float  # largest force at the finger in every direction [N]
+    torque: Floats = floats("2")  # torques of the motors [N m]
+    effort: Floats = floats("2")  # torques at the joints [N m]
     estimates: Many[VelocityEstimate] = many("2", "estimate_size")
     line: Table = table("delay + 1", "2")
 
 
 STRUCTURE = [start_of(ArmState, name) for name in ("elbow", "delay", "estimate_size")]
 
-# What the kernels give besides 0.
+# Codes of the kernels besides 0.
 NO_COUNTS, OUT_OF_REACH, OTHER_ELBOW, ENDLESS_TORQUE = range(1, 5)
 
 
 @kernel
 def place(arm: ArmState, a1: float, a2: float) -> None:
-    """Work out the links as vectors: the Jacobian by their directions is [[-y1, -y2], [x1, x2]]."""
+    """Compute the links as vectors; the Jacobian by their directions is [[-y1, -y2], [x1, x2]]."""
     arm.links = links_at(arm.lengths, a1, a2)
 
 
 @kernel
 def limit_force(arm: ArmState) -> None:
-    """Work out the largest force in every direction: a motor's torque over the longest lever."""
+    """Compute the largest force in every direction: a motor's torque over the longest lever arm."""
     x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
     second = math.sqrt(x2 * x2 + y2 * y2)
     if arm.elbow:
@@ -76,7 +76,7 @@ def limit_force(arm: ArmState) -> None:
 
 @kernel
 def follow(arm: ArmState) -> int:
-    """Work out the finger's position and velocity from the counts, a period after the last ones."""
+    """Compute the finger's position and velocity from counts one period after the last ones."""
     counts = arm.counts
     if not (math.isfinite(counts.first) and math.isfinite(counts.second)):
         return NO_COUNTS
@@ -87,7 +87,7 @@ def follow(arm: ArmState) -> int:
 
 @kernel
 def turn(arm: ArmState, rate1: float, rate2: float) -> int:
-    """Work out the finger's position and velocity from the counts and their rates [1/s]."""
+    """Compute the finger's position and velocity from the counts and their rates [1/s]."""
     counts, step, elbow = arm.counts, arm.step, arm.elbow
     q1, q2 = arm.zero.first + counts.first * step.first, arm.zero.second + counts.second * step.second
     a1, a2 = link_directions(elbow, q1, q2)
@@ -98,7 +98,7 @@ def turn(arm: ArmState, rate1: float, rate2: float) -> int:
         return OUT_OF_REACH
     if (x1 * y2 - y1 * x2) * arm.bend <= 0.0:
         return OTHER_ELBOW
-    if elbow:  # else the levers are the links, which stay as long as they are
+    if elbow:  # otherwise the lever arms are the links, of constant length
         limit_force(arm)
     arm.position = Point(arm.base.x + x1 + x2, arm.base.y + y1 + y2)
     arm.velocity = Point(-y1 * w1 - y2 * w2, x1 * w1 + x2 * w2)
@@ -107,7 +107,7 @@ def turn(arm: ArmState, rate1: float, rate2: float) -> int:
 
 @kernel
 def drive(arm: ArmState) -> int:
-    """Work out the motors' torques from the command, J'f through the gears, scaled down together to the limits."""
+    """Compute the motors' torques from the command, J'f through the gears, scaled together to the limits."""
     links, force, gear = arm.links, arm.command, arm.gear
     first = links.x1 * force.y - links.y1 * force.x
     second = links.x2 * force.y - links.y2 * force.x
@@ -119,7 +119,7 @@ def drive(arm: ArmState) -> int:
         return ENDLESS_TORQUE
     most = arm.torque_limit
     excess = max(abs(first) / most.first, abs(second) / most.second)
-    if excess > 1.0:  # and the division may round to just above the limit
+    if excess > 1.0:  # the division may round to just above the limit
         first = max(-most.first, min(most.first, first / excess))
         second = max(-most.second, min(most.second, second / excess))
     arm.torque[0] = first
@@ -128,7 +128,7 @@ def drive(arm: ArmState) -> int:
 
 
 def count(x: float) -> float:
-    """Give the whole number that an encoder shows."""
+    """Return the integer that an encoder reports."""
     if math.isfinite(x):
         return float(math.floor(x + 0.5))
     return x
@@ -136,7 +136,7 @@ def count(x: float) -> float:
 
 @kernel
 def read(arm: ArmState) -> int:
-    """Convert the sensed directions of a simulated arm to counts; then as `follow`."""
+    """Convert the sensed directions of a simulated arm to counts; then continue as `follow`."""
     q1, q2 = joint_angles(arm.elbow, arm.angles.first, arm.angles.second)
     zero, step = arm.zero, arm.step
     arm.counts = Both(count((q1 - zero.first) / step.first), count((q2 - zero.second) / step.second))
@@ -145,7 +145,7 @@ def read(arm: ArmState) -> int:
 
 @kernel
 def write(arm: ArmState) -> int:
-    """Drive a simulated arm through the delay line and the gears to the joints; stop it at a fault."""
+    """Drive a simulated arm through the delay line and the gears; stop it at a fault."""
     code = drive(arm)
     if code != 0:
         stop(arm)
@@ -160,6 +160,6 @@ def write(arm: ArmState) -> int:
 
 @kernel
 def stop(arm: ArmState) -> int:
-    """Set the torques of a simulated arm to zero, those in the delay line too."""
+    """Set the torques of a simulated arm and its delay line to zero."""
     clear_line(arm.line, arm.delay, arm.effort)
     return 0

@@ -1,4 +1,4 @@
-"""The board of a two-link arm: encoder counts in, motor torques out."""
+"""The board of a two-link arm: encoder counts as input, motor torques as output."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from graspfx.protocols import InputError
 class Board(Protocol):
     """Two encoders and two motors; counts and torques are those of the motors' shafts, before the gears.
 
-    A board that has lost its hardware raises OSError or DeviceError; a run then stops with zero force.
+    A board with lost hardware raises OSError or DeviceError; a run then stops with zero force.
     """
 
     def open(self, period: float) -> None:
-        """Make ready for one `counts` and one `torque` every `period` seconds, and enable the motors at zero torque."""
+        """Prepare for one `counts` and one `torque` every `period` seconds, and enable the motors at zero torque."""
 
     def counts(self) -> tuple[int, int]:
-        """Read the counts of the two encoders since they stood at the arm's `zero`; they never roll over."""
+        """Return the counts of the two encoders relative to the arm's `zero`; they must not overflow."""
         ...
 
     def torque(self, first: float, second: float) -> None:
-        """Set the torques of the two motors [N m], which hold them until the next call."""
+        """Set the torques of the two motors [N m], which are held until the next call."""
 
     def close(self) -> None:
-        """Disable the motors and let go of the hardware."""
+        """Disable the motors and release the hardware."""
 
 
 @runtime_checkable
 class TimedBoard(Protocol):
-    """A board that knows when its counts were taken; those of any other are as old as the call."""
+    """A board with a time of its counts; counts of other boards have the time of the call."""
 
     @property
     def time(self) -> float:
-        """Time of the last counts, on any clock that goes forward [s]; that of those before says that none are new."""
+        """Time of the last counts on any non-decreasing clock [s]; if it is unchanged, there are no new counts."""
         ...
 
 
@@ -45,10 +45,10 @@ class Wiring:
     """Encoders, gears and motors between the two joints and the board.
 
     Args:
-        counts: of the encoder for a revolution of its motor.
-        gear: revolutions of the motor for one of the joint; negative if it turns the other way.
-        zero: where the joint is when the count is zero [rad].
-        torque_limit: of the motor [N m].
+        counts: Counts of the encoder per revolution of its motor.
+        gear: Revolutions of the motor per revolution of the joint; negative if it turns the other way.
+        zero: Joint position at zero counts [rad].
+        torque_limit: Torque limit of the motor [N m].
     """
 
     counts: Pair
@@ -62,5 +62,5 @@ class Wiring:
 
     @property
     def step(self) -> Pair:
-        """Angle by which each joint turns for one count [rad]."""
+        """Angle of each joint per count [rad]."""
         return math.tau / (self.counts[0] * self.gear[0]), math.tau / (self.counts[1] * self.gear[1])

@@ -1,4 +1,4 @@
-"""A two-link arm that a plant moves: its time is counted in samples, its encoders see the plant."""
+"""A two-link arm moved by a plant; its time counts samples, and its encoders read the plant."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ FloatArray = NDArray[np.float64]
 
 
 class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """An arm before a board that is simulated with it: counts rounded, torques `delay` samples late.
+    """An arm simulated together with its board: counts are rounded, torques `delay` samples late.
 
-    The kernels `reading` and `writing` run once a sample, on the block `state`.
+    The kernels `reading` and `writing` run once per sample on the block `state`.
     """
 
     reading = staticmethod(sample.read)
@@ -39,22 +39,22 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         super().__init__(arm, wiring, mechanics, velocity_window, delay)
         lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in self._block.estimates]
         self.structure = np.array([*sample.STRUCTURE, *lengths])
-        self._fault = 0  # of the last reading
-        self._wire(ArmPlant([mechanics]), 0)  # at rest, until a plant that moves takes over
+        self._fault = 0  # fault code of the last reading
+        self._wire(ArmPlant([mechanics]), 0)  # at rest, until it is connected to a moving plant
 
     @property
     def effort(self) -> FloatArray:
-        """Torques at the joints until the next sample, (1, 2) [N m]; not to be written to."""
+        """Torques at the joints until the next sample (1, 2) [N m]; not to be written to."""
         effort: FloatArray = self._effort
         return effort
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> ArmPlant:
-        """Make the plant that moves the arms of these devices together with the hand at their tips."""
+        """Create the plant that moves the arms of these devices together with the hand at their tips."""
         arms = [device for device in devices if isinstance(device, SimulatedTwoLink)]
         if not arms or len(arms) < len(devices):
             kinds = [type(device).__name__ for device in devices]
-            raise InputError("devices", kinds, "one or more simulated two-link arms")
+            raise InputError("devices", kinds, "at least one simulated two-link arm")
         plant = ArmPlant([device._require_mechanics() for device in arms])
         for i, device in enumerate(arms):
             device._wire(plant, i)
@@ -66,7 +66,7 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         self.stop()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Give position (1, 2) [m], velocity (1, 2) [m/s] and time [s], the same all through a tick of the plant."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s], constant within a tick of the plant."""
         estimator, plant = self._opened(), self._plant
         now = plant.placed, plant.time
         if now != self._seen:
@@ -93,6 +93,6 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         self._estimator = None
 
     def _wire(self, plant: ArmPlant, i: int) -> None:
-        """Have the encoders on the plant's arm i from now on."""
+        """Connect the encoders to the plant's arm i."""
         self._plant, self._angles, self.sensed = plant, plant.angles(i), plant.sensed(i)
         self._seen = (-1, 0.0)  # placement and time of the plant at the last reading

@@ -28,7 +28,7 @@ class OperatorMatrices:
         m x'' + b x' + R x' = -d - F + (I - S S') h + g                    devices, d the force on the object, displayed
         M y'' + B y' + K y = S'F + S'h - S'g,    F = K_h (x - S y) + B_h (x' - S y')                 limbs y (l,)
         h_k = -s_(k - n),    s = P x + Q x' - C d                                      reactions, held over a sample
-        g_k = a g_(k-1) - (1 - a) A d_k                      what a change of the grip does to the squeeze's own force
+        g_k = a g_(k-1) - (1 - a) A d_k                      effect of a change of the grip on the squeeze's own force
 
     Attributes:
         limb: Matrix S (m, l), whose orthonormal columns are the coordinates with a limb.
@@ -174,7 +174,7 @@ class Linearisation(Carded):
         G_contact: Matrix (r, m) with the arms of the contacts, with which "implicit" solves for the elastic force and
             the object's displacement, if G and G_displacement have the arms of the fingertips; G, including the
             preload, if None.
-        operator: Parts of the hands besides springs and dampers; None if there are none.
+        operator: Operator models in addition to springs and dampers; None if there are none.
 
     Raises:
         InputError: An argument does not fit; the error names it.
@@ -230,7 +230,7 @@ class Linearisation(Carded):
     ) -> None:
         matrix = numbers("G", G, "1, m", negative=True)
         if matrix.ndim != 2 or not matrix.shape[1]:
-            raise InputError("G", matrix, "a matrix (r, m), a row for every free coordinate of the object")
+            raise InputError("G", matrix, "a matrix (r, m), one row per free coordinate of the object")
         r, m = matrix.shape
         kind = one_of("integrator", integrator, INTEGRATORS)
         whole = np.array([samples("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
@@ -273,7 +273,7 @@ class Linearisation(Carded):
         extras = (("preload", self.preload), ("ground", self.ground), ("an operator's models", self.operator))
         late = f"{listed(dict.fromkeys(self.delay.tolist()))} samples, of the object's force {self.object_delay}"
         if self.latency.any():
-            late += f"; {span(1e3 * self.latency, 'ms')} besides, of readings and forces"
+            late += f"; and {span(1e3 * self.latency, 'ms')} of readings and forces"
         rows = [
             ("motions", f"{m} device coordinates and {r} of the object, sampled every {1e3 * self.period:g} ms"),
             ("devices", f"{span(self.mass, 'kg')}, {span(self.friction, 'N s/m')}"),
@@ -374,7 +374,7 @@ def _range(matrix: FloatArray, unit: str) -> str:
 
 def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:
     if integrator == "bullet":
-        raise InputError("ground", parts, "None for the integrator bullet", "its contacts are no springs")
+        raise InputError("ground", parts, "None for the integrator bullet", "its contacts are not springs")
     stiffness, damping = parts
     return _square("ground stiffness", stiffness, r, "N/m"), _square("ground damping", damping, r, "N s/m")
 

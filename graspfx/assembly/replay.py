@@ -130,7 +130,7 @@ def _require(recording: Recording) -> None:
     header, layout = recording.header, recording.layout
     if header.every > 1:
         raise RecordingError(
-            f"a replay needs every tick, and this recording has one in {header.every}: run with record.every = 1"
+            f"a replay needs every tick, but this recording has one in {header.every}: run with record.every = 1"
         )
     needs = [*NEEDS, *(("fresh",) if layout.timed else ()), *(("largest_force",) if layout.timed else ())]
     missing = [name for name in needs if name in layout.omitted]

@@ -150,7 +150,7 @@ def run(
     host: Any = getattr(scene_, "host", None)
     if host is not None and not real_time:
         raise InputError(
-            "real_time", False, f"True for the scene of a host, {host.name!r}, whose clock is the wall's",
+            "real_time", False, f"True for the scene of a host, {host.name!r}, which needs real time",
             "`graspfx run SCENE --real-time`; gx.open(scene) steps it beside a host in the same program",
         )  # fmt: skip
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))

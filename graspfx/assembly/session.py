@@ -80,9 +80,9 @@ class Session(Carded):
         how: further arguments of `build`.
     """
 
-    is_paced = False  # whether it runs on the wall's clock
-    keeps_rows = True  # where no folder has them
-    is_repeated = False  # whether the servo of the run before is taken once more
+    is_paced = False  # whether it runs in real time
+    keeps_rows = True  # if there is no folder
+    is_repeated = False  # whether the servo of the previous run is reused
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class Session(Carded):
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
-        if "playback" not in how:  # else nothing moves by itself, and it has been warned of
+        if "playback" not in how:  # otherwise nothing moves, and a warning was given
             if not self.is_paced:
                 require_simulations(parts.hardware)
             require_prompt_simulations(parts)
@@ -107,7 +107,7 @@ class Session(Carded):
             require_vacancy_of(recording_path(out, "out") / NAME)
         self.scene, self._ticks, self._spent = scene, ticks, 0.0
         self._finished: Recording | None = None
-        self._so_far: tuple[int, int, Recording] | None = None  # ticks and changes of the last one that was asked for
+        self._so_far: tuple[int, int, Recording] | None = None  # number of ticks and changes at the last access
         self._place = None if out is None else Path(out) / NAME
         made = build_again if self.is_repeated else build
         with ExitStack() as stack:
@@ -115,13 +115,13 @@ class Session(Carded):
             self._steering = Steering(self.servo, scene, keys, how.get("playback"))
             for key in keys:
                 require_value(scene, key)
-            whole = self.servo.layout  # or what is recorded of it, where ticks write nothing else
+            whole = self.servo.layout  # or the recorded part, if ticks write nothing else
             layout = whole if how.get("selected") else chosen_layout(whole, scene.record.columns)
             every = scene.record.every
             if ticks is not None:
                 require_room(ticks, layout, every, out)
             header, sinks = self._start(stack, parts, keys), list[Sink]()
-            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
+            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # split of forces from each tick on
             if out is not None:
                 from graspfx.recording.sink import FileSink
 
@@ -176,7 +176,7 @@ class Session(Carded):
         try:
             with self._stack:
                 self._finished = self._with_notes(self._recorder.finish(**self._outcome(complete)))
-                keep_lowerings()  # of kernels that were called
+                keep_lowerings()  # caches the kernels that were called
         finally:
             if self._finished is not None and self._place is not None:
                 self._finished = self._with_notes(Recording.load(self._place))
@@ -281,7 +281,7 @@ class Session(Carded):
         layout = self.servo.layout
         if not self.tick:
             return np.zeros(layout.columns["finger_force"].shape)
-        split = next(split for tick, split in reversed(self._splits) if tick < self.tick)  # of the row's own tick
+        split = next(split for tick, split in reversed(self._splits) if tick < self.tick)  # at the row's tick
         external, _ = RowSplit(self.servo.row[None], layout, [(0, split)]).external_forces()  # (n, d, 1)
         return np.asarray(external[:, :, 0])
 
@@ -365,7 +365,7 @@ class Session(Carded):
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
             return
-        values: dict[str, Any] = {}  # by keys with numbers for names: names mean nothing to what follows
+        values: dict[str, Any] = {}  # values by keys with numbers instead of names
         for each, new in changes.items():
             plain = numbered(self.scene, each)
             self._steering.require_live(plain, new)

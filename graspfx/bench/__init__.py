@@ -1,1 +1,1 @@
-"""Run time against error: of one scene's choices, and of what a user calls most."""
+"""Benchmarks: run time against error, for the choices of a scene and for frequently used calls."""

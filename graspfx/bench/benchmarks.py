@@ -1,4 +1,4 @@
-"""The benchmarks that come with the package, by name, and those that stand beside the tests."""
+"""Benchmarks of the package, by name, and those beside the tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.errors import MissingPackageError
 
 BENCHMARKS = {name: f"graspfx.bench.{name}" for name in ("startup", "ticks", "eq4")}
 BESIDE_TESTS = ("runs", "batches", "maps", "projection", "contact", "bodies", "creep")
-"""Comparisons with other programs, which only a checkout has: `make bench`."""
+"""Comparisons with other programs, available in a checkout only: `make bench`."""
 
 CHECKOUT = "in a checkout of GraspFX: make bench, or python -m tests.bench"
 
@@ -20,15 +20,15 @@ class Benchmark(Protocol):
     """A module of benchmarks.
 
     Attributes:
-        TITLE: of its section in the report.
-        LIMITS: what its numbers do not say.
+        TITLE: Title of its section in the report.
+        LIMITS: Limitations of its numbers.
     """
 
     TITLE: str
     LIMITS: str
 
     def cases(self, quick: bool) -> Iterator[Case]:
-        """Yield the cases one after another, so that memory of one is free before the next is built."""
+        """Yield the cases one by one, so that a case's memory is freed before the next is built."""
         ...
 
 
@@ -38,7 +38,7 @@ def benchmark(name: str) -> Benchmark:
 
 
 def measured(name: str, module: Benchmark, *, quick: bool) -> Iterator[Sequence[Row]]:
-    """Run a benchmark, case by case; without the package that its oracle needs, one row says so."""
+    """Run a benchmark case by case; if the package of its oracle is missing, one row says so."""
     try:
         for case in module.cases(quick):
             yield measure(case, QUICK if quick else FULL)

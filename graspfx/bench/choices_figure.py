@@ -1,4 +1,4 @@
-"""The figure of a scene's choices: error over the time of a simulated second, the Pareto front marked."""
+"""Figure of a scene's choices: error over the time per simulated second, with the Pareto front marked."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from graspfx.show.sheet import Sheet
 
 TALL = 2.9  # [inches]
-LEAST = 1e-17  # where an error of zero is drawn
+LEAST = 1e-17  # plotted value of an error of zero
 COLOURS = (INK, *FINGERS, NEUTRAL)
-BEFORE, BEYOND = 2.5, 1.6  # room before the least time, with labels in it, and beyond the greatest
+BEFORE, BEYOND = 2.5, 1.6  # factors of space before the smallest time, for labels, and beyond the largest
 
 
 def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
-    """Draw a line for each body, from its longest period to its shortest, and below it what the reference knows."""
+    """Draw a line for each dynamics engine, from its longest to its shortest period, and the reference's error."""
     sound = [each for each in tradeoff.outcomes if each.row.time_us is not None and each.row.error is not None]
     names = list(dict.fromkeys(each.choice.name for each in sound))
     with style.look(width):
@@ -39,10 +39,10 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
         best = tradeoff.best
         axes.plot(
             *_places(best), "o", color=INK, markerfacecolor="none", markersize=11.0 * weight,
-            label="no other is as quick and as exact",
+            label="Pareto front: no other choice is as fast and as accurate",
         )  # fmt: skip
         for each in sound:
-            if each.row in best:  # below and on the left of it there is no other
+            if each.row in best:  # no other choice lies below and to the left of it
                 axes.annotate(
                     f"{1e3 * each.choice.period:.3g} ms", _place(each.row), (-7.0, -4.0),
                     textcoords="offset points", ha="right", va="top", color=NOTE, fontsize="small",
@@ -56,12 +56,12 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
         axes.set_xlim(low / BEFORE, high * BEYOND)
         panel(axes, x="time of a simulated second [s]", y="error [m]")
         drawing.legend(0)
-        drawing.title(f"{style.plain(tradeoff.scene)}: which choice is quick, and exact?")
+        drawing.title(f"{style.plain(tradeoff.scene)}: speed and accuracy of its choices")
     return drawing
 
 
 def _place(row: Row) -> tuple[float, float]:
-    """Give where a choice is drawn: the time of a simulated second [s], and the error."""
+    """Return where a choice is drawn: time per simulated second [s], and error."""
     return 1e-6 * (row.time_us or 0.0), max(row.error or 0.0, LEAST)
 
 

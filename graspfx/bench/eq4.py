@@ -1,4 +1,4 @@
-"""Eq. (4) by the public calls beside numpy's pseudoinverse, with forces in exact fractions as the oracle."""
+"""Eq. (4) by the public calls and by numpy's pseudoinverse, with exact fractions as the oracle."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ Pair = tuple[FloatArray, FloatArray]  # points and displacements of a grasp, (n,
 
 TITLE = "Eq. (4): forces of all contacts from their points and displacements"
 LIMITS = """
-Contacts change at every call, so that each method starts from points, except in the cases that say "contacts fixed".
-A PointCoupling is made once, which compiles for a second, once on a machine. Peers build G about the origin and use
-their library's tolerance for the rank. Equal weights, hard fingers in space, no damping.
+Contacts change at every call, so each method starts from points, except in cases named "contacts fixed". A
+PointCoupling is created once, and compiles for a second once per machine. Peers build G about the origin and use their
+library's tolerance for the rank. Weights are equal, fingers are hard and in space, and there is no damping.
 """
 
 EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
 OUTER, INNER = gx.Impedance(EXTERNAL), gx.Impedance(INTERNAL)
 LAW = gx.Coupling(OUTER, INNER)
-RADIUS, REACH = 0.05, 0.003  # of a grasp, of the displacements [m]
-GRASPS = 8  # of a kind
-WRONG = 1e-3  # of a force: more is no matter of rounding
-WARM = 0.3  # [s] after which the calls of a `Split` are machine code
+RADIUS, REACH = 0.05, 0.003  # of a grasp and of the displacements [m]
+GRASPS = 8  # grasps of each kind
+WRONG = 1e-3  # relative error of a force that is not due to rounding
+WARM = 0.3  # [s] after which the calls of a `Split` are compiled
 
 
 @dataclass(frozen=True)
 class ContactSet:
-    """Grasps of a kind: points and displacements (N, n, 3) [m], and their forces (N, n, 3) [N]."""
+    """Grasps of one kind: points and displacements (N, n, 3) [m], and their forces (N, n, 3) [N]."""
 
     name: str
     points: FloatArray
@@ -50,7 +50,7 @@ class ContactSet:
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Yield the public calls beside numpy, for contacts that change and for some that stay."""
+    """Yield the public calls and numpy's methods, for contacts that change and for fixed contacts."""
     for contacts in contact_sets():
         yield Case("eq4", contacts.name, "relative", [*ours(contacts), *by_numpy(contacts)], WRONG)
     contacts = fixed(next(contact_sets()))
@@ -58,7 +58,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def contact_sets() -> Iterator[ContactSet]:
-    """Draw the kinds, seeded: few fingers, many, nearly on a line, far away."""
+    """Draw the kinds of grasps, seeded: few fingers, many fingers, nearly collinear, far away."""
     rng = np.random.default_rng(4)
     yield contact_set(rng, "5 fingers", RADIUS * _directions(rng, 5))
     yield contact_set(rng, "20 fingers", RADIUS * _directions(rng, 20))
@@ -67,23 +67,23 @@ def contact_sets() -> Iterator[ContactSet]:
 
 
 def contact_set(rng: np.random.Generator, name: str, points: FloatArray) -> ContactSet:
-    """Displace points, and compute the forces."""
+    """Add random displacements to points, and compute the forces."""
     displacements = REACH * rng.normal(size=points.shape)
     forces = np.array([exact_force(p, e) for p, e in zip(points, displacements, strict=True)])
     return ContactSet(name, points, displacements, forces)
 
 
 def fixed(contacts: ContactSet) -> ContactSet:
-    """Keep the points of the first grasp for the displacements of all."""
+    """Use the points of the first grasp with the displacements of all grasps."""
     points = np.repeat(contacts.points[:1], GRASPS, axis=0)
     forces = np.array([exact_force(points[0], e) for e in contacts.displacements])
     return ContactSet(f"{contacts.name}, contacts fixed", points, contacts.displacements, forces)
 
 
 def exact_force(points: FloatArray, e: FloatArray) -> FloatArray:
-    """Compute f = k_i e + (k_e - k_i) P e of points that are not on a line, (n, 3): fractions, rounded once.
+    """Compute f = k_i e + (k_e - k_i) P e for points that are not collinear (n, 3), in fractions rounded once.
 
-    P e is the rigid motion that fits e best: the mean, and about the centroid a turn w with J w = sum r x e.
+    P e is the rigid motion nearest to e: the mean, and a rotation w about the centroid with J w = sum r x e.
     """
     n = len(points)
     x, d = ([[Fraction(v) for v in row] for row in array.tolist()] for array in (points, e))
@@ -104,12 +104,12 @@ def exact_force(points: FloatArray, e: FloatArray) -> FloatArray:
 
 
 def force_method(name: str, force: Callable[[Any], FloatArray], contacts: ContactSet, note: str = "") -> Method:
-    """Make the method whose operation is force(points, displacements), for each grasp in turn."""
+    """Return a method whose operation is force(points, displacements), for each grasp in turn."""
     return _method(name, force, contacts.pairs, contacts.forces, note)
 
 
 def ours(contacts: ContactSet) -> Iterator[Method]:
-    """List the public calls for contacts that change."""
+    """Yield the public calls for contacts that change."""
 
     def by_split(pair: Pair) -> FloatArray:
         return LAW.force(gx.Grasp(pair[0]).split(tolerance=1e-12), pair[1].ravel())
@@ -127,14 +127,14 @@ def ours(contacts: ContactSet) -> Iterator[Method]:
 
 
 def by_numpy(contacts: ContactSet) -> Iterator[Method]:
-    """List numpy's ways for contacts that change."""
+    """Yield numpy's methods for contacts that change."""
     matrix = GraspMatrix(contacts.points.shape[1])
     for name, project in (("numpy pinv", by_pinv), ("numpy solve", by_solve)):
         yield force_method(name, partial(projected, project, matrix), contacts)
 
 
 def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
-    """List the public calls for contacts that stay."""
+    """Yield the public calls for fixed contacts."""
     split = gx.Grasp(contacts.points[0]).split()
     flat = [e.ravel() for e in contacts.displacements]
     warm(partial(LAW.force, split, flat[0]))
@@ -152,7 +152,7 @@ def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
 
 
 def by_numpy_fixed(contacts: ContactSet) -> Iterator[Method]:
-    """Multiply by a K that is known."""
+    """Yield the product with a known K."""
     flat = [e.ravel() for e in contacts.displacements]
     G = gx.grasp_matrix(contacts.points[0])
     P = np.linalg.pinv(G) @ G
@@ -161,18 +161,18 @@ def by_numpy_fixed(contacts: ContactSet) -> Iterator[Method]:
 
 
 def projected(project: Project, matrix: GraspMatrix, pair: Pair) -> FloatArray:
-    """Compute f by a projection on the row space of G."""
+    """Compute f by projection onto the row space of G."""
     x = pair[1].ravel()
     return INTERNAL * x + project(matrix(pair[0]), (EXTERNAL - INTERNAL) * x)
 
 
 def by_pinv(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Compute P x with P = G^+ G (eq. 3), from the right, so that P is not formed."""
+    """Compute P x with P = G^+ G (eq. 3) from the right, without forming P."""
     return np.asarray(np.linalg.pinv(G) @ (G @ x))
 
 
 def by_solve(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Solve the normal equations G G' v = G x; LinAlgError where G G' is singular."""
+    """Solve the normal equations G G' v = G x; raise LinAlgError if G G' is singular."""
     return np.asarray(np.linalg.solve(G @ G.T, G @ x) @ G)
 
 
@@ -181,9 +181,9 @@ SKEW[[1, 2, 3, 5, 6, 7], [2, 1, 2, 0, 1, 0]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 
 
 class GraspMatrix:
-    """G of n points in space, (6, 3 n): forces, then moments about the origin (eq. 2), made anew in place.
+    """G of n points in space, (6, 3 n): forces, then moments about the origin (eq. 2), updated in place.
 
-    The identities never change; the moments' part is one product of the points with a constant.
+    The identities are constant, and the rows of the moments are one product of the points with a constant.
     """
 
     def __init__(self, n: int) -> None:
@@ -199,12 +199,12 @@ class GraspMatrix:
 
 
 def relative_error(forces: FloatArray, exact: FloatArray) -> float:
-    """Compute the largest error over grasps (N, n, 3), relative to the largest force of each."""
+    """Compute the largest error over grasps (N, n, 3), relative to the largest force of each grasp."""
     return float((np.abs(forces - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max())
 
 
 def warm(call: Callable[[], object]) -> None:
-    """Call until what is compiled in the background is there."""
+    """Call repeatedly until background compilation has finished."""
     began = perf_counter()
     while perf_counter() - began < WARM:
         call()
@@ -229,7 +229,7 @@ def _directions(rng: np.random.Generator, n: int) -> FloatArray:
 
 
 def _near_line(rng: np.random.Generator, h: float) -> FloatArray:
-    """Place five points whose distances from a line through the origin are h times those along it."""
+    """Place five points whose distances from a line through the origin are h times their distances along it."""
     axes = np.linalg.qr(rng.normal(size=(GRASPS, 3, 3)))[0]
     along = np.linspace(-1.0, 1.0, 5) + 0.1 * rng.normal(size=(GRASPS, 5))
     local = np.concatenate([along[:, :, None], h * rng.normal(size=(GRASPS, 5, 2))], axis=2)

@@ -1,4 +1,4 @@
-"""Rows of measurements as text, as JSON, and the ones that no other beats in time and in error at once."""
+"""Measurements as text and as JSON, and their Pareto front of time and error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PACKAGES = ("scipy", "llvmlite", "numba", "jax", "clarabel", "control", "trimesh
 
 
 def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Group rows by case, in the cases' order, the quickest first and those that were not timed last."""
+    """Group rows by case in the order of the cases, fastest first and untimed rows last."""
     cases: dict[str, list[Row]] = {}
     for row in rows:
         cases.setdefault(row.case, []).append(row)
@@ -25,7 +25,7 @@ def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
-    """Find the rows of one case on the Pareto front, the quickest first; without errors, the quickest."""
+    """Return the rows of one case on the Pareto front, fastest first; without errors, the fastest row."""
     best, least = list[Row](), float("inf")
     for row in sorted((row for row in rows if row.state == TIMED), key=_time):
         if (row.error or 0.0) < least:
@@ -35,7 +35,7 @@ def front(rows: Sequence[Row]) -> list[Row]:
 
 
 def lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Write cases as text, the quickest method first; an asterisk marks the Pareto front."""
+    """Yield cases as text, fastest method first; an asterisk marks the Pareto front."""
     for case, ordered in by_case(rows).items():
         best = front(ordered)
         unit = next((row.unit for row in ordered if row.unit), "")
@@ -49,12 +49,12 @@ def lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def to_dict(rows: Sequence[Row], *, quick: bool) -> dict[str, Any]:
-    """Write rows as JSON takes them, with when and on what they were measured."""
+    """Convert rows to data for JSON, with the date and the machine of the measurement."""
     return {"rows": [asdict(row) for row in rows], **stamp(quick=quick)}
 
 
 def stamp(*, quick: bool) -> dict[str, Any]:
-    """Tell the date, the machine, the versions of what is compared, and whether it was measured roughly."""
+    """Return the date, the machine, the versions of compared packages, and whether the measurement was quick."""
     load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
     return {
         "date": now(),
@@ -67,7 +67,7 @@ def stamp(*, quick: bool) -> dict[str, Any]:
 
 
 def cpu() -> str:
-    """Describe the processor: its name and the number of processors that this process may use."""
+    """Describe the processor: its name and the number of cores available to this process."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -77,7 +77,7 @@ def cpu() -> str:
 
 
 def time_text(us: float | None) -> str:
-    """Write a time with three digits and a unit; empty for a method that was not timed."""
+    """Format a time with three digits and a unit; empty for a method that was not timed."""
     if us is None:
         return ""
     for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):
@@ -87,14 +87,14 @@ def time_text(us: float | None) -> str:
 
 
 def error_text(error: float | None) -> str:
-    """Write an error with two digits, 0 for the same bits; empty where there is none."""
+    """Format an error with two digits, 0 for identical bits; empty without an error."""
     if error is None:
         return ""
     return f"{error:.1e}" if error else "0"
 
 
 def ratio_text(ratio: float | None) -> str:
-    """Write a ratio with three digits; empty where there is none."""
+    """Format a ratio with three digits; empty without a ratio."""
     if ratio is None:
         return ""
     return f"{ratio:.0f}" if ratio >= 1000.0 else f"{ratio:.3g}"

@@ -29,22 +29,22 @@ CARRIERS = {each.label: each.name for each in DYNAMICS.values() if each.integrat
 BODIES = ("exact", "implicit", "semi-implicit", "explicit", *CARRIERS)
 PERIODS, QUICK_PERIODS = (4.0, 2.0, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5)  # as multiples of the scene's own
 ROUNDS, QUICK_ROUNDS = 7, 3
-FEW = 200  # ticks of an interpreted run: they are alike
-LONGEST = 2.0  # [s] that are simulated of a scene, unless more are asked for
+FEW = 200  # ticks of an interpreted run; their durations are similar
+LONGEST = 2.0  # [s] of simulated time, by default
 UNSTABLE, REFUSED = "unstable", "refused"
 
-SMALL = 1e-4  # error over the extent of the motion with which a reference is good enough
+SMALL = 1e-4  # error relative to the extent of the motion that is sufficient for a reference
 MOST_TICKS, MOST_HALVINGS = 400_000, 10
-ALIKE, LEAST_ORDER = 0.3, 0.7  # of the orders of two halvings that agree, and of one that counts
+ALIKE, LEAST_ORDER = 0.3, 0.7  # tolerance on the orders of two halvings, and smallest usable order
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One choice: who moves the objects, how often, and what runs the ticks.
+    """One choice: dynamics engine, period and engine of the ticks.
 
     Attributes:
-        body: an integrator of the framework's own bodies, "PyBullet" or "MuJoCo".
-        period: T [s].
+        body: Integrator of native bodies, "PyBullet" or "MuJoCo".
+        period: Sampling period T [s].
         engine: "compiled" or "interpreted".
     """
 
@@ -54,12 +54,12 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """The choice as tables name it."""
+        """Name of the choice in tables."""
         return f"{self.body}, {self.engine}" if self.engine != "compiled" else self.body
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """Values by dotted key that make a scene this choice."""
+        """Values by dotted key that select this choice in a scene."""
         values: dict[str, Any] = {"period": self.period, "engine": self.engine}
         if self.body in CARRIERS:
             return values | {"object.*.dynamics": CARRIERS[self.body]}
@@ -71,9 +71,9 @@ class Trial:
     """A run of a choice.
 
     Attributes:
-        places: of all objects and fingers at the instants that all choices have, (instants, things, d) [m].
-        seconds: mean time of a tick [s], recorded in memory, everything compiled.
-        trouble: why the run is no measure, such as a loss of stability; empty for a sound one.
+        places: Positions of all objects and fingers at the instants common to all choices, (instants, things, d) [m].
+        seconds: Mean time per tick [s], recording to memory, after compilation.
+        trouble: Reason why the run cannot be measured, such as instability; empty otherwise.
     """
 
     places: FloatArray
@@ -83,15 +83,15 @@ class Trial:
 
 @dataclass(frozen=True)
 class Reference:
-    """The motion at the smallest period, to which choices are compared.
+    """Motion at the smallest period, with which choices are compared.
 
     Attributes:
-        body: the integrator.
-        period: the smallest one [s].
-        places: (instants, things, d) [m].
-        error: the estimate of its own error [m].
-        order: q with which changes shrink as the period does; None where two halvings do not agree on one.
-        changes: the largest change by each halving [m].
+        body: Integrator.
+        period: Smallest period [s].
+        places: Positions (instants, things, d) [m].
+        error: Estimate of its error [m].
+        order: Order q of convergence; None if two halvings do not agree.
+        changes: Largest change by each halving [m].
     """
 
     body: str
@@ -103,14 +103,14 @@ class Reference:
 
     @property
     def extent(self) -> float:
-        """The farthest that anything moves along an axis [m]."""
+        """Largest displacement along an axis [m]."""
         return float(np.ptp(self.places, axis=0).max())
 
     def text(self) -> str:
-        """Say how the reference was computed, and how its error was estimated."""
+        """Description of the reference and of its error estimate."""
         halved = f"{self.body}, period halved {len(self.changes)} times to {self.period:.3g} s"
         if self.order is None:
-            how = "the last change, as changes follow no one order"
+            how = "the last change, because the order of convergence is not constant"
         else:
             how = f"Richardson: the last change, {self.changes[-1]:.1e} m, over 2^{self.order:.2f} - 1"
         return f"{halved}; its own error is about {self.error:.1e} m ({how})"
@@ -118,7 +118,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A choice, and its row: microseconds of a simulated second, the error [m]; "timed", "unstable" or "refused"."""
+    """A choice and its row: microseconds per simulated second, and error [m]; "timed", "unstable" or "refused"."""
 
     choice: Choice
     row: Row
@@ -129,10 +129,10 @@ class Tradeoff:
     """Run time against error of a scene.
 
     Attributes:
-        scene: its name.
-        duration: that was simulated [s].
-        reference: the motion to which all are compared.
-        outcomes: a choice each.
+        scene: Name of the scene.
+        duration: Simulated duration [s].
+        reference: Reference motion.
+        outcomes: One outcome per choice.
     """
 
     scene: str
@@ -142,12 +142,12 @@ class Tradeoff:
 
     @property
     def best(self) -> list[Row]:
-        """The Pareto front: no other choice is both as quick and as exact."""
+        """Pareto front: no other choice is both as fast and as accurate."""
         return front([each.row for each in self.outcomes])
 
     def lines(self) -> Iterator[str]:
-        """Write the table's lines, the quickest first; an asterisk marks the Pareto front."""
-        yield f"{self.scene}, {self.duration:g} s of it: error, the largest distance of an object or a finger [m]"
+        """Yield the lines of the table, fastest first; an asterisk marks the Pareto front."""
+        yield f"{self.scene}, {self.duration:g} s; the error is the largest distance of an object or a finger [m]"
         yield f"reference: {self.reference.text()}"
         ordered = sorted(self.outcomes, key=lambda each: each.row.time_us or math.inf)
         width, best = max(len(each.choice.name) for each in ordered), self.best
@@ -158,7 +158,7 @@ class Tradeoff:
             yield f"  {mark} {each.choice.name:<{width}}  {numbers}  {row.note}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:
-        """Write everything as JSON takes it; times are in seconds for a simulated second."""
+        """Convert the result to data for JSON; times are in seconds per simulated second."""
         reference, best = self.reference, self.best
         return {
             "scene": self.scene,
@@ -188,23 +188,23 @@ class Tradeoff:
 
 
 def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = False) -> Tradeoff:
-    """Measure how long each choice of a scene takes for a simulated second, and how far from the reference it ends up.
+    """Measure the time per simulated second of each choice of a scene, and its distance from the reference.
 
     Args:
-        scene: the scene.
-        duration: that is simulated [s]; the scene's own, two seconds at most, if None.
-        quick: fewer periods, and fewer runs of each.
+        scene: Scene to measure.
+        duration: Simulated duration [s]; by default that of the scene, at most two seconds.
+        quick: Whether to measure fewer periods, with fewer runs of each.
 
     Raises:
-        InputError: less time than the longest period takes.
-        GraspFXError: the scene does not take a smaller period, so that there is no reference.
+        InputError: If the duration is less than two of the longest periods.
+        GraspFXError: If the scene rejects a smaller period, so that there is no reference.
     """
     periods = [share * scene.period for share in (QUICK_PERIODS if quick else PERIODS)]
     instant = periods[0]
     seconds = min(scene.duration, LONGEST) if duration is None else duration
     instants = math.floor(seconds / instant + 1e-9)
     if instants < 2:
-        raise InputError("--duration", seconds, f"two of the longest periods or more, {2.0 * instant:g} s")
+        raise InputError("--duration", seconds, f"at least two of the longest periods, {2.0 * instant:g} s")
     seconds = instants * instant
     reference = converge(scene, seconds, instant)
     name = source_name(scene.source)
@@ -216,7 +216,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
             row = _measured(scene, choice, reference, seconds, instant, QUICK_ROUNDS if quick else ROUNDS)
             twin = outcomes.get(replace(choice, engine="compiled"))
             if choice.engine == "interpreted" and twin is not None and row.state == TIMED:
-                compiled = twin.row  # whose bits are its own
+                compiled = twin.row  # its bits are identical
                 row = replace(row, error=compiled.error, note="the same bits as compiled")
                 if compiled.state != TIMED:
                     row = replace(compiled, method=row.method)
@@ -226,24 +226,24 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
 
 
 def own_body(scene: Scene) -> str:
-    """Name who moves the objects of the scene as it stands: its first object counts."""
+    """Return the dynamics engine of the scene's first object."""
     first = scene.object[0]
     label = dynamics_of(first.dynamics).label
     return label if label in CARRIERS else first.integrator
 
 
 def attempt(scene: Scene, choice: Choice, duration: float, instant: float, rounds: int = 1) -> Trial:
-    """Run a scene by a choice.
+    """Run a scene with a choice.
 
     Args:
-        scene: the scene.
-        choice: what is chosen.
-        duration: a whole number of instants [s].
-        instant: from one instant that is looked at to the next, a whole number of periods [s].
-        rounds: runs, of which the quickest counts.
+        scene: Scene to run.
+        choice: Choice to use.
+        duration: Duration, an integer number of instants [s].
+        instant: Time between compared instants, an integer number of periods [s].
+        rounds: Number of runs; the fastest counts.
 
     Raises:
-        GraspFXError: the scene does not take the choice.
+        GraspFXError: If the scene rejects the choice.
     """
     variant = scene.replace(choice.overrides)
     ticks, step = round(duration / choice.period), round(instant / choice.period)
@@ -251,7 +251,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
     least = math.inf
     for _ in range(rounds):
         with open_session(variant) as session:
-            session.step(1)  # compiles
+            session.step(1)  # compiles the program
             began = perf_counter()
             session.step(ticks - 1)
             least = min(least, (perf_counter() - began) / (ticks - 1))
@@ -260,18 +260,18 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 
 
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
-    """Halve a scene's period until its motion changes no more than by a share of its extent.
+    """Halve a scene's period until the change of its motion is small relative to its extent.
 
-    The framework's own bodies move by the exact integrator; PyBullet and MuJoCo move theirs by their own.
+    Native bodies use the exact integrator; PyBullet and MuJoCo use their own.
 
     Args:
-        scene: the scene.
-        duration: a whole number of instants [s].
-        instant: from one instant that is looked at to the next [s].
-        small: error over the extent of the motion.
+        scene: Scene to run.
+        duration: Duration, an integer number of instants [s].
+        instant: Time between compared instants [s].
+        small: Sufficient error relative to the extent of the motion.
 
     Raises:
-        GraspFXError: the scene does not take a smaller period.
+        GraspFXError: If the scene rejects a smaller period.
     """
     body = own_body(scene)
     body = body if body in CARRIERS else "exact"
@@ -289,13 +289,13 @@ def converge(scene: Scene, duration: float, instant: float, *, small: float = SM
 
 
 def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
-    """Estimate the error that is left after halvings that changed a motion so much, and the order they show.
+    """Estimate the remaining error from the changes of a motion by halvings of its period, and the order.
 
-    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and C h^q = d / (2^q - 1) is left. Where the last two
-    ratios of changes show no common order, or too low a one, the last change itself stands for the error.
+    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and C h^q = d / (2^q - 1) is left. If the last two
+    ratios of changes give different orders, or too low an order, the last change is the estimate.
 
     Args:
-        changes: by each halving, the last one last.
+        changes: Changes by each halving, in order.
     """
     last = changes[-1]
     if last == 0.0:
@@ -307,7 +307,7 @@ def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
 
 
 def distance(places: FloatArray, others: FloatArray) -> float:
-    """Compute the largest distance between the places of one motion and of another, (instants, things, d) each."""
+    """Return the largest distance between the positions of two motions, (instants, things, d) each."""
     return float(np.linalg.norm(places - others, axis=2).max())
 
 
@@ -324,11 +324,11 @@ def _measured(
         return row
     away, extent = distance(trial.places, reference.places), reference.extent
     trouble = trial.trouble
-    if not trouble and not away <= extent:  # another motion
-        trouble = f"it is {away:.1e} m away from the reference, in which nothing moves farther than {extent:.1e} m"
+    if not trouble and not away <= extent:  # a different motion
+        trouble = f"its distance from the reference, {away:.1e} m, exceeds the extent of the motion, {extent:.1e} m"
     if trouble:
         return replace(row, time_us=None, note=f"unstable: {trouble}", state=UNSTABLE)
-    note = f"no nearer than the reference's own error, {reference.error:.1e} m" if away < reference.error else ""
+    note = f"below the reference's own error, {reference.error:.1e} m" if away < reference.error else ""
     return replace(row, error=away, note=note)
 
 

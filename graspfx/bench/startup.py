@@ -1,4 +1,4 @@
-"""Start-up: whole processes from their start to their end, what is compiled apart from what is kept."""
+"""Start-up benchmark: whole processes from start to exit, with and without caches."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from graspfx.bench.timing import Case, Method, environment
 
 TITLE = "Start-up"
 LIMITS = """
-Each row is a process from its start to its end, of which "import numpy" is the least. Files are in the system's cache
-and Python's bytecode is there: the first start after installing takes longer. "Cold" has an empty folder for compiled
-kernels and checked scenes at every start, and compiles the kernels of all scenes; "cached" has what an earlier start
-has left. Starting a process differs from system to system.
+Each row is a process from start to exit; "import numpy" is the minimum. Files are in the system's cache and Python's
+bytecode exists; the first start after installation takes longer. "Cold" starts with an empty folder for compiled
+kernels and validated scenes, and compiles the kernels of all scenes; "cached" uses the results of an earlier start.
+The time to start a process depends on the system.
 """
 
 SCENES = ("paper-waving", "mug")  # two fingers on a cube; five on a mesh with friction
@@ -27,7 +27,7 @@ TICK = (
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Yield the imports by themselves, then scenes."""
+    """Yield the imports, then the scenes."""
     with TemporaryDirectory(prefix="graspfx-bench-") as folder:
         start = _Starter(Path(folder))
         reference = start.method("import numpy", "-c", "import numpy")
@@ -53,16 +53,16 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 class _Starter:
-    """Starts processes of this Python in folders of their own."""
+    """Starts processes of this Python in separate folders."""
 
-    FOLDER = "{folder}"  # in arguments: a folder that nobody has used
+    FOLDER = "{folder}"  # in arguments: a new folder
 
     def __init__(self, root: Path) -> None:
         self._root, self._numbers = root, count()
         self._kept = self._new("cache")
 
     def method(self, name: str, *arguments: str, cold: bool = False) -> Method:
-        """Start a process with these arguments; ValueError with what it wrote if it fails."""
+        """Return a method that starts a process with these arguments; ValueError with its output if it fails."""
 
         def call() -> None:
             cache = str(self._new("cache") if cold else self._kept)
@@ -81,7 +81,7 @@ class _Starter:
 
 
 def _after(call: Callable[[], None]) -> Callable[[], float]:
-    """Call once, to see that it works and to fill caches; there is no error to measure."""
+    """Call once to test the call and to fill caches; there is no error to measure."""
 
     def error() -> float:
         call()

@@ -1,4 +1,4 @@
-"""Ticks of built-in scenes: whole runs by each engine, and how the time of a single tick spreads."""
+"""Ticks of built-in scenes: whole runs with each engine, and the distribution of the time per tick."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from graspfx.bench.timing import Case, Method, is_installed, missing
 
 TITLE = "Ticks of built-in scenes"
 LIMITS = """
-Times of `gx.run` are whole calls, from the scene to the recording, divided by the ticks; the scene's program was
-compiled before. `session.step(1)` is timed call by call: the last quantiles are those of the system's scheduler, as the
-process has ordinary priority and the machine does other things too (see its load). Devices are simulated; a real one
-waits for its bus. Errors are the difference of the last positions from those of the interpreted engine: both have the
-same bits.
+Times of `gx.run` are whole calls, from the scene to the recording, divided by the number of ticks; the program of the
+scene was compiled before. `session.step(1)` is timed call by call. Its highest quantiles are due to the system's
+scheduler, because the process has ordinary priority and other processes run (see the machine's load). Devices are
+simulated; a real device waits for its bus. Errors are the difference of the last positions from those of the
+interpreted engine; both engines give identical bits.
 """
 
 SCENES = ("reference-1dof", "paper-waving", "sphere-three-fingers", "mug")
 TICKS = {"compiled": 10_000, "interpreted": 400}
-CHECKED = 100  # ticks that are compared before any is timed
+CHECKED = 100  # ticks that are compared before timing
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Yield a case for each scene."""
+    """Yield one case per scene."""
     for name in SCENES[: 2 if quick else None]:
         scene = gx.load(name)
         with ExitStack() as stack:
@@ -45,7 +45,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _difference(scene: gx.Scene, variant: gx.Scene) -> float:
-    """Find the largest difference of the fingers' positions from those of the interpreted engine [m]."""
+    """Return the largest difference of finger positions from those of the interpreted engine [m]."""
     seconds = CHECKED * scene.period
     own, other = (gx.run(each, duration=seconds) for each in (variant, scene.replace({"engine": "interpreted"})))
     return float(np.abs(own.finger_position - other.finger_position).max())

@@ -1,4 +1,4 @@
-"""How methods are timed: checked against an oracle first, then in turns in one process, many times over."""
+"""Timing of methods: checked against an oracle, then timed in turns in one process, many times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from graspfx.errors import MissingPackageError
 
 TIMED, WRONG, MISSING = "timed", "wrong", "missing"
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
-NUMERICAL = (ArithmeticError, ValueError, RuntimeError)  # what numerical libraries raise where they find no answer
+NUMERICAL = (ArithmeticError, ValueError, RuntimeError)  # exceptions of numerical libraries that find no solution
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -26,13 +26,13 @@ class Method:
     """One way to solve a case.
 
     Attributes:
-        name: the same in every case in which the method takes part.
-        call: what is timed; it does `calls` operations, on inputs that vary from operation to operation.
-        error: largest error over those inputs against the oracle, or a function that computes it. It is asked for
-            before anything is timed, so that a missing package (MissingPackageError) is found out here.
-        note: what a reader of the row has to know.
-        calls: operations that one `call` does; times are per operation.
-        singly: time every call by itself and report the quantiles of its time.
+        name: Name of the method, the same in every case.
+        call: Function to be timed. It performs `calls` operations, on different inputs.
+        error: Largest error over these inputs against the oracle, or a function that computes it. It is called before
+            timing, so that a missing package (MissingPackageError) is detected early.
+        note: Note for readers of the row.
+        calls: Number of operations of one `call`; times are per operation.
+        singly: Whether to time every call separately and to report the quantiles of its time.
     """
 
     name: str
@@ -48,12 +48,12 @@ class Case:
     """One problem and the methods that solve it.
 
     Attributes:
-        benchmark: name of its benchmark.
-        name: of the case.
-        unit: of the error; empty where there is no error.
-        methods: timed in turns, in one process.
-        bound: of the error. A method that exceeds it is reported as wrong and not timed.
-        reference: method to whose time the ratio is; the quickest if empty.
+        benchmark: Name of the benchmark.
+        name: Name of the case.
+        unit: Unit of the error; empty without an error.
+        methods: Methods, timed in turns in one process.
+        bound: Bound on the error. A method that exceeds it is reported as wrong and not timed.
+        reference: Method with ratio 1; the fastest one if empty.
     """
 
     benchmark: str
@@ -66,14 +66,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table: one method in one case.
+    """A row of a table: one method in one case.
 
     Attributes:
-        time_us: of one operation, the best round's [us], which others on the machine disturb least; None if not timed.
-        error: the largest against the oracle, in `unit`; None if there is none.
-        ratio: time over that of the case's reference, or of its quickest method.
-        state: "timed", "wrong" (not timed: its error is beyond the bound) or "missing" (not installed).
-        quantiles: of single operations by name [us], where their spread is measured.
+        time_us: Time per operation in the fastest round, the one least disturbed [us]; None if not timed.
+        error: Largest error against the oracle, in `unit`; None without an oracle.
+        ratio: Time relative to the case's reference, or to its fastest method.
+        state: "timed", "wrong" (not timed, because its error exceeds the bound) or "missing" (not installed).
+        quantiles: Quantiles of single operations by name [us], if every call is timed.
     """
 
     benchmark: str
@@ -90,13 +90,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on a method.
+    """Effort spent on a method.
 
     Attributes:
-        rounds: in each of which every method of a case is timed once, one after another.
-        batch: the least time that is taken at once [ns]: a method is called as often as it takes.
-        most: time spent on a method, from which on it takes part in no further round [ns].
-        singles: calls in a round of a method whose calls are timed one by one.
+        rounds: Number of rounds; in each, every method of a case is timed once, in turn.
+        batch: Smallest time of one measurement [ns]; a method is called as often as needed.
+        most: Time spent on a method after which it takes part in no further round [ns].
+        singles: Number of calls per round of a method whose calls are timed separately.
     """
 
     rounds: int
@@ -110,7 +110,7 @@ QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, singles=200)
 
 
 def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[], object]:
-    """Make a call that does one operation per input, function(input), for a method with calls = len(inputs)."""
+    """Return a function that performs function(input) for each input, for a method with calls = len(inputs)."""
     arguments = tuple(inputs)
 
     def call() -> object:
@@ -123,7 +123,7 @@ def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[],
 
 
 def missing(name: str, package: str) -> Method:
-    """Stand in for a method whose package is not installed: its row says what to install."""
+    """Return a placeholder for a method whose package is not installed; its row says what to install."""
 
     def absent() -> NoReturn:
         raise MissingPackageError(package, name, f"pip install {package}")
@@ -137,7 +137,7 @@ def is_installed(module: str) -> bool:
 
 
 def measure(case: Case, effort: Effort) -> list[Row]:
-    """Measure a row per method, in the case's order; what is wrong or missing is not timed."""
+    """Return one row per method in the order of the case; wrong and missing methods are not timed."""
     rows = [check(case, method) for method in case.methods]
     right = [i for i, row in enumerate(rows) if row.state == TIMED]
     times = interleaved([case.methods[i] for i in right], effort)
@@ -152,7 +152,7 @@ def measure(case: Case, effort: Effort) -> list[Row]:
 
 
 def check(case: Case, method: Method) -> Row:
-    """Write the row of a method before it is timed: its error, and whether that is within the bound."""
+    """Return the row of a method before timing: its error, and whether it is within the bound."""
     row = Row(case.benchmark, case.name, method.name, None, None, method.note, case.unit)
 
     def refused(state: str, why: str, error: float | None = None) -> Row:
@@ -192,7 +192,7 @@ def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
 
 
 def clocked(call: Callable[[], object], number: int) -> int:
-    """Time so many calls [ns]."""
+    """Time `number` calls [ns]."""
     times = repeat(None, number)
     start = perf_counter_ns()
     for _ in times:
@@ -201,7 +201,7 @@ def clocked(call: Callable[[], object], number: int) -> int:
 
 
 def _repetitions(call: Callable[[], object], batch: int) -> int:
-    """Count the calls that take at least `batch` [ns]; the first one, which is slower, is not counted."""
+    """Return the number of calls that take at least `batch` [ns], ignoring the first, slower call."""
     call()
     number = 1
     while (ns := clocked(call, number)) < batch:
@@ -211,11 +211,11 @@ def _repetitions(call: Callable[[], object], batch: int) -> int:
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """Switch the garbage collector off: garbage of one method would be collected in another's time."""
+    """Disable the garbage collector, which would collect garbage of one method in the time of another."""
     was = gc.isenabled()
     gc.collect()
     gc.disable()
-    gc.freeze()  # so that to collect between rounds is quick
+    gc.freeze()  # makes collections between rounds fast
     try:
         yield
     finally:
@@ -226,10 +226,10 @@ def collector_off() -> Iterator[None]:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit libraries that are loaded within to one BLAS thread; the user's own limits stay.
+    """Limit libraries loaded in the block to one BLAS thread, unless the user has set a limit.
 
-    On a machine whose processors are busy, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix:
-    a peer would be slow by how it is called.
+    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix, which would make a
+    peer slow only because of how it is called.
     """
     mine = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(mine, "1"))
@@ -241,5 +241,5 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def environment() -> dict[str, str]:
-    """Copy the environment without limits of threads, for processes that are to start as a user starts them."""
+    """Return a copy of the environment without thread limits, for processes that start as a user would start them."""
     return {name: value for name, value in os.environ.items() if name not in THREADS}

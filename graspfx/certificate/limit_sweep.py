@@ -187,7 +187,7 @@ def _point(scene: Scene, at: str) -> tuple[float, float, float]:
     if all(row.exact for row in rows.values()):
         return internal, external, min(internal, external)
     unit = float(loop.linear.mass.mean()) / scene.period**2 / 100.0
-    # from one hundredth of what a bare mass allows: the first loss above whatever is stable
+    # from one hundredth of the limit of a bare mass: the first loss above the stable gains
     stiffness = loop.conventional(1.0)
     if loop.pads is None:
         line = Line(np.zeros_like(stiffness), unit * stiffness)

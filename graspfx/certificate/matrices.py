@@ -265,7 +265,7 @@ def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iter
         yield "delays of reactions rounded to samples; no such operator is passive"
     inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]
     if inputs:
-        yield f"{' and '.join(inputs)} left out: what comes from outside moves no eigenvalue"
+        yield f"{' and '.join(inputs)} left out: external inputs do not change eigenvalues"
 
 
 def _operator(still: StillHand) -> Operator | None:

@@ -340,7 +340,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
     else:
         yield "limit", False, "no device states a largest force"
     if silent := forceless_text(scene, wired):
-        yield "display", False, f"no force is displayed by {silent}: the object receives it, and nobody feels it"
+        yield "display", False, f"no force is displayed by {silent}: the object receives it, but it is not felt"
     if hidden:
         why = "a reduction by its `write` is neither recorded nor applied to the object"
         yield "private limit", False, f"not visible: {hidden} states no largest force (features.peak_force); {why}"

@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--pulses N", "pulses for each device (default: 200)", int, 200),
         ("--share SHARE", "pulse force as a share of the device's largest force (default: 0.02)", float, 0.02),
         ("--overwrite", "replace an existing file"),
-        ("--yes", "run without questions: nobody holds the devices, and axes and zero are not checked"),
+        ("--yes", "run without questions while the devices are not held; axes and zero are not checked"),
     )
 
 

@@ -1,1 +1,1 @@
-"""From kernels to a program: specialised for one scene, interpreted as it is or compiled."""
+"""Programs from kernels: specialised for one scene, then interpreted or compiled."""

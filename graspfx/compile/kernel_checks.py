@@ -1,4 +1,4 @@
-"""Kernels of others: what is checked of them before machine code computes without looking."""
+"""Checks of third-party kernels before machine code runs them without bounds checking."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def foreign_kernels(kernels: Mapping[str, Callable[..., Any]]) -> dict[str, Call
 
 
 def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
-    """Check kernels of others, and all of theirs that these call.
+    """Check third-party kernels and the third-party kernels that these call.
 
     Returns:
-        The functions as they are written, by the files that name their code: their own, and those of lowered text.
+        The original functions, by the file names of their code objects, including those of lowered text.
 
     Raises:
-        KernelError: a name that may be unbound where it is used, with its file and line.
+        KernelError: If a name may be unbound where it is used, with its file and line.
     """
     from graspfx.compile.specialise.definitions import definition
     from graspfx.compile.unbound import unbound_names
@@ -121,8 +121,8 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
             place, text = _place_of(error, functions)
             raise KernelError(
                 place, str(error), "an index of the buffer",
-                f"`{text}`: count from 0 to less than what the record declares; compiled, it would read or write "
-                f"memory of others; {PAGE}",
+                f"`{text}`: indices run from 0 to less than the declared size; compiled code would access "
+                f"other memory; {PAGE}",
             ) from error  # fmt: skip
 
     return checked

@@ -1,8 +1,7 @@
-"""The library of programs that a wheel brings, compiled when it was built: ticks need no LLVM then.
+"""The library of precompiled programs in a wheel, with which ticks need no LLVM.
 
-Each program is a shared library of its own. The table names it by the digest of the sources that it was made from, so
-that an edited source is compiled as if there were no library, and holds the digest of its file, so that a damaged one
-is not loaded.
+Each program is a shared library. A table names it by the digest of its sources, so edited sources are compiled as if
+there were no library. The table also holds the digest of its file, so a damaged file is not loaded.
 """
 
 from __future__ import annotations
@@ -28,31 +27,31 @@ FOLDER = Path(__file__).with_name("programs")
 TABLE = "programs.json"
 IMPORTS = "imports.json"
 TRIPLE = "x86_64-unknown-linux-gnu"
-PROCESSOR = "x86-64-v2"  # of 2009 and later; numpy's own wheels ask for it too
+PROCESSOR = "x86-64-v2"  # processors since 2009; also required by numpy's wheels
 
 
 class SharedLibrary:
-    """Machine code that the system's loader has loaded, asked as LLVM's engine is asked."""
+    """Machine code loaded by the system's loader, with the interface of LLVM's engine."""
 
     def __init__(self, path: Path) -> None:
         self._library = ctypes.CDLL(str(path))
 
     def get_function_address(self, name: str) -> int:
-        """Give the address of a function."""
+        """Return the address of a function."""
         return ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value or 0
 
 
 def has(key: str) -> bool:
-    """Tell whether the library has a program that was made from these sources.
+    """Tell whether the library has a program for a key.
 
     Args:
-        key: that tells the program and its sources.
+        key: Key of the program and its sources.
     """
     return key in _table()
 
 
 def find(key: str) -> Native | None:
-    """Load a program of the library; None if it has none of these sources, or its file is not what was built."""
+    """Load a program of the library; None if it lacks a program of these sources, or the file has changed."""
     from graspfx.compile.native import Native
 
     content = read(key)
@@ -69,7 +68,7 @@ def find(key: str) -> Native | None:
 
 
 def read(key: str) -> bytes | None:
-    """Read the file of a program; None if the library does not have it, or if the file is not what was built."""
+    """Read the file of a program; None if the library lacks it, or the file has changed since it was built."""
     entry = _table().get(key)
     if entry is None:
         return None
@@ -77,7 +76,7 @@ def read(key: str) -> bytes | None:
     try:
         content: bytes = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != entry["sha256"]:
-            raise OSError("it is not what was built")
+            raise OSError("it has changed since it was built")
     except OSError as error:
         _warn(path, error)
         return None
@@ -86,9 +85,9 @@ def read(key: str) -> bytes | None:
 
 @cache
 def imports() -> dict[str, list[str]]:
-    """List what each source file of the wheel imports of the package, by the SHA-256 of its content.
+    """Return which modules of the package each source file of the wheel imports, by the SHA-256 of its content.
 
-    A file that was edited is not in the list: whoever asks parses it.
+    An edited file is not included; the caller parses it.
     """
     return _read_json(IMPORTS)
 
@@ -99,7 +98,7 @@ def _table() -> dict[str, Any]:
 
 
 def _read_json(name: str) -> dict[str, Any]:
-    """Read a file of the library; an empty table if there is none, or if it is damaged."""
+    """Read a JSON file of the library; an empty table if it is missing or damaged."""
     try:
         table: dict[str, Any] = json.loads((FOLDER / name).read_bytes())
     except FileNotFoundError:
@@ -114,7 +113,7 @@ def _warn(path: Path, error: Exception) -> None:
     log.warn(f"{path} is not used, and programs are compiled instead: {error}; install GraspFX again")
 
 
-# How it is built ------------------------------------------------------------------------------------------------------
+# Building -------------------------------------------------------------------------------------------------------------
 
 
 def build(
@@ -123,27 +122,27 @@ def build(
     modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({}),
     sources: Mapping[str, list[str]] = MappingProxyType({}),
 ) -> str:
-    """Compile programs for all processors of the kind, and link each as a shared library.
+    """Compile programs for all processors of this architecture, and link each as a shared library.
 
     Args:
-        programs: by key, a name for the file and the program.
-        modules: by key, a name for the file and a WebAssembly module, which are put there too.
-        sources: imports of each source file, by the SHA-256 of its content.
-        folder: new or empty, where they are put.
+        programs: File name and program, by key.
+        modules: File name and WebAssembly module, by key; the modules are also written.
+        sources: Imports of each source file, by the SHA-256 of its content.
+        folder: New or empty folder for the files.
 
     Returns:
-        The tag of platforms that they run on, such as "manylinux_2_29_x86_64": the C library has the functions that
-        they call.
+        The tag of the platforms on which they run, such as "manylinux_2_29_x86_64", whose C library has all functions
+        that the programs call.
 
     Raises:
-        OSError: there is no C compiler to link with, or it failed; the text says why.
+        OSError: If there is no C compiler for linking, or it failed; the message gives the reason.
     """
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable
     from graspfx.compile.native import description_of, text_of
 
     folder.mkdir(parents=True, exist_ok=True)
-    table, newest = {}, 17  # of glibc: the least that `manylinux` platforms have
+    table, newest = {}, 17  # version of glibc: the oldest of the `manylinux` platforms
     for key, (name, program) in programs.items():
         file = f"{name}.so"
         text = text_of(program)
@@ -172,7 +171,7 @@ def build(
 
 
 def _jumps(names: tuple[str, ...]) -> str:
-    """Write `graspfx_sin` and its like: LLVM must not know what they are, or it would reckon with them itself."""
+    """Write functions such as `graspfx_sin`, whose meaning must be unknown to LLVM so that it does not fold them."""
     lines = ['.section .note.GNU-stack,"",@progbits', ".text"]
     for name in names:
         own = f"graspfx_{name}"

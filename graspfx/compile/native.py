@@ -160,9 +160,8 @@ def compiled(
     """Compile a program to machine code, or load it from the cache.
 
     Args:
-        source: program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
-            returns
-            an integer or nothing.
+        source: Program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
+            returns an integer or nothing.
         floats: float parameters of the entry; its other numbers are integers.
         checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
         quick: whether to compile in a tenth of the time to code that is several times slower, with the same bits;

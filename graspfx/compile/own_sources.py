@@ -1,4 +1,4 @@
-"""The package's own source files, by which caches judge whether what they hold is of this version."""
+"""Source files of the package, whose digests tell whether cache entries are up to date."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from graspfx.compile import cache as disk
 from graspfx.compile import library
 
 PACKAGE = __name__.partition(".")[0]
-NO_KERNELS = ("commands", "live", "show")  # rooms that no program is made from: they stand above all that has kernels
+NO_KERNELS = ("commands", "live", "show")  # packages without kernels; they are imported by no package with kernels
 
 
 @cache
 def source_folders() -> tuple[str, ...]:
-    """List the package's folder and, in a checkout, the shelf of drivers beside it."""
+    """List the package's folder and, in a checkout, the folder of drivers beside it."""
     package, *beside = (str(Path(place)) for place in sys.modules[PACKAGE].__path__)
     shelves = [os.path.join(place, "devices") for place in beside]  # noqa: PTH118 (strings, of hundreds of files)
     return package, *(shelf for shelf in shelves if os.path.isdir(shelf))  # noqa: PTH112
 
 
 def is_own(file: str) -> bool:
-    """Tell whether a source file is the package's."""
+    """Tell whether a source file belongs to the package."""
     return file.startswith(tuple(folder + os.sep for folder in source_folders()))
 
 
 @cache
 def source_stamps() -> tuple[tuple[str, int, int], ...]:
-    """List the source files that programs are made from with their time and size, once in a process."""
+    """List the source files of programs with their times and sizes, once per process."""
     return tuple(stamp for folder in source_folders() for stamp in stamps_in(folder, NO_KERNELS))
 
 
 def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int, int]]:
-    """List the source files below a folder with their time and size, as Python judges its own bytecode.
+    """List the source files below a folder with their times and sizes, as Python does for its bytecode.
 
     Args:
-        root: the folder.
-        without: names of folders in it that are left out.
+        root: Folder to search.
+        without: Names of subfolders to skip.
     """
     for folder, folders, names in os.walk(root):
         if folder == root:
@@ -53,11 +53,11 @@ def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int
                 yield path, status.st_mtime_ns, status.st_size
 
 
-# What kernels are made from -------------------------------------------------------------------------------------------
+# Sources of kernels ---------------------------------------------------------------------------------------------------
 
 
 class Source(NamedTuple):
-    """A source file as it was read: time, size, digest of its content, modules of the package that it imports."""
+    """A source file as read: time, size, digest of its content, and modules of the package that it imports."""
 
     time: int
     size: int
@@ -67,10 +67,10 @@ class Source(NamedTuple):
 
 @cache
 def closure_digest(*modules: str) -> str:
-    """Digest the sources that these modules are made from: their own, and all that they import of the package.
+    """Compute the digest of the sources of these modules: their own files, and all that they import of the package.
 
-    Kernels, records, values and numbers that a kernel uses come into its module by an import statement, so an edit
-    elsewhere leaves the digest as it is. If a module is not the package's, all sources of the package are digested.
+    Kernels obtain other kernels, records, values and numbers by import statements, so an edit elsewhere does not change
+    the digest. For a module outside the package, the digest covers all sources of the package.
     """
     files, sources = _files(), _sources()
     roots = [files.get(module) for module in modules]
@@ -86,7 +86,7 @@ def closure_digest(*modules: str) -> str:
 
 
 def all_imports() -> dict[str, list[str]]:
-    """List what each source file imports of the package, by the digest of its content."""
+    """Return what each source file imports of the package, by the digest of its content."""
     return dict(sorted(_digest_and_imports(path) for path in _files().values()))
 
 
@@ -98,17 +98,17 @@ def compiler_modules() -> tuple[str, ...]:
 
 @cache
 def _files() -> dict[str, str]:
-    """Find the source file of each module that programs are made from."""
+    """Return the source file of each module that may contain kernels."""
     found = {}
     for path, *_ in source_stamps():
         name = _name(path).removesuffix(".py").removesuffix(f"{os.sep}__init__").replace(os.sep, ".")
         found[name] = path
-    found.pop(PACKAGE)  # shows the names of every room
+    found.pop(PACKAGE)  # re-exports the names of every package
     return found
 
 
 class Sources:
-    """Source files as they were read, kept on disk by their times and sizes."""
+    """Source files as read, cached on disk by their times and sizes."""
 
     def __init__(self) -> None:
         self._key = f"sources-{hashlib.sha256(repr((sys.version, source_folders())).encode()).hexdigest()}"
@@ -118,7 +118,7 @@ class Sources:
         self._changed = False
 
     def read(self, path: str) -> Source:
-        """Read a file, unless it is as it was."""
+        """Read a file unless its time and size are unchanged."""
         entry = self._entries.get(path)
         if entry is None or entry[:2] != self._stamps[path]:
             entry = self._entries[path] = [*self._stamps[path], *_digest_and_imports(path)]
@@ -126,7 +126,7 @@ class Sources:
         return Source(*entry)
 
     def save(self) -> None:
-        """Keep what was read."""
+        """Write the cache."""
         if self._changed:
             disk.store(self._key, json.dumps(self._entries).encode())
             self._changed = False
@@ -138,7 +138,7 @@ def _sources() -> Sources:
 
 
 def _digest_and_imports(path: str) -> tuple[str, list[str]]:
-    """Read a source file: what it imports when it is loaded, not what its functions import or type checkers see."""
+    """Read a source file; return its digest and its imports at load time, without those in functions or for types."""
     content = Path(path).read_bytes()
     digest = hashlib.sha256(content).hexdigest()
     known = library.imports().get(digest)
@@ -146,7 +146,7 @@ def _digest_and_imports(path: str) -> tuple[str, list[str]]:
 
 
 def _imports(content: bytes) -> list[str]:
-    import ast  # only for a source that is new
+    import ast  # only for a new source file
 
     names = set[str]()
 
@@ -167,8 +167,8 @@ def _imports(content: bytes) -> list[str]:
 
 
 def _name(file: str) -> str:
-    """Name a source file in the same way wherever the package stands."""
+    """Return a name of a source file that does not depend on the package's location."""
     package, *_ = folders = source_folders()
     folder = next(each for each in folders if file.startswith(each + os.sep))
     name = os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
-    return name if folder == package else f"{PACKAGE}{os.sep}{name}"  # where a wheel has its shelves
+    return name if folder == package else f"{PACKAGE}{os.sep}{name}"  # location of the drivers in a wheel

@@ -1,8 +1,8 @@
-"""A program as a WebAssembly module: the same text as native code, for one more target of LLVM.
+"""Programs as WebAssembly modules, from the same text as native code.
 
-Kernels call no library (`graspfx.elementary`), so that a module computes the bits of native code. A wheel brings the
-module of `steps`; its linker is that of `ziglang`, which users of a wheel do not need. In a checkout the module is
-made at first use and kept in the cache.
+Kernels call no library (`graspfx.elementary`), so a module computes the same bits as native code. A wheel contains the
+module of `steps`; it was linked by `ziglang`, which users of a wheel do not need. In a checkout the module is built at
+first use and cached.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from graspfx.compile.llvm.llvm import LlvmProgram
 
 TRIPLE = "wasm32-unknown-unknown"
-FEATURES = "+bulk-memory,+nontrapping-fptoint,+sign-ext"  # that browsers have since 2021
+FEATURES = "+bulk-memory,+nontrapping-fptoint,+sign-ext"  # supported by browsers since 2021
 LINK = ("--no-entry", "--gc-sections", "--strip-all", "--export=graspfx_entry", "--export=__heap_base")
 
 
 def module(key: str, program: Callable[[], LlvmProgram]) -> bytes:
-    """Give the WebAssembly module of a program: what the installation brings, what the cache has, or a new one.
+    """Return the WebAssembly module of a program: the installed one, the cached one, or a new one.
 
     Args:
         key: Name of the program and its sources.
-        program: Gives the program in LLVM's language, if the module has to be made.
+        program: Function that returns the LLVM program if the module must be built.
 
     Raises:
-        MissingPackageError: The module has to be made, and `ziglang` or llvmlite is not installed.
+        MissingPackageError: If the module must be built, and `ziglang` or llvmlite is not installed.
     """
     shipped = library.read(module_key(key))
     if shipped is not None:
@@ -53,15 +53,15 @@ def module(key: str, program: Callable[[], LlvmProgram]) -> bytes:
 
 
 def module_key(key: str) -> str:
-    """Name the WebAssembly module of a program in the library."""
+    """Return the name of the WebAssembly module of a program in the library."""
     return f"{key} for browsers"
 
 
 def build(program: LlvmProgram) -> bytes:
     """Compile and link a program.
 
-    The module exports `graspfx_entry(arena, rows, world, k, count, r)`, its memory and `__heap_base`, from which on the
-    memory is free.
+    The module exports `graspfx_entry(arena, rows, world, k, count, r)`, its memory and `__heap_base`, the beginning of
+    free memory.
 
     Raises:
         InputError: The program calls functions of a platform's library.
@@ -85,10 +85,10 @@ def build(program: LlvmProgram) -> bytes:
 
 @cache
 def _zig() -> Path:
-    """Give the folder of `ziglang`."""
+    """Return the folder of `ziglang`."""
     found = find_spec("ziglang")
     if found is None or found.origin is None:
         raise MissingPackageError(
-            "ziglang", "a page that runs by itself", "run `pip install ziglang`, or install a wheel"
+            "ziglang", "a page that runs on its own", "run `pip install ziglang`, or install a wheel"
         )
     return Path(found.origin).parent

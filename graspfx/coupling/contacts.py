@@ -77,7 +77,8 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Compute contact point, normal, gap and weight of a finger at p in the object's frame.
 
     With a coefficient of friction, the contact slips until the remaining displacement along the surface is e + s, that
-    of the last force. A sliding finger slips before this sample's motion, and a free finger, which follows, after it.
+    of the last force. A sliding finger slips before this sample's motion; a free finger follows it and slips
+    afterwards.
     With matrix gains and free slip, the contact slips after the motion, whether it touches or not. The springs then
     hold w = e + s = K^-1 f, which has a part along the surface even for a normal force, and no energy is generated.
     """

@@ -1,15 +1,16 @@
 """The law with damping of an object that moves under the forces of the sample, as a flexibility, O(n).
 
-Springs and dampers are parallel branches, each of the fingers that touch alone (the others are released from each by
-itself), between the same roots of W:
+Springs and dampers are parallel branches of the touching fingers (other fingers are removed from each branch
+separately), between the same roots of W:
 
     K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
 
-J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the share of its damping that each finger has by its depth, G
-and H are the levers of springs and dampers. So M = A - V E V' with A = kip + R kid / T and the columns V: Q, R Q where
-damping grows with depth, and the levers that are no sums of modes, R H' of the fingertips. The friction problem asks
-for its inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1: 6 unknowns with rates at the contacts, 9 with
-rates at the fingertips, 12 and 15 with depth damping; three more where torsion acts along other axes than the normals.
+J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the fraction of its damping that each finger has at its depth, G
+and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T and the columns V: Q,
+R Q if damping grows with depth, and the levers that are not sums of modes, R H' of the fingertips. The friction problem
+needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. It has 6 unknowns with rates at the
+contacts, 9 with rates at the fingertips, 12 and 15 with depth damping, and three more if torsion acts along axes other
+than the normals.
 """
 
 from __future__ import annotations
@@ -100,15 +101,17 @@ def condense(
     grasp: GraspState, problem: FrictionProblem, d: int, gram: Table, external: float, internal: float, soft: bool,
     out: Table,
 ) -> None:  # fmt: skip
-    """Compute k_i E of a branch, of the contacts that carry force; a gain of zero is one, no small number.
+    """Compute k_i E of a branch for the contacts that carry force; a gain of zero is exact, not a small number.
 
-    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of what carries force, and P = I - S summed up from what does not,
+    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over those
+    without,
 
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),
 
-    B the modes' shares beta. The first bracket is singular only for motions that no contact with force has. Of the
-    second a factor of the inverse is kept, which each coordinate without force changes: k_i = 0 makes it a projector.
+    where B contains the fractions beta of the modes. The first bracket is singular only for motions that no contact
+    with force has. For the second, a factor of the inverse is updated for each coordinate without force: k_i = 0 makes
+    it a projector.
     """
     p, A = grasp.mode_count, grasp.recoil.work
     gap = abs(external - internal)
@@ -138,9 +141,10 @@ def condense(
 def release_modes(
     grasp: GraspState, problem: FrictionProblem, d: int, external: float, internal: float, soft: bool
 ) -> None:  # fmt: skip
-    """Take from A'A in `work`, the inverse of 1 + ..., what coordinates without force or with a compliance let go of.
+    """Remove from A'A in `work`, the inverse of 1 + ..., the coordinates without force or with a compliance.
 
-    Each takes A'A t t'A'A / (r + t'A'A t) off, t its part of the modes; A changes by Potter's update of square roots.
+    Each subtracts A'A t t'A'A / (r + t'A'A t), with t its components on the modes; A is changed by Potter's update of
+    square roots.
     """
     t, along = grasp.recoil.row, grasp.recoil.signs
     for i, finger in enumerate(grasp.fingers):
@@ -180,17 +184,17 @@ def add_branch(
     """Add one branch, gain R - R Q part Q'R: to E, to its levers J', to N, and its force to the right sides.
 
     Args:
-        grasp: the block.
-        gram: of its own columns.
-        part: E times the gain.
-        share: T of its levers, where they are sums of modes.
+        grasp: block of the grasp.
+        gram: Gram matrix of its own columns.
+        part: matrix E times the gain.
+        share: matrix T of its levers, if they are sums of modes.
         vector: V'e or V'e' of all columns.
-        gain: k_i of it.
-        unit: what its displacement is multiplied by.
-        size: how many columns it has.
-        first: its first mode's place among all columns.
-        rest: place of its first column, if columns behind the modes were counted from there.
-        beyond: its levers of rotations are columns of their own.
+        gain: gain k_i of the branch.
+        unit: factor on its displacement.
+        size: number of its columns.
+        first: index of its first mode among all columns.
+        rest: index of its first column if columns after the modes were counted from there.
+        beyond: whether its levers of rotations are separate columns.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns

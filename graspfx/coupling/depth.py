@@ -13,7 +13,7 @@ from graspfx.compile.records import Floats, Table
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 
-SMALLEST = 1e-200  # of s: its square is nothing
+SMALLEST = 1e-200  # lower bound of s, whose square underflows
 
 
 @kernel

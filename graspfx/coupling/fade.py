@@ -22,7 +22,7 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     kep, kip = law.external.stiffness, law.internal.stiffness
     if isinstance(kep, float) and isinstance(kip, float):
         return compliance_of_numbers(kep, kip)
-    if isinstance(law.external, ObjectImpedance):  # by its shifts: n fingers have a part each
+    if isinstance(law.external, ObjectImpedance):  # by its translation, of which n fingers carry a part each
         kep = law.external.stiffness[:d, :d] / n
     inverse: list[NDArray[np.float64]] = []
     for gain in (per_finger(kep, n, d), per_finger(kip, n, d)):

@@ -29,7 +29,7 @@ from graspfx.coupling.law import normal_force
 from graspfx.coupling.unilateral import project
 from graspfx.spatial import inner, with_torsion
 
-PASSES = 100  # of a sample at most
+PASSES = 100  # largest number of passes per sample
 EXACT = 1e-13  # tolerance of f_n - k delta^1.5, relative to the largest force
 ROUNDING = 1e-15  # error of the law's force, relative to stiffness times the largest displacement
 SHRINKS = 0.7  # required reduction of the residual; otherwise the next step is proximal

@@ -102,7 +102,7 @@ class RowFile(Resource):
         try:
             self._file = os.open(path, flags if resume else flags | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError as error:
-            there = "is there already; --resume continues it, --run N begins another"
+            there = "exists already; --resume continues it, --run N begins another"
             text = there if isinstance(error, FileExistsError) else f"cannot be opened; {obstacle(error)}"
             raise RecordingError(f"{path}: {text}") from error
         try:
@@ -193,7 +193,7 @@ def place_file(path: Path, text: str) -> None:
         draft.unlink()
     except FileExistsError as error:
         draft.unlink(missing_ok=True)
-        raise RecordingError(f"{path}: is there already") from error
+        raise RecordingError(f"{path}: exists already") from error
     except OSError as error:
         draft.unlink(missing_ok=True)
         raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error

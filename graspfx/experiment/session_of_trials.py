@@ -96,7 +96,7 @@ class SessionOfTrials:
         count = trial.number - 1 - sum(slot.is_practice for slot in self.plan.slots)
         if count > 0 and count % breaks.every == 0:
             self._mark(trial, "break", value=breaks.text)
-            self.answerer.ready(f"{breaks.text}; press Enter to go on")
+            self.answerer.ready(f"{breaks.text}; press Enter to continue")
 
     def _run(self, trial: Trial) -> Row:
         self._events = []

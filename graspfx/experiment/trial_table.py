@@ -92,11 +92,11 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
                  "GeneratedBy": [{"Name": "GraspFX", "Version": __version__}]}  # fmt: skip
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
-        raise RecordingError(f"{files.table}: is there already; --resume continues it, --run N begins another")
+        raise RecordingError(f"{files.table}: exists already; --resume continues it, --run N begins another")
     if files.table_description.exists():
         why = "but not its table: a start was interrupted or is in progress, and there is no trial yet"
         do = "--resume continues it, --run N begins another; or remove this file"
-        raise RecordingError(f"{files.table_description}: is there already, {why}; {do}")
+        raise RecordingError(f"{files.table_description}: exists already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
 

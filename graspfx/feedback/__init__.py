@@ -1,1 +1,1 @@
-"""Squeeze and push of anybody's simulator on a haptic device: the split, the bridge of rates, its certificate."""
+"""Squeeze and push of another simulator on a haptic device: split, bridge between rates, and stability limits."""

@@ -1,11 +1,11 @@
-"""The bridge from a host's rate to the loop's: samples taken, predicted, and kept passive by a tank on each port.
+"""The bridge between the rates of host and loop: samples, prediction, and an energy tank for each port.
 
-The forces of tick k act on the operator until tick k + 1: their work is known then, sum_i f_i.(x_i(k + 1) - x_i(k)),
-and a port's tank pays for it. No finger moves farther in a tick than the stride v T, so that a share
+The forces of tick k act on the operator until tick k + 1. Their work, sum_i f_i.(x_i(k + 1) - x_i(k)), is then known
+and subtracted from the port's tank. No finger moves farther in a tick than the stride v T, so a factor
 
     s = min(1, E/(v T sum_i |f_i|))
 
-of a port's forces never takes more than its tank holds. What the operator puts in fills the tank, up to its room.
+on the forces of a port never uses more energy than its tank holds. The operator's work fills the tank up to its limit.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ MOST_NUMBER = 2.0**53
 
 
 class PortTank(Record):
-    """Energy of a port, from which its forces on the operator are paid."""
+    """Energy tank of a port, which supplies the work of its forces on the operator."""
 
-    level: float  # E [J]
-    most: float  # that it holds [J]
-    share: float  # of the port's forces in this tick
-    given: float  # to the operator so far, net [J]
-    exchanged: float  # in either direction [J]
+    level: float  # energy E [J]
+    most: float  # capacity [J]
+    share: float  # factor on the port's forces in this tick
+    given: float  # net energy given to the operator so far [J]
+    exchanged: float  # energy exchanged in either direction [J]
 
 
 class HostState(Record):
@@ -51,49 +51,49 @@ class HostState(Record):
 
     fingers: int  # n
     dimensions: int  # d
-    size: int  # n d
+    size: int  # size n d
     grasp_entries: int
     words: int  # place of the record
-    host_first: int  # of its host's slots, and their words: the record's own header may be overwritten
+    host_first: int  # first word of the host's slots, and words per slot; the header of the record may be overwritten
     host_size: int
     loop_first: int
     loop_size: int
-    period: float  # T [s]
+    period: float  # sampling period T [s]
     method: int  # HOLD, LINEAR or MODEL
-    silence: float  # ticks without news after which forces fade
+    silence: float  # ticks without a new sample after which forces fade
     largest: float  # plausible force of a finger [N]
-    stride: float  # longest way of a finger in a tick for which the tanks vouch [m]
+    stride: float  # largest displacement of a finger per tick that the tanks assume [m]
     tanked: bool
     push_model: float  # stiffness that the operator feels between two samples [N/m]
     squeeze_model: float
-    number: float  # of the last sample taken
-    seen: float  # of the last one that was looked at
+    number: float  # number of the last sample used
+    seen: float  # number of the last sample examined
     begun: float  # ticks since the first sample
     age: float  # ticks since the last sample was taken
-    time: float  # of the last sample on the host's clock [s]
-    interval: float  # from the one before to it [s]
-    lost: float  # samples
+    time: float  # time of the last sample by the host's clock [s]
+    interval: float  # time between the last two samples [s]
+    lost: float  # number of lost samples
     late: float
-    written: float  # samples of the loop
-    quiet: int  # 1 more than why forces are to fade, 0 for no reason
-    code: int  # why they are zero at once, 0 for no reason
+    written: float  # number of samples written by the loop
+    quiet: int  # 1 + reason why forces fade, 0 without one
+    code: int  # reason why forces are zero immediately, 0 without one
     push_tank: PortTank
     squeeze_tank: PortTank
     most: Floats = floats("fingers")  # largest force of each finger [N]
-    external: Floats = floats("size")  # of the last sample, on the operator [N]
+    external: Floats = floats("size")  # external forces of the last sample, on the operator [N]
     internal: Floats = floats("size")
     external_slope: Floats = floats("size")  # [N/s]
     internal_slope: Floats = floats("size")
-    origin: Floats = floats("size")  # where the operator was for that sample [m]
-    before: Floats = floats("size")  # where the operator was in the last tick [m]
+    origin: Floats = floats("size")  # position of the operator for that sample [m]
+    before: Floats = floats("size")  # position of the operator in the last tick [m]
     pushed: Floats = floats("size")  # external forces of this tick, on the operator [N]
-    squeezed: Floats = floats("size")  # internal ones
+    squeezed: Floats = floats("size")  # internal forces of this tick, on the operator [N]
     grasp: PointGrasp = room("grasp_entries")
 
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Give the fingers the host's forces of this tick; give 0, or why they are none."""
+    """Set the fingers' forces of this tick; return 0, or the reason why they are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)
@@ -101,7 +101,7 @@ def host_forces(state: GraspState, host: HostState) -> int:
         host.begun += 1.0
     if host.number > 0.0 and host.age > host.silence and host.quiet == 0:
         host.quiet = 1
-    elif host.quiet == 1 and host.age <= host.silence:  # it is back before the forces were zero
+    elif host.quiet == 1 and host.age <= host.silence:  # the host has returned before the forces were zero
         host.quiet = 0
     if host.code == 0:
         predict(state, host)
@@ -115,7 +115,7 @@ def host_forces(state: GraspState, host: HostState) -> int:
 
 @kernel
 def tell_fault(host: HostState, code: int) -> None:
-    """Tell the host that the run has a fault."""
+    """Report a fault of the run to the host."""
     words = Floats(host.buffer, host.words)
     words[CODE] = code
     words[STATE] = FAULT
@@ -126,7 +126,7 @@ def tell_fault(host: HostState, code: int) -> None:
 
 @kernel
 def settle(state: GraspState, host: HostState) -> None:
-    """Let the tanks pay for the work of the last tick's forces as they were displayed."""
+    """Subtract the work of the last tick's displayed forces from the tanks."""
     d = host.dimensions
     pushed = squeezed = 0.0
     for i, finger in enumerate(state.fingers):
@@ -135,7 +135,7 @@ def settle(state: GraspState, host: HostState) -> None:
             k = i * d + a
             f, step = host.pushed[k] + host.squeezed[k], finger.position[a] - host.before[k]
             wanted += f * f
-            shown -= f * finger.force[a]  # the chain scales a finger's force as a whole
+            shown -= f * finger.force[a]  # the chain scales the whole force of a finger
             push += host.pushed[k] * step
             squeeze += host.squeezed[k] * step
         if wanted > 0.0:
@@ -149,7 +149,7 @@ def settle(state: GraspState, host: HostState) -> None:
 
 @kernel
 def book(tank: PortTank, work: float) -> None:
-    """Take the work on the operator from a tank."""
+    """Subtract work on the operator from a tank."""
     tank.level = min(tank.level - work, tank.most)
     tank.given += work
     tank.exchanged += abs(work)
@@ -157,7 +157,7 @@ def book(tank: PortTank, work: float) -> None:
 
 @kernel
 def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
-    """Scale the forces of a port to what its tank can pay for in a tick; give the share."""
+    """Scale the forces of a port to the energy in its tank; return the factor."""
     if not host.tanked:
         return 1.0
     d, price = host.dimensions, 0.0
@@ -176,7 +176,7 @@ def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
 
 @kernel
 def bound(host: HostState) -> None:
-    """Keep each finger within its largest force: less squeeze for all of them first, then less of everything."""
+    """Limit each finger's force: first reduce the internal forces of all fingers, then all forces."""
     d = host.dimensions
     outer = squeeze = 1.0
     for i in range(host.fingers):
@@ -207,7 +207,7 @@ def bound(host: HostState) -> None:
 
 @kernel
 def take_sample(host: HostState) -> None:
-    """Take the host's newest sample if it is new and whole."""
+    """Use the host's newest sample if it is new and complete."""
     words = Floats(host.buffer, host.words)
     number = words[HOST_NUMBER]
     if number == host.seen or not (number >= 1.0 and number < MOST_NUMBER):
@@ -221,7 +221,7 @@ def take_sample(host: HostState) -> None:
         host.code = NOT_FINITE
         return
     if slot[0] != number or slot[size - 1] != total:
-        return  # it is being written
+        return  # the slot is being written
     host.seen = number
     if number < host.number:
         host.late += 1.0
@@ -242,7 +242,7 @@ def take_sample(host: HostState) -> None:
 
 @kernel
 def check_sample(host: HostState, slot: Floats) -> None:
-    """Refuse forces that are not finite, or too large to be meant."""
+    """Reject forces that are not finite or implausibly large."""
     d, m = host.dimensions, host.size
     for i in range(host.fingers):
         square, sums = 0.0, 0.0
@@ -259,7 +259,7 @@ def check_sample(host: HostState, slot: Floats) -> None:
 
 @kernel
 def keep_sample(host: HostState, slot: Floats, number: float) -> None:
-    """Keep a sample's forces, and their slopes from the one before."""
+    """Store a sample's forces, and their slopes since the previous one."""
     m, interval = host.size, slot[1] - host.time
     known = host.number > 0.0 and interval > 0.1 * host.period
     for k in range(m):
@@ -274,7 +274,7 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Find both ports' forces now: the sample's own, along its slope, or by the environment's stiffness."""
+    """Compute the present forces of both ports: the sample's, extrapolated, or by the environment's stiffness."""
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)
@@ -303,7 +303,7 @@ def predict(state: GraspState, host: HostState) -> None:
 
 @kernel
 def hand_over(state: GraspState, host: HostState) -> None:
-    """Write the forces into the fingers: those on the object are the opposite of those on the operator."""
+    """Write the forces to the fingers; those on the object are the opposite of those on the operator."""
     d = host.dimensions
     for i, finger in enumerate(state.fingers):
         for a in range(d):
@@ -321,7 +321,7 @@ def hand_over(state: GraspState, host: HostState) -> None:
 
 @kernel
 def write_sample(state: GraspState, host: HostState) -> None:
-    """Tell the host where the operator is, and what was displayed in the last tick."""
+    """Write the operator's state and the forces displayed in the last tick for the host."""
     words = Floats(host.buffer, host.words)
     number, size, m, d = host.written + 1.0, host.loop_size, host.size, host.dimensions
     slot = Floats(host.buffer, host.words + host.loop_first + size * (int(number) % SLOTS))

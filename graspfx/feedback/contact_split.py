@@ -16,7 +16,7 @@ from graspfx.spatial import Vector, cross, dot
 
 FloatArray = NDArray[np.float64]
 
-LEAST = 1e-30  # square of a length that is a direction [m^2]
+LEAST = 1e-30  # smallest square of a length that defines a direction [m^2]
 
 
 class Shown(NamedTuple):
@@ -27,10 +27,10 @@ class Shown(NamedTuple):
         moment: Net moment about the reference point, (3,), or (1,) in the plane [N m].
         grip: Mean over the fingers of the internal force along the normal into the object [N]; positive closes the
             hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
-        fingers: Force on each finger, for a device a finger, (n, d) [N]: `external` + `internal`.
+        fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
         external, internal: Its two parts, (n, d) [N].
         touching: Fingers that touch, (n,).
-        message: What is missing, in words; empty in a grasp.
+        message: Reason for missing results; empty in a grasp.
     """
 
     push: FloatArray
@@ -44,21 +44,21 @@ class Shown(NamedTuple):
 
 
 class ContactSplitState(Record):
-    """Contacts of one sample, what they mean for each finger, and what the operator feels."""
+    """Contacts of one sample, the resulting forces on the fingers, and the forces on the operator."""
 
     fingers: int  # n
     dimensions: int  # d
-    capacity: int  # contacts that there is room for
+    capacity: int  # largest number of contacts
     grasp_entries: int
-    contacts: int  # of this sample
-    normals: bool  # given
-    torques: bool  # given
+    contacts: int  # number of contacts of this sample
+    normals: bool  # normals are given
+    torques: bool  # torques are given
     referred: bool  # a reference point is given
     begun: bool  # a sample has been computed before
-    faulty: bool  # a number of this sample is not finite
-    touching: int  # fingers that touch
+    faulty: bool  # a value of this sample is not finite
+    touching: int  # number of touching fingers
     time: float  # [s]
-    before: float  # time of the sample before [s]
+    before: float  # time of the previous sample [s]
     largest: float  # plausible component of a force [N]
     fade: float  # time over which a change of contacts is faded [s]
     grip: float  # [N]
@@ -66,16 +66,16 @@ class ContactSplitState(Record):
     changed: float  # time of the last sample before contacts changed [s]
     reference: Vector  # point of the moment [m]
     moment_offset: Vector
-    push: Vector  # felt: from here to `touched` is one piece [N]
+    push: Vector  # forces on the operator, contiguous up to `touched` [N]
     moment: Vector  # [N m]; in the plane the last entry
     felt: Table = table("fingers", "3")  # force on each finger [N]
-    external: Table = table("fingers", "3")  # its two parts, after their gains and faded
+    external: Table = table("fingers", "3")  # its external and internal part, with gains and fade
     internal: Table = table("fingers", "3")
     touched: Floats = floats("fingers")  # whether each finger touches
-    finger: Floats = floats("capacity")  # of each contact
+    finger: Floats = floats("capacity")  # finger of each contact
     point: Table = table("capacity", "3")  # [m]
-    force: Table = table("capacity", "3")  # of the object on the finger [N]
-    normal: Table = table("capacity", "3")  # into the object
+    force: Table = table("capacity", "3")  # force of the object on the finger [N]
+    normal: Table = table("capacity", "3")  # normal into the object
     torque: Table = table("capacity", "3")  # [N m]
     push_gain: Table = table("3", "3")
     squeeze_gain: Table = table("3", "3")
@@ -84,15 +84,15 @@ class ContactSplitState(Record):
     weight: Floats = floats("fingers")  # sum of |force| of a finger's contacts [N]
     place: Table = table("fingers", "3")  # point of each finger's force [m]
     load: Table = table("fingers", "3")  # force on each finger [N]
-    inward: Table = table("fingers", "3")  # unit normal into the object, zero where there is none
-    external_offset: Table = table("fingers", "3")  # of the last change, which fades
+    inward: Table = table("fingers", "3")  # unit normal into the object, zero without one
+    external_offset: Table = table("fingers", "3")  # offset of the last change, which fades
     internal_offset: Table = table("fingers", "3")
     grasp: PointGrasp = room("grasp_entries")
 
 
 @inline
 def row_of(rows: Table, i: int) -> Vector:
-    """Read a row of three numbers."""
+    """Return a row of three numbers."""
     return Vector(rows[i, 0], rows[i, 1], rows[i, 2])
 
 
@@ -106,13 +106,13 @@ def write_row(rows: Table, i: int, v: Vector) -> None:
 
 @kernel
 def divide_contacts(block: NDArray[np.float64]) -> None:
-    """Compute what the operator feels of the contacts in a block."""
+    """Compute the forces on the operator for the contacts in a block."""
     divide_sample(ContactSplitState(block, 0))
 
 
 @kernel
 def divide_sample(state: ContactSplitState) -> int:
-    """Merge, divide, apply the gains, and fade changes of contacts; return 1 for numbers that are not finite."""
+    """Merge, divide, apply the gains, and fade changes of contacts; return 1 for non-finite values."""
     if not is_sound(state):
         state.faulty = True
         return 1
@@ -129,7 +129,7 @@ def divide_sample(state: ContactSplitState) -> int:
 
 @kernel
 def is_sound(state: ContactSplitState) -> bool:
-    """Tell whether all given numbers are finite, and no force is too large to be meant."""
+    """Tell whether all given values are finite and no force is implausibly large."""
     most = 0.0
     sums = state.time + state.reference.x + state.reference.y + state.reference.z
     for j in range(state.contacts):
@@ -145,9 +145,9 @@ def is_sound(state: ContactSplitState) -> bool:
 
 @kernel
 def merge(state: ContactSplitState) -> None:
-    """Give each finger the sum of its contacts' forces, at their mean point by the sizes of the forces.
+    """Compute each finger's total contact force, at the mean contact point weighted by the size of the forces.
 
-    A finger without force has the mean of its points, one without contacts is where it was.
+    A finger without force is at the mean of its points; a finger without contacts keeps its point.
     """
     d = state.dimensions
     for i in range(state.fingers):
@@ -157,7 +157,7 @@ def merge(state: ContactSplitState) -> None:
             state.load[i, a] = state.inward[i, a] = 0.0
     for j in range(state.contacts):
         i = int(state.finger[j])
-        size = 1e-12  # an unloaded contact counts where all are
+        size = 1e-12  # unloaded contacts count only if no contact is loaded
         for a in range(d):
             size += abs(state.force[j, a])
         share = size / (state.weight[i] + size)
@@ -179,7 +179,7 @@ def merge(state: ContactSplitState) -> None:
 
 @kernel
 def divide_fingers(state: ContactSplitState) -> None:
-    """Divide the forces of the fingers that touch, f = P f + (I - P) f (eq. 3), by the kernel of `PointCoupling`."""
+    """Divide the forces of touching fingers, f = P f + (I - P) f (eq. 3), by the kernel of `PointCoupling`."""
     d, grasp = state.dimensions, state.grasp
     grasp.count, grasp.dimensions = state.touching, d
     grasp.external_stiffness, grasp.internal_stiffness = 1.0, 0.0
@@ -207,7 +207,7 @@ def divide_fingers(state: ContactSplitState) -> None:
 
 @kernel
 def find_inward(state: ContactSplitState) -> None:
-    """Make normals unit vectors; without them take the directions to the means of the other fingers' points."""
+    """Normalise the normals; without normals use the directions to the mean of the other fingers' points."""
     n = state.touching
     centre = Vector(0.0, 0.0, 0.0)
     for i in range(state.fingers):
@@ -220,7 +220,7 @@ def find_inward(state: ContactSplitState) -> None:
     for i in range(state.fingers):
         if state.touched[i] != 0.0:
             along = row_of(state.inward, i)
-            if not state.normals:  # n/(n - 1) (centre - p) leads to the mean of the others
+            if not state.normals:  # n/(n - 1) (centre - p) points to the mean of the others
                 along = centre - row_of(state.place, i)
             square = dot(along, along)
             size = 1.0 / math.sqrt(square) if square > LEAST else 0.0
@@ -229,7 +229,7 @@ def find_inward(state: ContactSplitState) -> None:
 
 @kernel
 def remember(state: ContactSplitState) -> bool:
-    """Tell whether fingers have come or gone; where they have, keep what the operator feels now."""
+    """Tell whether contacts of fingers were made or broken; if so, store the present forces on the operator."""
     changed = False
     for i in range(state.fingers):
         changed = changed or state.touched[i] != state.touched_before[i]
@@ -245,7 +245,7 @@ def remember(state: ContactSplitState) -> bool:
 
 @kernel
 def apply_gains(state: ContactSplitState) -> Vector:
-    """Apply the gains to each finger's two forces, and find grip and moment."""
+    """Apply the gains to each finger's two forces, and compute grip and moment."""
     moment = Vector(0.0, 0.0, 0.0)
     for j in range(state.contacts):  # f_v = G f (eq. 2), with the contacts' own torques
         point = row_of(state.point, j)
@@ -265,7 +265,7 @@ def apply_gains(state: ContactSplitState) -> Vector:
 
 @kernel
 def scaled(gain: Table, v: Vector) -> Vector:
-    """Multiply a gain with a vector."""
+    """Multiply a gain and a vector."""
     return Vector(
         gain[0, 0] * v.x + gain[0, 1] * v.y + gain[0, 2] * v.z,
         gain[1, 0] * v.x + gain[1, 1] * v.y + gain[1, 2] * v.z,
@@ -275,9 +275,9 @@ def scaled(gain: Table, v: Vector) -> Vector:
 
 @kernel
 def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
-    """Add what is left of the last change: what was felt before it, minus what the new contacts ask for.
+    """Add the remainder of the last change: the forces before it minus those of the new contacts.
 
-    It goes to zero in proportion to time, also where contacts change in every sample.
+    The remainder decreases to zero linearly in time, even if contacts change in every sample.
     """
     left = max(1.0 - (state.time - state.changed) / state.fade, 0.0)
     if changed:

@@ -1,4 +1,4 @@
-"""Squeeze and push of another simulator's contacts, each with a gain of its own, as forces on the operator."""
+"""Squeeze and push of another simulator's contacts, with separate gains, as forces on the operator."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 1e-6  # of the split's rank, as of `Split`
-ROOM = 8  # contacts that there is room for at first
+TOLERANCE = 1e-6  # tolerance of the split's rank, as in `Split`
+ROOM = 8  # initial capacity for contacts
 SCALARS = ("contacts", "normals", "torques", "referred", "faulty", "time", "grip")
 NO_CONTACT = "no contact: all forces fade to zero"
 
@@ -35,14 +35,14 @@ class Feedback(Carded):
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
 
-    A sum of the fingers' forces loses the squeeze, a sum of their sizes the direction. Here the squeeze has a gain of
-    its own. P is that of `graspfx.divide` (pseudoinverse, hard contacts).
+    The sum of the fingers' forces does not contain the squeeze, and the sum of their sizes has no direction; here the
+    squeeze has its own gain. P is that of `graspfx.divide` (pseudoinverse, hard contacts).
 
     `forces` are those of the object on the fingers, and results are forces on the operator. With the opposite sign the
-    loop is a positive feedback: a hand that closes on an object would be pulled further closed.
+    loop would be a positive feedback: a hand that closes on an object would be pulled further closed.
 
-    When a finger touches or lets go the split changes at once. What is felt does not: it begins with what was felt
-    before, and the difference goes to zero in proportion to time within `fade`.
+    When a finger makes or breaks contact, the split changes at once, but the displayed forces do not: the difference
+    from the previous forces decreases linearly to zero within `fade`.
 
     Args:
         push_gain: Gain Kp of the external forces: a number, or a matrix (d, d).
@@ -76,7 +76,7 @@ class Feedback(Carded):
         self.fade = number("fade", fade, "a time above zero [s]", zero=False)
         self.largest = number("largest", largest, "a force above zero [N]", zero=False)
         if fingers is not None and (type(fingers) is not int or fingers < 1):
-            raise InputError("fingers", fingers, "a whole number, one or more; or None")
+            raise InputError("fingers", fingers, "an integer of at least 1, or None")
         if engine not in ("auto", "compiled", "interpreted"):
             raise InputError("engine", engine, "'auto', 'compiled' or 'interpreted'")
         self._fixed, self._engine = fingers, engine
@@ -94,14 +94,14 @@ class Feedback(Carded):
         finger: ArrayLike | None = None,
         reference: ArrayLike | None = None,
     ) -> Shown:
-        """Compute what the operator feels of the contacts of one sample.
+        """Compute the forces on the operator for the contacts of one sample.
 
         Args:
-            points: Contact points, (m, d) [m]; none, (0, d), where nothing touches.
+            points: Contact points (m, d) [m]; (0, d) without contacts.
             forces: Forces of the object on the fingers there, (m, d) [N].
-            time: Time of the sample on the host's clock [s]; it grows from sample to sample.
-            normals: Normals into the object, (m, d), of any length; if not given, the direction of a finger is that to
-                the mean of the other fingers' points.
+            time: Time of the sample on the host's clock [s], which must increase.
+            normals: Normals into the object (m, d), of any length; by default the direction of a finger points to the
+                mean of the other fingers' points.
             torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; they count in `moment`.
             finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
                 contact j is finger j.
@@ -112,8 +112,8 @@ class Feedback(Carded):
             Forces on the operator.
 
         Raises:
-            InputError: Numbers that are not finite, a force above `largest`, shapes that do not fit, or a time that
-                does not grow.
+            InputError: If values are not finite, a force exceeds `largest`, shapes do not agree, or the time does not
+                increase.
         """
         p = np.asarray(points, dtype=float)
         f = np.asarray(forces, dtype=float)
@@ -124,12 +124,12 @@ class Feedback(Carded):
         if finger is not None:
             numbers = np.asarray(finger)
             if numbers.shape != (m,) or (m and (numbers.dtype.kind not in "iu" or numbers.min() < 0)):
-                raise InputError("finger", finger, f"{m} whole numbers, zero or above: the finger of each contact")
+                raise InputError("finger", finger, f"{m} non-negative integers: the finger of each contact")
         most = m if numbers is None else int(numbers.max(initial=-1)) + 1
         self._prepare(d, m, most)
         t = float(time)
         if not t > self._time:
-            raise InputError("time", t, f"a time after that of the sample before, {self._time:g} s")
+            raise InputError("time", t, f"a time after that of the previous sample, {self._time:g} s")
         view, at = self._view, self._at
         view[at["contacts"]], view[at["time"]] = m, t
         view[at["normals"]], view[at["torques"]], view[at["referred"]] = (
@@ -156,7 +156,7 @@ class Feedback(Carded):
         return self._shown(d, m)
 
     def _shown(self, d: int, m: int) -> Shown:
-        out, n = self._out.copy(), self._n  # push, moment, and three rows for each finger, then who touches
+        out, n = self._out.copy(), self._n  # push, moment, three rows per finger, and whether fingers touch
         rows = out[6 : 6 + 9 * n].reshape(3, n, 3)
         if d < 3:
             rows = rows[:, :, :d]
@@ -166,35 +166,35 @@ class Feedback(Carded):
         return Shown(out[:d], moment, grip, felt, external, internal, touching, "" if m else NO_CONTACT)
 
     def _refuse(self, f: FloatArray, p: FloatArray) -> None:
-        """Say which number cannot be used."""
+        """Raise an InputError for the value that cannot be used."""
         finite("points", p, do="the simulator has diverged, or a contact is not filled")
         finite("forces", f, do="the simulator has diverged; the device goes to zero force")
         if abs(f).max(initial=0.0) > self.largest:
             raise InputError(
-                "forces", float(abs(f).max()), f"forces of at most {self.largest:g} N a component",
-                "an impact with a stiff contact, or a wrong unit? Feedback(largest=...) lets it in",
+                "forces", float(abs(f).max()), f"forces of at most {self.largest:g} N per component",
+                "check the unit; for impacts with stiff contacts increase Feedback(largest=...)",
             )  # fmt: skip
         raise InputError("normals, torques, reference, time", self._state, "finite numbers")
 
     def _prepare(self, d: int, contacts: int, most: int) -> None:
-        """Make room for so many contacts and fingers."""
+        """Allocate memory for contacts and fingers."""
         state = self._state
         if state is not None and contacts <= self._capacity and most <= self._n:
             if d != self._dimensions:
-                raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the samples before")
+                raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the previous samples")
             return
         n = max(most, 1, self._n if state is not None else 0) if self._fixed is None else self._fixed
         if most > n:
             raise InputError("finger", most - 1, f"contacts of fingers 0 to {n - 1}, as Feedback(fingers={n})")
         if state is not None and d != self._dimensions:
-            raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the samples before")
+            raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the previous samples")
         for name, gain in self._gains.items():
             if gain.ndim and gain.shape != (d, d):
                 raise InputError(name, gain, f"a number or a matrix ({d}, {d}), as points have {d} coordinates")
         self._make(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
 
     def _make(self, d: int, n: int, capacity: int) -> None:
-        """Make a state, and carry over what is felt."""
+        """Create a state, and copy the forces on the operator."""
         old, before = self._state, None if self._state is None else self._views()
         grasp = size_for(PointGrasp, count=n, dimensions=d)
         counts = {"fingers": n, "dimensions": d, "capacity": capacity, "grasp_entries": grasp}
@@ -219,14 +219,14 @@ class Feedback(Carded):
         self._bind(state, block)
 
     def _views(self) -> dict[str, FloatArray]:
-        """Give what is felt of each finger, by name."""
+        """Return the forces on each finger, by name."""
         assert self._state is not None
         names = ("touched", "external", "internal", "external_offset", "internal_offset")
         views = {name: self._state.array(getattr(ContactSplitState, name)) for name in names}
         return {name: each if name == "touched" else each.reshape(-1, 3) for name, each in views.items()}
 
     def _bind(self, state: ContactSplitState, block: FloatArray) -> None:
-        """Keep views of the block, and the kernel bound to it."""
+        """Store views of the block, and the kernel bound to it."""
 
         def table(name: str) -> FloatArray:
             return state.array(getattr(ContactSplitState, name)).reshape(-1, 3)

@@ -15,9 +15,9 @@ from graspfx.numeric import number
 
 FloatArray = NDArray[np.float64]
 
-DECADES, PER_DECADE = (-9.0, 1.0), 60  # gains that are tried, as stiffness in units of m/T^2
+DECADES, PER_DECADE = (-9.0, 1.0), 60  # range and number of gains tried, as stiffness in units of m/T^2
 STEADY = 1e-10  # |z| - 1 up to which a slow motion counts as stable
-STEPS = 60  # bisections
+STEPS = 60  # number of bisections
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class GainLimits(Carded):
     Attributes:
         push: Largest push gain; inf if none is too large.
         squeeze: Largest squeeze gain.
-        stiffness: Largest stiffness that a finger may feel, gain times environment, of either port [N/m].
-        delay: Delay of the range at which it is reached [ticks].
+        stiffness: Largest felt stiffness of a finger, gain times environment, for either port [N/m].
+        delay: Delay of the range at which it occurs [ticks].
         frequency: Frequency of the oscillation there [Hz].
     """
 
@@ -68,10 +68,10 @@ def gain_limits(
     The host samples the operator at ticks R i; tick j uses the sample R floor((j - D)/R), with y_j that sample x_s
     ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after its arrival ("linear"), or (1 - r) x_s + r x_j, a model of r
     times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on
-    their way; the gain grows until an eigenvalue leaves the unit circle.
+    the delay line; the gain is increased until an eigenvalue leaves the unit circle.
 
-    Every constant delay of a range is judged, not one that changes from sample to sample. The first loss of stability
-    is looked for at 60 gains a decade, then bisected to rounding.
+    Every constant delay of a range is considered, but not delays that change between samples. The first loss of
+    stability is searched at 60 gains per decade, then bisected to rounding.
 
     Args:
         mass: Device's mass m at a finger [kg].
@@ -79,10 +79,10 @@ def gain_limits(
         period: Period T of the loop [s].
         host_ticks: Ticks R from one sample of the host to the next.
         delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; at least
-            1, as an answer comes after the tick that it is about.
-        push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger, at gain 1, if all fingers move
+            1, because an answer follows the tick to which it refers.
+        push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
             together, and if they close [N/m].
-        hand_stiffness, hand_damping: Operator's finger, to ground [N/m, N s/m].
+        hand_stiffness, hand_damping: Stiffness and damping of the operator's finger to ground [N/m, N s/m].
         predict: "hold", "linear" or "model".
         model: Ratio r of the model's stiffness to g k.
 
@@ -97,10 +97,10 @@ def gain_limits(
         "squeeze": number("squeeze_stiffness", squeeze_stiffness, "N/m"),
     }
     if type(host_ticks) is not int or host_ticks < 1:
-        raise InputError("host_ticks", host_ticks, "a whole number of ticks, one or more")
+        raise InputError("host_ticks", host_ticks, "an integer number of ticks, at least 1")
     low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
     if not (type(low) is int and type(high) is int and 0 <= low <= high):
-        raise InputError("delay", delay, "a whole number of ticks, or two of them (least, most)")
+        raise InputError("delay", delay, "an integer number of ticks, or two of them (least, most)")
     if predict not in ("hold", "linear", "model"):
         raise InputError("predict", predict, "'hold', 'linear' or 'model'")
     r = number("model", model, "a ratio, zero or above") if predict == "model" else 0.0
@@ -116,14 +116,14 @@ def gain_limits(
 
 @dataclass(frozen=True, eq=False)
 class LiftedLoop:
-    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), x_i the sample that the host takes at their beginning.
+    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), with x_i the sample at their beginning.
 
     Attributes:
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
         R: Ticks from one sample to the next.
         D: Delay [ticks].
         linear: Whether forces follow the slope of the last two samples.
-        r: Part of the force that follows the position at once.
+        r: Fraction of the force that follows the position immediately.
     """
 
     E: FloatArray
@@ -134,7 +134,7 @@ class LiftedLoop:
 
     def matrix(self, stiffness: float) -> FloatArray:
         """Compute the map of s over R ticks for a felt stiffness g k [N/m]."""
-        back = -(-self.D // self.R) + int(self.linear)  # samples that are kept
+        back = -(-self.D // self.R) + int(self.linear)  # number of stored samples
         size = 2 + back
         samples = np.eye(size)[[0, *range(2, size)]]  # x_i, x_(i-1), ...
         motion = np.eye(size)[:2]
@@ -148,14 +148,14 @@ class LiftedLoop:
         return np.asarray(np.vstack([motion, samples[:back]]))
 
     def radius(self, stiffness: float) -> tuple[float, float]:
-        """Compute the largest |z| of its eigenvalues, and that one's angle [rad]."""
+        """Compute the largest |z| of its eigenvalues, and the angle of that eigenvalue [rad]."""
         values = np.linalg.eigvals(self.matrix(stiffness))
         z = values[np.argmax(np.abs(values))]
         return float(abs(z)), float(abs(np.angle(z)))
 
 
 def _first_loss(loop: LiftedLoop, unit: float) -> tuple[float, float]:
-    """Find the smallest stiffness at which the loop is lost [N/m], and the eigenvalue's angle there [rad]."""
+    """Find the smallest stiffness at which the loop loses stability [N/m], and the eigenvalue's angle there [rad]."""
     low = 0.0
     for power in np.linspace(*DECADES, int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1).tolist():
         high = unit * 10.0**power

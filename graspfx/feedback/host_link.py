@@ -1,4 +1,4 @@
-"""A host's side of the bridge: where the operator is, and what is shown to him."""
+"""The host's side of the bridge: the state of the operator, and the forces to display."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from graspfx.feedback.host_record import (
 
 FloatArray = NDArray[np.float64]
 
-LOOK = 0.01  # between two looks whether the loop is there [s]
-DEAD = 2.0  # without a sample after which a loop counts as killed [s]
-TRIES = 100  # looks for a whole sample: the loop writes one in a microsecond
+LOOK = 0.01  # time between two checks for the loop [s]
+DEAD = 2.0  # time without a sample after which a loop counts as killed [s]
+TRIES = 100  # attempts to read a complete sample; the loop writes one in a microsecond
 
 
 class Operator(NamedTuple):
@@ -47,7 +47,7 @@ class Operator(NamedTuple):
         force: Forces that were displayed in the tick before, (n, d) [N].
         age: Age of the host's last sample that the loop has [s].
         push_tank, squeeze_tank: Energies of the tanks [J]; at zero a port's forces are zero.
-        lost, late: Samples of the host that never came, or came after a newer one.
+        lost, late: Numbers of the host's samples that were lost, or arrived after a newer one.
     """
 
     time: float
@@ -62,19 +62,19 @@ class Operator(NamedTuple):
 
     @property
     def centre(self) -> FloatArray:
-        """Mean position of the fingers, (d,) [m]: where the operator's hand is."""
+        """Mean position of the fingers (d,) [m], the position of the operator's hand."""
         return np.asarray(self.position.mean(axis=0))
 
     @property
     def aperture(self) -> float:
-        """Twice the fingers' mean distance from their centre [m]: of two fingers, their distance."""
+        """Twice the fingers' mean distance from their centre [m]; with two fingers, their distance."""
         return float(2.0 * np.sqrt(((self.position - self.centre) ** 2).sum(axis=1)).mean())
 
 
 class HostLink:
     """Exchange of a host program with the loop of a scene whose `[host]` has its name; for a `with` block.
 
-    The end of the block, also by an exception, tells the loop that the host has ended: all forces fade to zero.
+    Leaving the block, also by an exception, tells the loop that the host has ended: all forces fade to zero.
 
     Args:
         name: `host.name` of the scene.
@@ -82,7 +82,7 @@ class HostLink:
 
     Attributes:
         fingers: Number n of the device's fingers.
-        dimensions: d.
+        dimensions: Number of dimensions d.
 
     Raises:
         DeviceError: No loop with this name runs.
@@ -96,7 +96,7 @@ class HostLink:
                     f"no loop with host.name {name!r} runs: start its scene first, `graspfx run SCENE --real-time`"
                 )
             sleep(LOOK)
-        self._words: Any = words.data  # whose numbers are Python's
+        self._words: Any = words.data  # items are Python floats
         self.fingers, self.dimensions = int(words[FINGERS]), int(words[DIMENSIONS])
         first, size = int(words[HOST_FIRST]), int(words[HOST_SIZE])
         self._slots = [words[first + size * k :][:size] for k in range(SLOTS)]
@@ -106,18 +106,18 @@ class HostLink:
         self._head: Any = self._sample.data
         m = self.fingers * self.dimensions
         shape = (self.fingers, self.dimensions)
-        self._ahead: float | None = None  # of the loop's clock before the host's [s]
+        self._ahead: float | None = None  # offset of the loop's clock from the host's [s]
         self._shape = (3, *shape)
         self._external = self._sample[SAMPLE : SAMPLE + m].reshape(shape)
         self._internal = self._sample[SAMPLE + m : SAMPLE + 2 * m].reshape(shape)
         self._origin = self._sample[SAMPLE + 2 * m : SAMPLE + 3 * m].reshape(shape)
 
     def read(self, time: float | None = None) -> Operator:
-        """Read where the operator is.
+        """Read the state of the operator.
 
         Args:
-            time: Time on the host's clock [s], for which to wait on the loop's: both count from the first read with a
-                time. At once if not given.
+            time: Time on the host's clock [s] for which to wait on the loop's clock; both count from the first read
+                with a time. By default the call returns immediately.
 
         Raises:
             DeviceError: The loop has ended, or has a fault.
@@ -139,7 +139,7 @@ class HostLink:
         raise DeviceError(f"host.name {self.name!r}: the loop writes no samples")
 
     def _wait(self, time: float) -> None:
-        """Wait until the loop is as far as the host."""
+        """Wait until the loop has reached the host's time."""
         if self._ahead is None:
             self._ahead = self.read().time - time
         end, last = monotonic() + DEAD, -1.0
@@ -153,13 +153,13 @@ class HostLink:
             sleep(min(time - now, LOOK))
 
     def show(self, shown: Shown, time: float) -> None:
-        """Show forces to the operator.
+        """Display forces to the operator.
 
-        A device of one finger shows the push, one of as many fingers as the host has each finger's own, and one of two
-        fingers push and grip of any hand.
+        A device with one finger displays the push, a device with as many fingers as the host each finger's force, and a
+        device with two fingers push and grip of any hand.
 
         Args:
-            shown: From `Feedback.update`, computed for the operator of the last `read`.
+            shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
             time: Time on the host's clock [s].
 
         Raises:
@@ -169,7 +169,7 @@ class HostLink:
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)
         if shown.push.shape != (self.dimensions,):
-            raise InputError("shown", shown.push.shape, f"forces with {self.dimensions} coordinates, as the device's")
+            raise InputError("shown", shown.push.shape, f"forces with {self.dimensions} coordinates")
         if n == 1:
             external[0], internal[0] = shown.push, 0.0
         elif count == n:
@@ -180,11 +180,11 @@ class HostLink:
             along = between / size if size > 0.0 else 0.0 * between
             external[:] = 0.5 * shown.push
             internal[0], internal[1] = shown.grip * along, -shown.grip * along
-        elif count < n:  # so far
+        elif count < n:  # number so far
             external[:], internal[:] = 0.0, 0.0
             external[:count], internal[:count] = shown.external, shown.internal
         else:
-            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, as the device has")
+            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, the device's number")
         self._require_running()
         self._write(time, 0.0)
 
@@ -203,7 +203,7 @@ class HostLink:
 
     def _require_running(self) -> None:
         if self._words[STATE] != RUNNING:
-            how = "has ended" if self._words[STATE] == 2.0 else "has stopped with a fault, which its own run names"
+            how = "has ended" if self._words[STATE] == 2.0 else "has stopped with a fault, see the messages of its run"
             raise DeviceError(f"host.name {self.name!r}: the loop {how}; all forces are zero")
 
     def __enter__(self) -> Self:

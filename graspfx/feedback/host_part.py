@@ -1,4 +1,4 @@
-"""The host of a scene as its loop has it: settings, record and bridge."""
+"""The loop's side of a host: settings, record and bridge."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class HostPart:
     """A host's record and its bridge.
 
     Attributes:
-        record: Shared with the host.
+        record: Record shared with the host.
         block: Memory of the bridge, `HostState`.
-        silence: Time without news after which forces fade [s].
+        silence: Time without a new sample after which forces fade [s].
     """
 
     record: HostRecord
@@ -39,13 +39,13 @@ class HostPart:
 
 
 def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> HostPart:
-    """Make the bridge of a scene's table `host`.
+    """Create the bridge of a scene's table `host`.
 
     Args:
-        table: Its settings, as the scene has them.
+        table: Table `host` of the scene.
         most: Largest force of each finger, (n,) [N].
-        dimensions: d.
-        period: T [s].
+        dimensions: Number of dimensions d.
+        period: Sampling period T [s].
     """
     n, d = len(most), dimensions
     grasp = size_for(PointGrasp, count=n, dimensions=d)

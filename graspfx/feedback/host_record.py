@@ -1,4 +1,4 @@
-"""The record in shared memory between a host program and the loop of the devices: its layout, made and found by name.
+"""The record in shared memory between a host program and the loop: its layout, creation and discovery by name.
 
 All words are float64 in the machine's byte order. With n fingers of d coordinates, after 64 words of a header follow 8
 slots of the host and 8 slots of the loop:
@@ -13,8 +13,8 @@ slots of the host and 8 slots of the loop:
             [J], 5 samples lost, 6 samples that came late, then n d positions [m], n d velocities [m/s], n d forces on
             the operator [N], and the sum
 
-Sample k stands in slot k mod 8. Write the slot first and its number into the header last. A reader takes a slot whose
-first word is the number and whose last word is the sum, added in order; else it looks again.
+Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if its first
+word is the number and its last word is the sum, added in order; otherwise it tries again.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ HOST_FIRST, HOST_SIZE, LOOP_FIRST, LOOP_SIZE = 6, 7, 8, 9
 STATE, CODE, HOST_NUMBER, LOOP_NUMBER = 10, 11, 12, 13
 RUNNING, ENDED, FAULT = 1.0, 2.0, 3.0
 SAMPLE, LOOP_SAMPLE = 3, 7  # words of a slot before its arrays
-SILENT, HOST_ENDED, NOT_FINITE, TOO_LARGE = 0, 1, 2, 3  # why the host's forces are none
+SILENT, HOST_ENDED, NOT_FINITE, TOO_LARGE = 0, 1, 2, 3  # reasons why the host's forces are zero
 
 
 @dataclass(frozen=True)
 class HostRecord:
-    """The record of a loop, which nobody finds before it is published.
+    """The record of a loop, which is not visible before it is published.
 
     Attributes:
         name: Name under which hosts find it.
-        words: Its words.
-        shared: Its memory.
+        words: Words of the record.
+        shared: Shared memory of the record.
     """
 
     name: str
@@ -53,10 +53,10 @@ class HostRecord:
     shared: shared_memory.Named
 
     def publish(self) -> None:
-        """Let hosts find it.
+        """Make the record visible to hosts.
 
         Raises:
-            DeviceError: Another loop runs under this name.
+            DeviceError: If another loop runs under this name.
         """
         self.words[STATE] = RUNNING
         if not self.shared.publish():
@@ -65,14 +65,14 @@ class HostRecord:
             )
 
     def close(self) -> None:
-        """Tell the host that the loop has ended, and take the name away."""
+        """Tell the host that the loop has ended, and remove the name."""
         if self.words[STATE] == RUNNING:
             self.words[STATE] = ENDED
         self.shared.close()
 
 
 def make_record(name: str, fingers: int, dimensions: int, period: float) -> HostRecord:
-    """Make the record of a loop."""
+    """Create the record of a loop."""
     size = fingers * dimensions
     host, loop = SAMPLE + 3 * size + 1, LOOP_SAMPLE + 3 * size + 1
     shared = shared_memory.Named(name, 8 * (HEAD + SLOTS * (host + loop)))
@@ -83,10 +83,10 @@ def make_record(name: str, fingers: int, dimensions: int, period: float) -> Host
 
 
 def find_record(name: str) -> FloatArray | None:
-    """Find the record of a running loop; None where there is none.
+    """Find the record of a running loop; return None without one.
 
     Raises:
-        DeviceError: The record is of another version.
+        DeviceError: If the record has another version.
     """
     memory = shared_memory.find(name)
     if memory is None:
@@ -100,16 +100,16 @@ def find_record(name: str) -> FloatArray | None:
 
 
 def reason(code: int, silence: float) -> str:
-    """Say why the host's forces are none."""
+    """Return the reason why the host's forces are zero."""
     text = {
-        SILENT: f"the host sent nothing new in more than host.silence, {silence:g} s: it died, hangs or lost its way",
+        SILENT: f"the host sent no new sample for more than host.silence, {silence:g} s: it has died or hangs",
         HOST_ENDED: "the host has ended",
         NOT_FINITE: "the host sent a force that is not finite: its simulation has diverged",
-        TOO_LARGE: "the host sent a force above host.largest: an impact with a stiff contact, or a wrong unit",
+        TOO_LARGE: "the host sent a force above host.largest: check for impacts with stiff contacts and wrong units",
     }.get(code, f"the host stopped the run with code {code}")
     return f"{text}; all forces are zero"
 
 
 def total(slot: FloatArray) -> float:
-    """Add the words of a slot but for the last, in order."""
+    """Return the sum of a slot's words except the last, added in order."""
     return float(sum(slot[:-1].tolist()))

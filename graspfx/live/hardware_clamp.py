@@ -103,7 +103,7 @@ class Order:
     Attributes:
         request: Requested values by live key.
         values: Values that were set; empty if the order was refused.
-        text: Explanation of what was set instead and why; empty if the request was set.
+        text: Explanation of the value set instead; empty if the request was set.
     """
 
     request: Mapping[str, Any]

@@ -42,7 +42,7 @@ class LiveRun(Resource):
 
     Args:
         scene: Scene to run.
-        live: Keys that `set` may change; None for none.
+        live: Keys that `set` may change, or None.
         out: Folder of recording.h5; None to record nothing.
         guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
         paused: Whether the run starts paused.

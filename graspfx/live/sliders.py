@@ -151,7 +151,7 @@ def widened(slider: Slider, verdict: Verdict) -> Slider:
 
 
 def _limits(slider: Slider, verdict: Verdict) -> list[float]:
-    """List the stability limits of what a slider moves, of all objects."""
+    """List the stability limits of a slider's value for all objects."""
     plain = general(slider.key)
     if slider.stiffness is not None:
         own = f"external {plain.rpartition('.')[2]}"

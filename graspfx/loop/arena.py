@@ -1,4 +1,4 @@
-"""The arena of a scene: its parts' blocks, and the `World` that says where in them each quantity stands."""
+"""The arena of a scene: the blocks of its parts, and the `World` that gives the place of each quantity in them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Kernel = Callable[..., Any]
 
-OF_PART, OF_HAND, OF_BODY = (), ("t",), ("beside", "T")  # what a kernel takes after its block
+OF_PART, OF_HAND, OF_BODY = (), ("t",), ("beside", "T")  # arguments of a kernel after its block
 BODY = start_of(GraspState, "body")
 MANY = {
     "finger": "fingers", "channel": "channels", "device": "devices", "grasp": "grasps", "body": "bodies",
@@ -52,12 +52,12 @@ OF_BLOCK = ("position", "centre", "velocity", "orientation", "angular_velocity",
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The targets of a hand in plain Python, for each tick of a call.
+    """Targets of a hand in plain Python for the ticks of one call.
 
     Attributes:
-        memory: (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if asked for.
-        wiring: of the plant that the hand moves.
-        middle: whether the plant asks for the middle of a sample.
+        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if requested.
+        wiring: Wiring of the plant that the hand moves.
+        middle: Whether the plant needs the targets in the middle of a sample.
     """
 
     memory: FloatArray
@@ -65,7 +65,7 @@ class Table:
     middle: bool
 
     def fill(self, k: int, count: int, period: float) -> None:
-        """Ask the hand for its targets in ticks k, ..., k + count - 1, CHUNK at most, and write them down."""
+        """Compute the hand's targets in ticks k, ..., k + count - 1, at most CHUNK, and store them."""
         each = self.memory.reshape(CHUNK, -1, *self.wiring.plant.position.shape)
         for i in range(count):
             each[i, 0], each[i, 1] = self.wiring.hand.target((k + i + 1) * period)
@@ -75,13 +75,14 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class ForeignKernel:
-    """A kernel that is none of `kernels.KERNELS`, and the entries of the world that hold its number.
+    """A third-party kernel, not in `kernels.KERNELS`, and the entries of the world that hold its number.
 
     Attributes:
-        kernel: the function.
-        parameters: names of its numbers after the first block's place: `t` or `T` a float, `beside` a block's place.
-        blocks: that it works on.
-        entries: of the world's memory.
+        kernel: The function.
+        parameters: Names of its arguments after the first place: `t` and `T` are floats, `beside` is the place of a
+            block.
+        blocks: Blocks that it uses.
+        entries: Entries of the world's memory.
     """
 
     kernel: Kernel
@@ -93,24 +94,24 @@ class ForeignKernel:
 class Arena:
     """Parts of a scene laid out for `steps`.
 
-    Plants and guests are told the period, and plants their hands.
+    Plants and guests receive the period, and plants their hands.
 
     Args:
-        parts: of the scene.
-        memory: in which their blocks stand; others may stand apart, where machine code reaches them all the same.
-        record: whether rows are recorded.
+        parts: Parts of the scene.
+        memory: Memory of their blocks; separate blocks are possible, because machine code can address them.
+        record: Whether rows are recorded.
 
     Attributes:
-        world: of the scene, at `place` of the memory.
-        servo: memory of the tick, `ServoState`.
-        loop: memory of a loop on the wall's clock, `LoopState`; None without.
-        arrays: all blocks, by what they are.
-        ports: of devices in plain Python.
-        tables: of hands in plain Python.
-        guests: numbers of movers that other software moves after each tick.
-        bodies: numbers of movers in plain Python.
-        plants: numbers of plants in plain Python.
-        foreign: kernels of others.
+        world: World of the scene, at `place` in the memory.
+        servo: Memory of the tick, `ServoState`.
+        loop: Memory of a real-time loop, `LoopState`; None without one.
+        arrays: All blocks, by kind.
+        ports: Ports of devices in plain Python.
+        tables: Tables of hands in plain Python.
+        guests: Indices of bodies that other software moves after each tick.
+        bodies: Indices of bodies in plain Python.
+        plants: Indices of plants in plain Python.
+        foreign: Third-party kernels.
     """
 
     def __init__(self, parts: Parts, memory: Memory | None = None, *, record: bool = True) -> None:
@@ -152,16 +153,16 @@ class Arena:
         return Scattered(self.memory, self.arrays)
 
     def place(self, array: FloatArray | None) -> int:
-        """Find the place of an array, or of a piece of one; NONE for None."""
+        """Return the place of an array or of a part of one; NONE for None."""
         return NONE if array is None else self.memory.place(array)
 
     # Blocks -----------------------------------------------------------------------------------------------------------
 
     def _block(self, array: FloatArray) -> FloatArray:
-        """Note a block.
+        """Register a block.
 
         Raises:
-            InputError: no flat float64 array, or one that shares a part of its memory with another.
+            InputError: If the array is not a flat float64 array, or shares memory with another block.
         """
         if array.dtype != np.float64 or not array.flags.c_contiguous or array.ndim != 1:
             raise InputError("state", f"an array {array.shape} of {array.dtype}", "a flat contiguous float64 array")
@@ -173,7 +174,7 @@ class Arena:
                     return array
                 if first < other + each.size and other < first + array.size:
                     raise InputError(
-                        "state", array.shape, "a block of its own, which shares nothing with another part's"
+                        "state", array.shape, "a separate block, which shares no memory with another part's"
                     )
             self.arrays.append(array)
         return array
@@ -195,20 +196,20 @@ class Arena:
                 yield guest.buffer
 
     def _is_native(self, m: PlantWiring) -> bool:
-        """Tell whether kernels do all that a plant needs."""
+        """Tell whether a plant needs kernels only."""
         wired = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
 
     def _motion_of(self, m: PlantWiring) -> FloatArray:
-        """Give a plant's block, or its fingertips' positions, flat."""
+        """Return a plant's block, or the positions of its fingertips, flat."""
         if isinstance(m.plant, FusedPlant):
             return self._block(m.plant.state)
         flat: FloatArray = m.plant.position.reshape(-1)
         if not np.shares_memory(flat, m.plant.position):
             raise InputError(
                 "plant", type(m.plant).__qualname__,
-                "a `position` that is the same contiguous array for the plant's life",
+                "a `position` that is the same contiguous array for the plant's lifetime",
                 "keep one array and write into it",
             )  # fmt: skip
         return self._block(flat)
@@ -219,7 +220,7 @@ class Arena:
         """Lay out the world and fill its records."""
         self._copies: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
-        self._largest: dict[int, int] = {}  # where a device tells a finger's largest force
+        self._largest: dict[int, int] = {}  # places where devices report a finger's largest force
         self._fingers = self._finger_records()
         groups = {
             "finger": self._fingers,
@@ -255,7 +256,7 @@ class Arena:
         array[first : first + len(columns)] = columns
 
     def _fill(self, kind: type[Record], at: int, values: Mapping[str, Any]) -> None:
-        """Write fields of a record of the world that stands at an entry of its memory."""
+        """Write fields of a record of the world at an entry of its memory."""
         fields, memory = layout(kind), self.world.buffer
         for name, value in values.items():
             entry = at + fields[name].start
@@ -268,7 +269,7 @@ class Arena:
                 memory[entry] = value
 
     def _kernel(self, kernel: Kernel, parameters: tuple[str, ...], *blocks: FloatArray) -> int | ForeignKernel:
-        """Give the number of a kernel, or what leads to it later if it is none of the package's."""
+        """Return a kernel's number, or a `ForeignKernel` that receives a number later."""
         number = number_of(kernel)
         return ForeignKernel(kernel, parameters, blocks, []) if number is None else number
 
@@ -276,9 +277,9 @@ class Arena:
         self._copies.append({"to": to, "source": source, "count": count})
 
     def structure(self) -> dict[int, float]:
-        """Give the entries of the memory that no run changes and that choose what is computed, with their numbers.
+        """Return the constant entries of the memory that select the computation, with their values.
 
-        The period is one of them.
+        The period is one of these entries.
         """
         parts, places = self.parts, set[int]()
 
@@ -317,13 +318,13 @@ class Arena:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all blocks stand in the memory, so that a copy of it is a copy of the scene."""
+        """Whether all blocks are in the memory, so that copying it copies the scene."""
         end = self.memory.used
         return all(0 < self.memory.place(each) <= end - each.size for each in self.arrays)
 
     @property
     def size(self) -> int:
-        """Entries of all blocks."""
+        """Number of entries in all blocks."""
         return sum(array.size for array in self.arrays)
 
     # Fingers and devices ----------------------------------------------------------------------------------------------
@@ -351,7 +352,7 @@ class Arena:
         return [fingers[f] for f in range(self.n)]
 
     def _tip(self, f: int, position: int) -> int:
-        """Find where the fingertip truly is, or where it was read if that is not known."""
+        """Return the place of the fingertip's true position, or of its reading if that is unknown."""
         if self.parts.layout.simulated:
             for m, memory in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
@@ -399,7 +400,7 @@ class Arena:
     def _add_channels(
         self, station: DeviceWiring, position: int, velocity: int, command: int, limit: int
     ) -> dict[str, int]:
-        """List the channels that the scene uses, by where a device's memory has the first of each quantity."""
+        """List the channels that the scene uses, from the places of the first channel's quantities."""
         first = len(self._channels)
         for c, f in enumerate(station.fingers.tolist()):
             if f >= 0:
@@ -469,7 +470,7 @@ class Arena:
     # Plants and hands -------------------------------------------------------------------------------------------------
 
     def _plant_of(self, device: Device) -> FloatArray | None:
-        """Find the block of the native plant that moves a device."""
+        """Return the block of the native plant that moves a device."""
         for m, memory, native in zip(self.parts.plants, self._motions, self._native, strict=True):
             if native and id(device) in map(id, m.devices):
                 return memory
@@ -509,7 +510,7 @@ class Arena:
             }
 
     def _hand(self, m: PlantWiring, width: int, targets: int) -> dict[str, Any]:
-        """Lay out a hand for its plant's targets in a sample; one that keeps still needs nothing from now on."""
+        """Lay out a hand for its plant's targets in a sample; a constant hand needs no further work."""
         if not isinstance(m.hand, FusedHand):
             table = Table(self._block(self.memory.take(CHUNK * 2 * width * targets)), m, targets == 2)
             self.tables.append(table)
@@ -534,7 +535,7 @@ class Arena:
     # The recording ----------------------------------------------------------------------------------------------------
 
     def _columns(self) -> list[int]:
-        """List the places of the numbers of a row, in their order."""
+        """List the places of the values of a row, in order."""
         columns = self.parts.layout.columns
         numbers, places = np.arange(self.parts.layout.width), dict[int, int]()
 
@@ -573,7 +574,7 @@ class Arena:
         return [places[k] for k in range(len(numbers))]
 
     def _loop_columns(self) -> Iterator[tuple[str, int, int]]:
-        """List the columns that a loop on the wall's clock tells, each with its first place and its count."""
+        """List the columns that a real-time loop fills, each with its first place and its size."""
         if self.loop is None:
             return
         state, place, columns = LoopState(self.loop), self.place(self.loop), self.parts.layout.columns

@@ -79,8 +79,8 @@ class Declared(NamedTuple):
         unit: unit of its numbers.
         meaning: description of the quantity.
         filled: origin of its values: "sample" (the coupling's sample of a grasp), "servo" (the tick around it),
-            "observer" (the ledger of energies), "safety" (the chain) or "loop" (the exchange with devices on the wall's
-            clock).
+            "observer" (the ledger of energies), "safety" (the chain) or "loop" (the exchange with devices in real
+            time).
         when: property of `Layout` that tells whether the column exists. Without one it always exists; with "always" it
             also exists in recordings of every format.
         kind: type of its numbers in a file; rows hold float64 only.

@@ -38,12 +38,12 @@ class Port:
     position: FloatArray
     velocity: FloatArray
     command: FloatArray
-    memory: FloatArray  # whether it could be read; then the three above, and the limits
-    limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
-    misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
-    elapsed: FloatArray | None = None  # periods since the last tick, where a safety chain takes them, (1,)
-    time: float | None = None  # of the last reading [s]
-    cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
+    memory: FloatArray  # whether the device could be read, then the three above and the limits
+    limit: FloatArray | None = None  # of a device whose largest force depends on its position
+    misses: FloatArray | None = None  # successive samples without a new reading (1,), if a safety chain counts them
+    elapsed: FloatArray | None = None  # periods since the last tick (1,), if a safety chain uses them
+    time: float | None = None  # time of the last reading [s]
+    cause: FloatArray | None = None  # why forces decay (1,), if a safety chain lets them
 
     def let_go(self, cause: int) -> bool:
         """Let forces decay because of this device, unless they already do; False without a safety chain."""
@@ -133,7 +133,7 @@ class DevicePort:
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
-        except DRIVERS as error:  # each is a fault in words
+        except DRIVERS as error:  # each becomes a fault with a message
             return self._failure("cannot be opened", error)
         self.is_gone = False
         return ""
@@ -220,11 +220,11 @@ class DevicePort:
         """Check the deadman switch. If it is open, let the safety chain remove the force and return the reason."""
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
-            return f"returned {abbreviate(switches)} for its switches, expected a whole number with one bit per switch"
+            return f"returned {abbreviate(switches)} for its switches, expected a integer with one bit per switch"
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
             return ""
-        return "" if self.port.let_go(DEADMAN) else f"has its deadman, switch {deadman}, up"
+        return "" if self.port.let_go(DEADMAN) else f"has its deadman switch {deadman} released"
 
     def _fault(self, text: str) -> str:
         """Describe a fault of the last reading."""
@@ -323,68 +323,68 @@ class DeviceExchange:
         return port.stop()
 
     def close(self) -> list[str]:
-        """Close every device, the last one first; list which cannot be closed."""
+        """Close every device, the last one first; list the failures."""
         return _all([each.close for each in reversed(self.ports)])
 
 
 def call_of(place: int, names: Sequence[str]) -> str:
-    """Say which call of which device a number stands for, by the names of all devices; empty for none."""
+    """Return the device call that a number denotes, from the names of all devices; empty for none."""
     number, call = divmod(place - 1, len(CALLS))
     return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
 
 def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
-    """Do each call, whatever another one raises; list what is wrong."""
+    """Run each call even if another raises an exception; list the error messages."""
     texts: list[str] = []
     for i, call in enumerate(calls):
         try:
             texts.append(call())
         except BaseException:
-            _all(calls[i + 1 :])  # a program that ends goes on to end afterwards
+            _all(calls[i + 1 :])  # the exception then continues
             raise
     return [text for text in texts if text]
 
 
 def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
-    """Take over the largest forces of a device where it stands, over its scale; return what is wrong with them."""
+    """Copy a device's largest forces at its position, divided by its scale; return an error message if invalid."""
     if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
-        return f"told {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
+        return f"reported {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
     limit[...] = largest / scale
     if (limit > 0.0).all():
         return ""
-    return f"told a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"
+    return f"reported a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"
 
 
 class LoopLog:
-    """Notes each tick's time and how long its devices took, and reads and writes them.
+    """Record each tick's time and the duration of device calls, and read and write the devices.
 
     Args:
-        memory: of the loop, `LoopState`.
-        layout: of its rows.
-        devices: in plain Python, whose ports note what else they tell.
-        pacer: that each tick has waited for.
+        memory: Memory of the loop, `LoopState`.
+        layout: Layout of its rows.
+        devices: Devices in plain Python, whose ports record further readings.
+        pacer: Pacer that each tick has waited for.
     """
 
     def __init__(self, memory: FloatArray, layout: Layout, devices: DeviceExchange, pacer: Pacer) -> None:
-        self._numbers: Any = memory.data  # plain floats, where items of an array cost twice as much
+        self._numbers: Any = memory.data  # plain floats; items of an array take twice as long
         self._devices, self._pacer, self._clock = devices, pacer, pacer.clock
-        LoopState(memory).array(LoopState.fresh)[:] = 1.0  # of simulated devices whose kernels read them
+        LoopState(memory).array(LoopState.fresh)[:] = 1.0  # for simulated devices whose kernels read them
         for each in devices.ports:
             each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)
 
     def begin(self) -> None:
-        """Note the time of a tick that begins now."""
+        """Record the time of a tick that begins now."""
         source_function(note_times)(self._numbers, 0, self._pacer.buffer, 0)
 
     def read(self, periods: int) -> list[str]:
-        """Read the devices, as `DeviceExchange.read` does."""
+        """Read the devices, like `DeviceExchange.read`."""
         began = self._clock.now()
         faults = self._devices.read(periods)
         self._numbers[READ_TIME] = self._clock.now() - began
         return faults
 
     def write(self) -> str:
-        """Write the devices, as `DeviceExchange.write` does."""
+        """Write the devices, like `DeviceExchange.write`."""
         began = self._clock.now()
         fault = self._devices.write()
         self._numbers[WRITE_TIME] = self._clock.now() - began

@@ -1,4 +1,4 @@
-"""The frame of a device in a scene: where its origin is, how its axes lie, and how much larger its motion is."""
+"""The frame of a device in a scene: its origin, the orientation of its axes, and the scale of its motion."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from graspfx.loop.device import Features
 FloatArray = NDArray[np.float64]
 
 LETTERS = "xyz"
-ROUNDING = 1e-6  # how far a matrix may be from a rotation: of axes that were written with seven digits
+ROUNDING = 1e-6  # tolerance of a rotation matrix, for axes written with seven digits
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Positions, velocities and forces of a device in the axes of a scene, which keep their power.
+    """Transform positions, velocities and forces between a device and the axes of a scene, preserving power.
 
         p = origin + s R p_device,   v = s R v_device,   f_device = s R' f
 
-    so that f'v is the same on both sides.
+    so f'v is the same on both sides.
 
     Attributes:
-        origin: of the device, in the scene, (d,) [m].
-        axes: R, a row for each axis of the scene, (d, d).
-        scale: s, metres of the scene for a metre of the device.
+        origin: Origin of the device in the scene (d,) [m].
+        axes: Rotation R, one row for each axis of the scene (d, d).
+        scale: Scale s, metres in the scene per metre of the device.
     """
 
     origin: FloatArray
@@ -36,32 +36,32 @@ class Frame:
     scale: float
 
     def place(self, positions: FloatArray) -> FloatArray:
-        """Give where a device's positions (k, d) are in the scene [m]."""
+        """Return positions (k, d) of a device in the scene [m]."""
         placed: FloatArray = self.origin + self.turn(positions)
         return placed
 
     def turn(self, velocities: FloatArray) -> FloatArray:
-        """Give velocities (k, d) of a device in the scene [m/s]."""
+        """Return velocities (k, d) of a device in the scene [m/s]."""
         turned: FloatArray = self.scale * (velocities @ self.axes.T)
         return turned
 
     def pull(self, forces: FloatArray) -> FloatArray:
-        """Give the forces that a device displays for forces (k, d) in the scene [N]."""
+        """Return the device's forces for forces (k, d) in the scene [N]."""
         pulled: FloatArray = self.scale * (forces @ self.axes)
         return pulled
 
     def back(self, position: FloatArray) -> FloatArray:
-        """Give where a position of the scene (d,) is for the device [m]."""
+        """Return a position of the scene (d,) in the device's axes [m]."""
         own: FloatArray = (position - self.origin) @ self.axes / self.scale
         return own
 
     def impedance(self, own: FloatArray) -> FloatArray:
-        """Give a mass, damping or stiffness (d, d) of a device in the scene: R M R'/s^2."""
+        """Return a mass, damping or stiffness (d, d) of a device in the scene: R M R'/s^2."""
         turned: FloatArray = self.axes @ own @ self.axes.T / self.scale**2
         return turned
 
     def features(self, own: Features) -> Features:
-        """Give what a device's features are in the scene: lengths times s, forces over s, impedances over s^2."""
+        """Return a device's features in the scene: lengths times s, forces over s, impedances over s^2."""
         s = self.scale
         return replace(
             own,
@@ -76,7 +76,7 @@ class Frame:
         )
 
     def _box(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Find a box in the axes of the scene that is inside a device's, as large as fits in its proportions."""
+        """Return a box in the axes of the scene inside a device's box, as large as its proportions allow."""
         half = 0.5 * (np.asarray(upper, dtype=float) - lower)
         middle = self.place(0.5 * (np.asarray(upper, dtype=float) + lower))
         outer = np.abs(self.axes) @ half
@@ -91,42 +91,42 @@ def _over(value: float | None, factor: float) -> float | None:
 def frame(
     dimensions: int, origin: Sequence[float] | None, axes: str | Sequence[Sequence[float]] | None, scale: float
 ) -> Frame:
-    """Make a frame.
+    """Create a frame.
 
     Args:
-        dimensions: d.
-        origin: of the device, in the scene, (d,) [m]; the scene's if None.
-        axes: the device's axis that each of the scene's is, as "x -z y", or R, (d, d); the same axes if None.
-        scale: metres of the scene for a metre of the device.
+        dimensions: Number of dimensions d.
+        origin: Origin of the device in the scene (d,) [m]; that of the scene if None.
+        axes: Device axis along each axis of the scene, such as "x -z y", or R (d, d); the same axes if None.
+        scale: Metres in the scene per metre of the device.
 
     Raises:
-        InputError: axes that are no rotation; in the plane and on a line, which can be seen from behind, they may be
-            mirrored too.
+        InputError: If the axes are not a rotation. In a plane or on a line they may also be mirrored, because a device
+            can be seen from behind.
     """
     d = dimensions
     point = np.zeros(d) if origin is None else np.array(origin, dtype=float)
     if point.shape != (d,):
-        raise InputError("origin", point.tolist(), f"{d} coordinates [m], as the scene has dimensions")
+        raise InputError("origin", point.tolist(), f"{d} coordinates [m], one per dimension of the scene")
     R = np.eye(d) if axes is None else _letters(axes, d) if isinstance(axes, str) else np.array(axes, dtype=float)
     if R.shape != (d, d):
-        raise InputError("axes", axes, f"a matrix {d} x {d}, a row for each axis of the scene")
+        raise InputError("axes", axes, f"a matrix {d} x {d}, one row for each axis of the scene")
     if np.abs(R @ R.T - np.eye(d)).max() > ROUNDING:
-        raise InputError("axes", axes, "rows of length 1 at right angles to one another", "`scale` is for sizes")
+        raise InputError("axes", axes, "orthogonal rows of length 1", "`scale` is for sizes")
     if d == 3 and np.linalg.det(R) < 0.0:
         raise InputError(
-            "axes", axes, "axes that are right-handed: no turning of the device mirrors it", "change the sign of one"
+            "axes", axes, "right-handed axes, because no rotation of the device mirrors them", "change the sign of one"
         )
     return Frame(point, R, scale)
 
 
 def _letters(axes: str, d: int) -> FloatArray:
-    """Read axes such as "x -z y"."""
+    """Parse axes such as "x -z y"."""
     words, letters = axes.split(), LETTERS[:d]
     if sorted(word.removeprefix("-") for word in words) != list(letters):
         example = " ".join(letters) if d < 3 else "x -z y"
         raise InputError(
             "axes", axes, f"each of {', '.join(letters)} once, with or without a minus, such as {example!r}",
-            "the first is the device's axis that is the scene's x",
+            "the first is the device's axis along the scene's x",
         )  # fmt: skip
     R = np.zeros((d, d))
     for row, word in enumerate(words):

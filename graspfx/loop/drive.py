@@ -1,4 +1,4 @@
-"""Motion that a scene's hands excite, intended or as tremor and noise, read from the table of a recording."""
+"""Motion that a scene's hands excite, intended or as tremor and noise, computed from the table of a recording."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from graspfx.loop.operator import NOISE, Operator
 
 FloatArray = NDArray[np.float64]
 
-FASTEST = 10.0  # [Hz]: no operator moves faster
-HARMONICS = 3  # of a sine that contacts and turns may make of it
-CLOSE = 0.05  # of a frequency
+FASTEST = 10.0  # [Hz], upper bound of an operator's intended motion
+HARMONICS = 3  # highest harmonic of a sine that contacts and turns may generate
+CLOSE = 0.05  # relative tolerance of a frequency
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The motions that hands excite some fingers with.
+    """Motions by which hands excite some fingers.
 
     Attributes:
-        parts: each intended motion, and by what its offset is multiplied to be metres at the fingertips.
-        frequencies: of its sines [Hz].
-        complete: False where a hand's motion stands in no table, or a person moves the device.
-        tremors: of the hands, which nobody intends.
-        noises: operators whose muscles' forces have noise in proportion to them.
+        parts: Intended motions, each with the factor that converts its offset to metres at the fingertips.
+        frequencies: Frequencies of its sines [Hz].
+        complete: False if a hand's motion is in no table, or a person moves the device.
+        tremors: Unintended motions of the hands.
+        noises: Operators with signal-dependent noise, proportional to their muscle forces.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]
@@ -41,30 +41,30 @@ class Drive:
     noises: tuple[Operator, ...] = ()
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """Compute all intended offsets at times (M,), (M, c) [m]."""
+        """Return all intended offsets at times (M,), (M, c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def tremor(self, times: NDArray[Any]) -> FloatArray:
-        """Compute the offsets of all tremors at times (M,), (M, c) [m]."""
+        """Return the offsets of all tremors at times (M,), (M, c) [m]."""
         return np.concatenate([np.zeros((len(times), 1)), *(each.over(times) for each in self.tremors)], axis=1)
 
     def noise(self, times: NDArray[Any], depth: float) -> FloatArray:
-        """Compute the offsets that noise of the muscles' forces comes to at times (M,), (M, c) [m].
+        """Return the offsets due to noise of the muscle forces at times (M,), (M, c) [m].
 
         Args:
-            times: [s].
-            depth: displacement of the fingers against the object [m]. The muscles' forces make it, so that a share of
-                them moves a finger by this share of it.
+            times: Times [s].
+            depth: Displacement of the fingers relative to the object [m]. The muscle forces cause it, so a relative
+                change of the forces changes it by the same fraction.
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
-        """Tell whether a motion of this frequency may be a sine of the hands, or what contacts make of it.
+        """Tell whether motion at this frequency may be a sine of the hands or one of its harmonics.
 
         Args:
-            frequency, resolution: [Hz].
+            frequency, resolution: Frequency and its resolution [Hz].
         """
         if not self.complete and frequency < FASTEST:
             return True
@@ -75,19 +75,19 @@ class Drive:
 def drive(
     table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
 ) -> Drive:
-    """Read the drive of these fingers.
+    """Compute the drive of some fingers.
 
     Args:
-        table: of the scene, as a recording's header has it.
-        folder: where its paths start.
-        start: of these fingers (k, d) [m].
-        centre: of their object at the start (d,) [m], about which hands turn that name no other.
+        table: Table of the scene in a recording's header.
+        folder: Folder of the scene's relative paths.
+        start: Initial positions of the fingers (k, d) [m].
+        centre: Initial centre of their object (d,) [m], the default centre of a hand's rotation.
     """
     rows = table.get("finger") or []
     if any(i >= len(rows) for i in fingers):
         return Drive((), (), False)
     by_name = {hand.get("name"): hand for hand in table.get("hand") or []}
-    hands: dict[int, Mapping[str, Any] | None] = {}  # by the first finger of all that they hold
+    hands: dict[int, Mapping[str, Any] | None] = {}  # by the first finger that each hand holds
     held: dict[int, list[int]] = {}
     for i in fingers:
         hand = rows[i].get("hand")
@@ -101,15 +101,15 @@ def drive(
     noises: list[Operator] = []
     complete = all(_is_simulated(table, rows[i]) for i in fingers)
     for first, hand in hands.items():
-        if hand is None:  # nobody's, and nothing moves it
+        if hand is None:  # no hand holds the finger, and nothing moves it
             continue
-        if "kind" in hand:  # a plug-in's, which moves as it likes
+        if "kind" in hand:  # hand of a plug-in, whose motion is arbitrary
             complete = False
             continue
-        complete = complete and hand.get("guide") is None  # whose goals change in mid-run
+        complete = complete and hand.get("guide") is None  # a guided hand has goals that change during a run
         try:
             parts += _parts(hand, folder, start, centre)
-        except (GraspFXError, KeyError, OSError):  # a path's file that is there no more
+        except (GraspFXError, KeyError, OSError):  # the file of a path no longer exists
             complete = False
         tables = [*_listed(hand.get("motion")), *_listed(hand.get("turn"))]
         sines += [float(each["frequency"]) for each in tables if each.get("kind") == "sine"]
@@ -125,7 +125,7 @@ def drive(
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
-    """Tell whether a hand may move a finger: without a hand its device has to be one that stays where it is put."""
+    """Tell whether a hand may move a finger; without a hand, its device must be one that keeps its position."""
     device = finger.get("device")
     if isinstance(device, str):
         device = next((each for each in table.get("device") or [] if each.get("name") == device), None)
@@ -163,7 +163,7 @@ def _parts(
 
 
 def _listed(value: Any) -> list[Mapping[str, Any]]:
-    """List one table, a list of them or none."""
+    """Return a list for one table, a list of tables or None."""
     if value is None:
         return []
     return [value] if isinstance(value, Mapping) else list(value)

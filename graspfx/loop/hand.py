@@ -50,9 +50,9 @@ class Hand:
     """
 
     declaration = HandState
-    followers: Sequence[int] = ()  # entries of the block that go on when a hand takes over another's numbers
-    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide it: offsets (n d), then the squeeze
-    operator: Operator | None = None  # what holds the fingers besides; nothing but spring and damper if None
+    followers: Sequence[int] = ()  # entries of the block that are kept when a hand adopts another's parameters
+    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide the hand: offsets (n d), then the squeeze
+    operator: Operator | None = None  # operator model of the hand; spring and damper only if None
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class Hand:
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
@@ -190,7 +190,7 @@ class JoinedHands:
 
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
-            raise InputError("hands", hands, "one hand at least")
+            raise InputError("hands", hands, "at least one hand")
         self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # entries for r and r' of hands without a kernel
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
@@ -259,7 +259,7 @@ class JoinedHands:
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; a plant takes hold of the hand next."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:

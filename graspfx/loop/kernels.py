@@ -41,7 +41,7 @@ BODIES = (  # block, block beside it, period
     "graspfx.objects.guest.hand_over",
     "graspfx.objects.guest.take_over",
 )
-KERNELS = ("", *PARTS, *HANDS, *BODIES)  # number 0 is none
+KERNELS = ("", *PARTS, *HANDS, *BODIES)  # number 0 means no kernel
 
 _ANNOUNCED: dict[int, Kernel] = {}  # third-party kernels, for interpreted ticks
 

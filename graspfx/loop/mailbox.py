@@ -1,4 +1,4 @@
-"""A mailbox between Python and a vendor's thread, in which alone a device's C functions may be called."""
+"""A mailbox between Python and a vendor's thread, for devices whose C functions may run in that thread only."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from graspfx.loop.device_calls import Calls
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 20  # turns without news from Python, after which forces are zero
-NAP = 2e-4  # between two looks [s]
+PATIENCE = 20  # turns without a message from Python after which forces are zero
+NAP = 2e-4  # time between two checks [s]
 
 
 class Mailbox:
-    """Exchange of some devices with Python, or with a loop without it, in a vendor's thread.
+    """Exchange of some devices with Python or the native loop in a vendor's thread.
 
     The thread calls `unsigned function(void *context)` once a period. In such a turn all devices are asked, then read,
     and written in the reverse order: with the forces that Python has left here, or zero if it has left none for 20
@@ -74,11 +74,11 @@ class Mailbox:
 
     @property
     def turns(self) -> int:
-        """Turns so far."""
+        """Number of turns so far."""
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Give the count of samples of a device so far, and positions and velocities of the last, (k, d) each."""
+        """Return the number of samples of a device, and positions and velocities (k, d) of the last one."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])
@@ -87,18 +87,18 @@ class Mailbox:
                 return before // 2, sample[0], sample[1]
 
     def write(self, i: int, forces: FloatArray) -> None:
-        """Leave forces (k, d) [N] for a device: finite, and within what it may display."""
+        """Set forces (k, d) [N] for a device; they must be finite and within its limit."""
         words = self._device(i)
         news = int(words[at.NEWS]) + 1
         self._orders[i, news % 2] = forces
         words[at.NEWS] = news
 
     def fault(self, i: int) -> int:
-        """Give the code of a device's first fault; 0 for none."""
+        """Return the code of a device's first fault; 0 for none."""
         return int(self._device(i)[at.FAULT])
 
     def wait(self, turns: int, longest: float) -> bool:
-        """Wait for so many turns from now on; tell whether they came within so long [s]."""
+        """Wait up to a time [s] for a number of turns; return whether they were completed."""
         last, end = self.turns + turns, self._now() + longest
         while self.turns < last:
             if self._now() > end:
@@ -107,12 +107,12 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let a loop have the turns, `unsigned function(void *context)`: 1 for a tick, 0 for none."""
+        """Let a loop use the turns, `unsigned function(void *context)`; it returns 1 for a tick, 0 for none."""
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 
     def release(self, longest: float) -> bool:
-        """Take the turns back; tell whether the loop has come back within so long [s]."""
+        """End the loop's use of the turns; return whether it ended within a time [s]."""
         self._words[at.LOOP] = 0
         end = self._now() + longest
         while True:

@@ -18,18 +18,18 @@ DO = "name its key in gx.open(scene, live=[...]) and use session.set"
 
 
 class Watch:
-    """Watched entries of a run's memories, and their expected bits.
+    """Watched entries of a run's memories and their expected bits.
 
     They determine a grasp's P and gains and select what is computed. Reading them all takes a microsecond or two.
 
     Args:
-        objects: whose grasps are watched.
+        objects: Objects whose grasps are watched.
     """
 
     def __init__(self, objects: Sequence[GraspedPart]) -> None:
         self._objects = objects
         self._stretches: list[tuple[FloatArray, int, int]] = []  # memories, with the first entry and the end
-        self._views: list[memoryview] = []  # of the stretches
+        self._views: list[memoryview] = []  # views of the stretches
         self._bits = b""
         self._seen: set[tuple[int, int]] = set()
         self._free = {(id(part.grasped.block), k) for part in objects for k in part.grasped.gain_entries}
@@ -88,11 +88,11 @@ class Watch:
         if (id(array), k) not in self._free:
             part = next(part for part in self._objects if part.grasped.block is array)
             name = f"{part.name}: {name_of(GraspState, k, array)}"
-            raise InputError(name, float(array[k]), f"{value}, which the run and its recording go by", DO)
+            raise InputError(name, float(array[k]), f"{value}, on which the run and its recording depend", DO)
 
 
 def _stretches(entries: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """List the stretches of entries, one or more in order: the first of each, and where it ends."""
+    """List the contiguous ranges of sorted entries: the first of each, and its end."""
     numbers = np.array(entries)
     breaks = np.flatnonzero(np.diff(numbers) > 1)
     firsts, lasts = [entries[0], *numbers[breaks + 1].tolist()], [*numbers[breaks].tolist(), entries[-1]]

@@ -27,13 +27,13 @@ class FingerOperator(Record):
     rise: float  # slope of the stiffness over the grip force [N/m per N]
     damping_rise: float  # [N s/m per N]
     grip_lag: float  # time constant by which the grip force follows the displayed force [s]
-    delay: float  # of the voluntary force [s]
+    delay: float  # delay of the voluntary force [s]
     pull: float  # its stiffness k [N/m]
-    pull_damping: float  # b [N s/m]
-    counter: float  # its share g of the displayed force
-    share: float  # of the muscle's force, that its noise has
-    command_lag: float  # with which the noise follows that force [s]
-    frequency: Floats = floats("24")  # of the noise's sines [rad/s]
+    pull_damping: float  # its damping b [N s/m]
+    counter: float  # fraction g of the displayed force that it counteracts
+    share: float  # noise per muscle force
+    command_lag: float  # time constant with which the noise follows that force [s]
+    frequency: Floats = floats("24")  # frequencies of the sines of the noise [rad/s]
     phase: Floats = floats("24")
 
 
@@ -89,7 +89,7 @@ class Operator:
             finger.array(FingerOperator.phase)[:] = phase
 
     def noise(self, times: FloatArray) -> FloatArray:
-        """Compute share x(t) of each finger at times (M,), (M, n): its noise as a share of the muscle's force."""
+        """Compute share x(t) of each finger at times (M,), (M, n): its noise relative to the muscle force."""
         columns = []
         for i in range(len(self.numbers)):
             finger = self.finger(i)

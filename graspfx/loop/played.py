@@ -18,8 +18,8 @@ from graspfx.loop.safety.trust import DEADMAN
 
 FloatArray = NDArray[np.float64]
 
-ROWS = 4096  # of a recording that are read at once
-Phase = Literal["read", "write", "after"]  # of a tick, in which a fault came
+ROWS = 4096  # rows of a recording that are read at once
+Phase = Literal["read", "write", "after"]  # phase of a tick in which a fault occurred
 PHASES: tuple[Phase, ...] = ("write", "read", "after")
 
 
@@ -185,7 +185,7 @@ class Playback:
 
 
 class _Misses:
-    """The count of samples in a row without a new reading, of a device that is called every so many ticks."""
+    """Number of successive samples without a new reading, for a device that is called at intervals of ticks."""
 
     def __init__(self, every: int) -> None:
         self._every, self._since = every, 0
@@ -196,7 +196,7 @@ class _Misses:
         if is_fresh:
             return 0.0
         if self._since < self._every:
-            return misses  # nobody called it
+            return misses  # the device was not called
         self._since = 0
         return misses + 1.0
 

@@ -133,16 +133,16 @@ class Servo:
         self.safety, self.host = safety, host
         self.fault: RunFault | None = None
         self._nowhere = np.empty((1, layout.width))
-        self.row = np.zeros(layout.width)  # of the last tick that was recorded
+        self.row = np.zeros(layout.width)  # last recorded row
         self._kind, self._record, self._memory = engine, record, memory
-        self._engine: Engine | None = None  # made at the first tick
+        self._engine: Engine | None = None  # created at the first tick
         self.watch = Watch(objects)  # of numbers that only `write` changes
-        self._foreign_faults: list[str] = []  # faults of parts that are no kernels
+        self._foreign_faults: list[str] = []  # faults of parts that are not kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
-        self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
-        self._io: DeviceExchange | LoopLog | Playback  # that readings come from
-        self.native: NativeLoop | None = None  # of ticks without Python, made ready by `prepare`
-        self._periods = 1  # of the wall's clock since the last tick
+        self._stop_faults: list[str] = []  # faults of devices that could not be stopped, not recorded yet
+        self._io: DeviceExchange | LoopLog | Playback  # source of the readings
+        self.native: NativeLoop | None = None  # loop without Python, set up by `prepare`
+        self._periods = 1  # wall-clock periods since the last tick
 
     @property
     def coupling(self) -> dict[str, Any]:
@@ -192,7 +192,7 @@ class Servo:
         engine = self._ready()
         self._rehearse(engine)
         if self.hardware and isinstance(engine, Compiled):
-            Pacer(self.period, machine=True)  # compiles what the run's own takes
+            Pacer(self.period, machine=True)  # compiles the kernels that the run's pacer needs
             for each in self._devices.hardware.ports:
                 each.readings.compile()
         if self._record and isinstance(engine, Compiled) and not self.why_python:
@@ -207,7 +207,7 @@ class Servo:
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
         own = self.hardware or self.native is not None or not arena.is_whole
-        if others or own or any(part.grasped.matrices for part in self.objects):  # which count warnings
+        if others or own or any(part.grasped.matrices for part in self.objects):  # these count warnings
             return None
         return memory.floats[: memory.used].copy()
 
@@ -230,7 +230,7 @@ class Servo:
             for is_faulted in (False, True):
                 if is_faulted:
                     latch(self._own, 0, FOREIGN, 0, 0)
-                while not engine.run(0, 1, 0):  # up to its devices' writing, and from there on
+                while not engine.run(0, 1, 0):  # up to the writing of its devices, and from there on
                     pass
         finally:
             for array, copy in zip(arrays, copies, strict=True):
@@ -302,7 +302,7 @@ class Servo:
         for each, other in update.parts:
             each.adopt(other)
         for wiring in (self.plants[j] for j in update.plants):
-            if isinstance(wiring.plant, FusedPlant):  # others are handed their hand in every tick
+            if isinstance(wiring.plant, FusedPlant):  # other plants receive their hand in every tick
                 wiring.plant.hold(wiring.hand, self.period)
         self.watch.note()
         if recorder is not None:
@@ -352,14 +352,14 @@ class Servo:
         """Run ticks in machine code only, up to the first fault."""
         try:
             done = engine.run(self.ticks, count, row)
-        except BaseException:  # raised by other software: the ticks before are kept
+        except BaseException:  # raised by other software; the ticks before it are kept
             if self._arena.world.failed:
                 self._arena.world.failed = False
                 self._finish_tick(self._arena.world.done, recorder)
             raise
         self._finish_tick(done, recorder)
         if self._arena.guests and self._own.faulted and self._own.tick == self.ticks - 1:
-            self._exchange()  # that of the tick with the fault, which says how things stood before
+            self._exchange()  # exchange of the tick with the fault
 
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
         """Run ticks, each at its deadline. Hardware that waits too long is a fault; forces decay at the end."""
@@ -424,7 +424,7 @@ class Servo:
                 self._display(k)
             is_stopped = self._own.faulted
         else:
-            is_stopped = True  # no device is written to
+            is_stopped = True  # no device is written
         engine.run(k, 1, row)
         if not tick.world.exchanging or (self._own.faulted and self._own.tick == k):
             self._exchange()
@@ -432,7 +432,7 @@ class Servo:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
-        if self._own.faulted and not is_stopped:  # what has moved cannot go on: its forces end now
+        if self._own.faulted and not is_stopped:  # a computation that failed cannot continue: its forces end now
             self._stop()
         self._finish_tick(1, recorder)
 

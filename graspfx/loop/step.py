@@ -62,7 +62,7 @@ def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
         world.phase = BEGIN
         end(world, servo, k, r, rows)
         i += 1
-        if servo.faulted and servo.tick == k:  # an exchange with other software is left to the caller
+        if servo.faulted and servo.tick == k:  # the caller handles an exchange with other software
             return i
         if world.exchanging:
             exchange(world)
@@ -117,7 +117,7 @@ def carry(memory: Floats, wire: Wire) -> None:
 
 @kernel
 def take(world: World, servo: ServoState, k: int) -> None:
-    """Take the motion that other software gave its bodies after the last tick."""
+    """Copy the motion that other software gave its bodies after the last tick."""
     memory = Floats(world.buffer, 0)
     for body in world.bodies:
         if body.guest and memory[body.stuck] == 0.0:
@@ -180,7 +180,7 @@ def couple_objects(world: World, servo: ServoState, k: int) -> None:
                 code = couple_to_host(world, servo, grasp, k)
             elif grasp.safety != NONE:
                 code = couple_safely(world, grasp)
-            elif grasp.limited:  # what the object receives is what is displayed
+            elif grasp.limited:  # the object receives the displayed force
                 code = conclude(state, limit(state, couple(state)))
             else:
                 code = sample(state)
@@ -216,7 +216,7 @@ def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)
     pace.host = host.quiet
-    pace.soft = soft_share(host.begun, pace)  # from the host's first sample on
+    pace.soft = soft_share(host.begun, pace)  # counted from the host's first sample
     soften(state, safety, pace, code)
     apply_gain(state, safety)
     if code != 0:
@@ -226,7 +226,7 @@ def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int
 
 @kernel
 def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None:
-    """Brake, then restrain the forces of an object; the ledger stores what is displayed."""
+    """Apply the passivity controller, then limit the forces of an object; the ledger stores the displayed forces."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     ledger = LedgerState(world.buffer, grasp.ledger)
     if grasp.ledger != NONE:
@@ -241,7 +241,7 @@ def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None
 
 @kernel
 def add_work(world: World, servo: ServoState, k: int) -> None:
-    """Add the work of the last sample's forces at the fingertips; keep where these are now."""
+    """Add the work of the last sample's forces at the fingertips, and store the present fingertip positions."""
     memory, d = Floats(world.buffer, 0), world.dimensions
     working = k > 0 and not servo.faulted
     for finger in world.fingers:
@@ -256,7 +256,7 @@ def add_work(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def release(world: World) -> None:
-    """Let go of every object."""
+    """Release every object."""
     for grasp in world.grasps:
         let_go(GraspState(world.buffer, grasp.state))
 
@@ -313,7 +313,7 @@ def record(world: World, k: int, r: int, rows: Floats) -> None:
 
 @kernel
 def move(world: World, servo: ServoState, k: int) -> None:
-    """Move the bodies; tell other software the wrenches on those that it moves.
+    """Move the bodies, and pass the wrenches on to other software that moves some of them.
 
     The force of tick k has already been displayed and recorded. A fault of a body or plant is therefore a fault of tick
     k + 1, the first one without force.
@@ -329,7 +329,7 @@ def move(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def exchange(world: World) -> None:
-    """Let other software move its bodies: push them, step, read them."""
+    """Let other software move its bodies: apply the wrenches, step, and read the motion."""
     memory = Floats(world.buffer, 0)
     for each in world.exchanges:
         if memory[each.stuck] == 0.0 and not world.failed:
@@ -354,7 +354,7 @@ def advance(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def ask(world: World, plant: Plant, servo: ServoState, k: int) -> None:
-    """Ask a hand for its targets in the coming sample: in its middle, if the plant takes them, and at its end."""
+    """Compute a hand's targets in the next sample: in its middle, if the plant needs them, and at its end."""
     memory, n, T = Floats(world.buffer, 0), plant.width, servo.period
     position, velocity = plant.target_position, plant.target_velocity
     if plant.middle_position != NONE:

@@ -1,8 +1,8 @@
-"""What the step does in one scene: the kernels that ran in some of its ticks, and what of `steps` it skipped, and why.
+"""Listing of the step in one scene: the kernels that some of its ticks ran, the skipped parts of `steps`, and why.
 
-Nothing here is a table of what scenes need. Ticks are run interpreted and every call of a kernel is noted; what did
-not run is found in the source of `graspfx.loop.step`, and the reason is the first condition on the way to it that the
-scene's `World` does not meet.
+The listing comes from no table. Ticks run interpreted and every call of a kernel is recorded. Calls that did not
+occur are found in the source of `graspfx.loop.step`; the reason is the first condition before them that the scene's
+`World` does not satisfy.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from graspfx.loop.servo import Servo
 
 FloatArray = NDArray[np.float64]
 
-TICKS = 200  # that are watched
-WIDTH = 52  # of the names
-BETWEEN = "kernels.py", "engine.py", "lowering.py", "kernel_checks.py"  # files whose functions hand a call on
+TICKS = 200  # number of ticks observed
+WIDTH = 52  # width of the names
+BETWEEN = "kernels.py", "engine.py", "lowering.py", "kernel_checks.py"  # files whose functions only forward a call
 LOWERED_FILE = ", lowered>"
 BY_NUMBER = "invoke", "invoke_at", "invoke_beside", "call"  # callers of a part's kernel
 HANDING = "invoke", "invoke_at", "invoke_beside", "run", "checked", "first"
@@ -42,14 +42,14 @@ HANDING = "invoke", "invoke_at", "invoke_beside", "run", "checked", "first"
 
 @dataclass(eq=False)
 class Call:
-    """A kernel where it was called from.
+    """A kernel and its callees.
 
     Attributes:
-        name: of the function.
-        code: of the function that ran.
-        count: of its calls.
-        parts: of the scene for which it was called, in the order of their first calls.
-        calls: of other kernels by it, by their codes, in the order in which they came first.
+        name: Name of the function.
+        code: Code of the function that ran.
+        count: Number of calls.
+        parts: Parts of the scene for which it was called, in the order of their first calls.
+        calls: Its calls of other kernels, by their code, in the order of their first calls.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Call:
     calls: dict[CodeType, Call] = field(default_factory=dict)
 
     def walk(self, depth: int = 0) -> Iterator[tuple[int, Call]]:
-        """Give itself and all that was called below it, each with its depth."""
+        """Yield this call and all calls below it, each with its depth."""
         yield depth, self
         for each in self.calls.values():
             yield from each.walk(depth + 1)
@@ -70,10 +70,10 @@ class Skipped:
     """A call in `graspfx.loop.step` that no tick made.
 
     Attributes:
-        stage: the function that it stands in.
-        name: of what would be called.
-        line: of the call.
-        why: the scene does not make it.
+        stage: Function that contains the call.
+        name: Name of the function that would be called.
+        line: Line of the call.
+        why: Reason why the scene does not make it.
     """
 
     stage: str
@@ -84,12 +84,12 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Used:
-    """What some ticks of a scene did.
+    """Result of running some ticks of a scene.
 
     Attributes:
-        ticks: that were watched.
-        root: `steps`.
-        skipped: calls of the step that none of them made.
+        ticks: Number of ticks observed.
+        root: Call of `steps`.
+        skipped: Calls of the step that no tick made.
     """
 
     ticks: int
@@ -108,7 +108,7 @@ class Used:
 
 
 class _Rows:
-    """Rows of the ticks that are watched, which nobody reads."""
+    """Rows of the observed ticks, which are discarded."""
 
     def __init__(self, ticks: int, width: int) -> None:
         self._rows, self._ticks = np.empty((ticks, width)), 0
@@ -131,18 +131,18 @@ class _Rows:
 
 
 def used(servo: Servo, ticks: int = TICKS) -> Used:
-    """Run ticks of a servo interpreted, and find what ran of the step; it has to be at its beginning.
+    """Run ticks of a new servo interpreted, and find which parts of the step ran.
 
-    Hardware is neither read nor moved: its fingers stay where they are in a scene that nobody has read.
+    Hardware is neither read nor moved; its fingers stay at their positions in an unread scene.
     """
     arena = servo.arena
     watch = _Watch(arena)
-    servo._engine = engine = Interpreted(arena)  # whatever engine the scene names
+    servo._engine = engine = Interpreted(arena)  # replaces the engine that the scene names
     if servo.hardware:
         engine.write_to(np.empty((ticks, servo.layout.width)))
         with watch:
             for k in range(ticks):
-                while not engine.run(k, 1, k):  # up to its devices' writing, and from there on
+                while not engine.run(k, 1, k):  # up to the writing of its devices, and from there on
                     pass
     else:
         with watch:
@@ -151,14 +151,14 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
 
 
 def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
-    """List what ran of the step in a scene's first ticks, in its order, and what was skipped, with the reason."""
+    """List what ran of the step in a scene's first ticks, in order, and what was skipped, with the reason."""
     found = used(servo, ticks)
-    lines = [f"what ticks 0 to {found.ticks - 1} ran, in its order: calls in a tick, for what, and where it stands", ""]
+    lines = [f"what ticks 0 to {found.ticks - 1} ran, in order: calls per tick, parts, and source", ""]
     for depth, call in found.root.walk():
         often = f"{call.count / found.ticks:.4g}"
         name = f"{'  ' * depth}{call.name}"
         lines.append(f"{name:<{WIDTH}} {often:>6}  {_listed(list(call.parts)):<32}  {_place(call.code)}".rstrip())
-    lines += ["", "what they skipped of graspfx/loop/step.py, and why", ""]
+    lines += ["", "skipped calls of graspfx/loop/step.py, and the reason", ""]
     groups: dict[tuple[str, str], list[str]] = {}
     for each in found.skipped:
         groups.setdefault((each.name, each.why), []).append(f"{each.stage}:{each.line}")
@@ -169,12 +169,12 @@ def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
 
 
 class _Watch:
-    """Notes calls of kernels within a `with` block."""
+    """Record calls of kernels within a `with` block."""
 
     def __init__(self, arena: Arena) -> None:
         self.root = Call("steps", source_function(step.steps).__code__)
         self._parts = _Places(arena)
-        self._calls: dict[FrameType, Call] = {}  # of kernels that run now
+        self._calls: dict[FrameType, Call] = {}  # of running kernels
         self._stack: list[Any] = []
         self._before: Any = None
 
@@ -211,12 +211,12 @@ class _Watch:
 
 
 def _hands_on(code: CodeType) -> bool:
-    """Tell whether a function only stands between a kernel and one that it calls."""
+    """Tell whether a function only forwards a call between two kernels."""
     return code.co_name in HANDING and Path(code.co_filename).name in BETWEEN
 
 
 def _is_kernel(code: CodeType) -> bool:
-    """Tell whether a function that a kernel called is one itself, and no buffer's method or the compiler's."""
+    """Tell whether a function called by a kernel is a kernel, not a method of a buffer or part of the compiler."""
     if code.co_filename.endswith(LOWERED_FILE):
         return True
     own = str(Path(graspfx.__path__[0]) / "compile")
@@ -224,7 +224,7 @@ def _is_kernel(code: CodeType) -> bool:
 
 
 class _Places:
-    """Which part of a scene a kernel works on, by the place of the memory that it is given."""
+    """The part of a scene that a kernel works on, by the place in memory that it receives."""
 
     def __init__(self, arena: Arena) -> None:
         parts, self._ranges = arena.parts, list[tuple[int, int, str]]()
@@ -254,7 +254,7 @@ class _Places:
                 add(_state(each), _listed([names[f] for f in m.fingers.tolist() if f >= 0]))
 
     def of(self, frame: FrameType) -> str | None:
-        """Name the part; a finger if it is given one beside its object."""
+        """Return the name of the part; that of a finger if the kernel receives one beside its object."""
         code, values = frame.f_code, frame.f_locals
         arguments = [values[name] for name in code.co_varnames[: code.co_argcount]]
         found = [
@@ -275,7 +275,7 @@ def _state(part: object) -> FloatArray | None:
 
 # What did not run -----------------------------------------------------------------------------------------------------
 
-ONE = "world", "servo"  # of which a scene has one
+ONE = "world", "servo"  # records that occur once per scene
 STAGES = {
     name: each
     for name, each in vars(step).items()
@@ -284,12 +284,12 @@ STAGES = {
 
 
 def _is_stage(call: Call) -> bool:
-    """Tell whether a kernel is one of the step itself; parts may have kernels of the same name."""
+    """Tell whether a kernel belongs to the step; parts may have kernels of the same name."""
     return call.code.co_filename == f"<{step.__name__}.{call.name}{LOWERED_FILE}"
 
 
 def _skipped(arena: Arena, root: Call) -> Iterator[Skipped]:
-    """List the calls of stages that ran, and that no tick made, each with the first condition that was not met."""
+    """List the calls that the stages never made, each with the first condition that was not satisfied."""
     ran: dict[str, set[CodeType]] = {}
     for _, call in root.walk():
         if _is_stage(call):
@@ -312,7 +312,7 @@ Guard = tuple[ast.expr, bool] | ast.For
 
 
 def _calls(body: Sequence[ast.stmt], guards: tuple[Guard, ...]) -> Iterator[tuple[ast.Call, tuple[Guard, ...]]]:
-    """List calls within statements, with the loops and conditions that lead to each."""
+    """List calls within statements, each with the enclosing loops and conditions."""
     for statement in body:
         if isinstance(statement, ast.If):
             yield from ((c, guards) for c in _within(statement.test))
@@ -331,7 +331,7 @@ def _within(node: ast.AST) -> Iterator[ast.Call]:
 
 
 def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
-    """Say which loop was empty, or which condition no record meets."""
+    """Return which loop was empty, or which condition no record satisfies."""
     scopes: list[dict[str, Any]] = [{"world": arena.world, "servo": arena.servo}]
     for guard in guards:
         if isinstance(guard, ast.For):
@@ -346,11 +346,11 @@ def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
                 return _words(part, wanted)
             scopes = met
     last = next((guard for guard in reversed(guards) if not isinstance(guard, ast.For)), None)
-    return "it did not come to that" if last is None else _words(*last)
+    return "it was not reached" if last is None else _words(*last)
 
 
 def _bound(loop: ast.For, scope: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Bind the variable of a loop over records to each of them; a loop over others binds nothing."""
+    """Bind the variable of a loop over records to each of them; other loops bind nothing."""
     source, target = loop.iter, loop.target
     if isinstance(source, ast.Call) and isinstance(source.func, ast.Name) and source.func.id == "enumerate":
         source = source.args[0]
@@ -369,7 +369,7 @@ def _table(loop: ast.For) -> str:
 
 
 def _value(node: ast.expr, scope: dict[str, Any]) -> Any:
-    """Evaluate an expression on the world; None where it is on what only a tick knows."""
+    """Evaluate an expression on the world; None if it depends on values of a tick."""
     try:
         return eval(compile(ast.Expression(node), "<condition>", "eval"), vars(step) | scope)
     except (NameError, TypeError, AttributeError, ValueError):
@@ -378,14 +378,14 @@ def _value(node: ast.expr, scope: dict[str, Any]) -> Any:
 
 def _holds(test: ast.expr, scope: dict[str, Any]) -> bool | None:
     names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-    if "servo" in names:  # a fault comes and goes
+    if "servo" in names:  # faults change during a run
         return None
     value = _value(test, scope)
     return None if value is None else bool(value)
 
 
 def _words(test: ast.expr, wanted: bool) -> str:
-    """Say of a condition that no record of the world meets it."""
+    """Describe a condition that no record of the world satisfies."""
     match test:
         case ast.UnaryOp(ast.Not(), operand):
             return _words(operand, not wanted)
@@ -405,12 +405,12 @@ def _words(test: ast.expr, wanted: bool) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """List names, few of many."""
+    """List names, abbreviated if there are many."""
     return ", ".join(names) if len(names) < 5 else f"{names[0]}, ..., {names[-1]} ({len(names)})"
 
 
 def _place(code: CodeType) -> str:
-    """Name the file and line of a function as it is written."""
+    """Return the file and line of a function."""
     file, line = code.co_filename, code.co_firstlineno
     if file.endswith(LOWERED_FILE):
         module, _, name = file[1:].removesuffix(LOWERED_FILE).rpartition(".")

@@ -20,14 +20,14 @@ SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exa
 
 
 class VelocityEstimate(Record):
-    """The state of one component's estimate: its settings, and its last positions in a ring."""
+    """State of one component's estimate: its settings, and its last positions in a ring buffer."""
 
-    period: float  # T [s]
-    noise: float  # the sensor's largest error
-    length: int  # the longest window [samples]
-    filled: int  # positions in the ring
-    head: int  # where the newest stands
-    used: int  # the window of the last estimate [samples], 0 for none
+    period: float  # sampling period T [s]
+    noise: float  # largest error of the sensor
+    length: int  # longest window [samples]
+    filled: int  # number of positions in the ring buffer
+    head: int  # index of the newest position
+    used: int  # window of the last estimate [samples], 0 for none
     positions: Floats = floats("length + 1")
 
 
@@ -150,7 +150,7 @@ def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
 
 
 class VelocityEstimator:
-    """First-order adaptive windowing, end fit, each component by itself.
+    """First-order adaptive windowing with end fit, for each component separately.
 
         v_k = (x_k - x_(k-n)) / (n T)
 
@@ -159,9 +159,9 @@ class VelocityEstimator:
     for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). Motion that changes gets a short
     window, steady motion a long one.
 
-    For a sensor whose error is at most h and a motion whose acceleration is at most A,
-    |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
-    while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
+    For a sensor error of at most h and an acceleration of at most A, |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The
+    first term is noise, the second the delay of the window's centre by n T / 2. Windows longer than 1 reduce the error
+    if h / T exceeds A T, for a fast loop or a coarse sensor; otherwise the plain difference (window 1) is equally good.
 
     For samples at irregular times, pass the times to `update`. It then uses the true intervals, and an unchanged time
     leaves the velocity unchanged. For regular samples of which some are lost, call `miss` for each lost one: lost
@@ -206,11 +206,11 @@ class VelocityEstimator:
         states.array(VelocityEstimate.noise)[:] = noise
         states.array(VelocityEstimate.length)[:] = self._length
         self._times: FloatArray = np.zeros((self._count, self._length + 1))
-        self._time = -np.inf  # of the last sample that had one [s]
+        self._time = -np.inf  # time of the last sample that had one [s]
         self._missed = np.zeros(1, dtype=np.int64)  # samples since the last one
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
-        # Floats from a memoryview cost half as much as array items.
+        # Floats from a memoryview take half as long as array items.
         self._entries: Any = self._state.data
         self._x: Any = self._position.reshape(-1).data
         self._v: Any = self._velocity.reshape(-1).data
@@ -259,7 +259,7 @@ class VelocityEstimator:
             for j in range(self._count):
                 v[j] = after(S, j * self._size, x[j], missed)
             return self._velocity
-        component = source_function(estimate)  # without a view for each
+        component = source_function(estimate)  # without a view for each component
         for j in range(self._count):
             v[j] = component(S, j * self._size, x[j])
         return self._velocity

@@ -9,35 +9,35 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
 
-NONE = 0  # a place that a part does not have
-CHUNK = 1024  # ticks for which the targets of a hand in plain Python are known ahead
+NONE = 0  # place of a block that a part does not have
+CHUNK = 1024  # number of ticks for which the targets of a hand in plain Python are computed in advance
 
-# kinds of what cannot go on; FOREIGN is plain Python, NATIVE a device by C functions
+# kinds of parts that cannot continue; FOREIGN is plain Python, NATIVE a device with C functions
 STATION, OBJECT_, MOVER, PLANT, FOREIGN, SAFETY, NATIVE = range(7)
 
-BEGIN, WRITE = 0, 1  # phases of a tick: it is to begin, or its devices are to be written
-STILL, KERNEL, TABLE = 0, 1, 2  # hands: one that keeps still, a kernel, one in plain Python that was asked beforehand
+BEGIN, WRITE = 0, 1  # phases of a tick: it begins, or its devices are written
+STILL, KERNEL, TABLE = 0, 1, 2  # kinds of hands: constant, a kernel, or plain Python with a table of targets
 
 
 class ServoState(Record):
-    """The memory of a tick: the first fault, the failed part, and each finger's force, position and energy."""
+    """Memory of a tick: the first fault, the failed part, and each finger's force, position and energy."""
 
     faulted: bool
-    tick: int  # of the first fault
-    kind: int  # what could not go on,
-    index: int  # which of its kind,
-    code: int  # and why
-    period: float  # T [s]
-    table_start: int  # the tick that the targets of hands in plain Python begin with
+    tick: int  # tick of the first fault
+    kind: int  # kind of the part that failed,
+    index: int  # its index among its kind,
+    code: int  # and the cause
+    period: float  # sampling period T [s]
+    table_start: int  # first tick of the target tables of hands in plain Python
     bodies: int
     plants: int
     fingers: int  # n
     dimensions: int  # d
-    stuck_bodies: Floats = floats("bodies")  # 1 for one that cannot go on
+    stuck_bodies: Floats = floats("bodies")  # 1 for a body that cannot continue
     stuck_plants: Floats = floats("plants")
     displayed: Table = table("fingers", "dimensions")  # force on each operator [N]
     before: Table = table("fingers", "dimensions")  # position of each fingertip one sample ago [m]
-    energy: Floats = floats("fingers")  # work that each device did [J]
+    energy: Floats = floats("fingers")  # work done by each device [J]
 
 
 @kernel
@@ -52,7 +52,7 @@ def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
 
 
 class Wire(Record):
-    """Entries that are copied."""
+    """Entries to be copied."""
 
     to: int
     source: int
@@ -62,20 +62,20 @@ class Wire(Record):
 class Finger(Record):
     """Places of one finger's quantities, d entries each."""
 
-    position: int  # as its device read it, in its object's block [m]
+    position: int  # as read from its device, in its object's block [m]
     velocity: int  # [m/s]
-    force: int  # on the object [N]
-    limit: int  # the largest force that its device displays where it is [N]
+    force: int  # force on the object [N]
+    limit: int  # largest force that its device displays at this position [N]
     displayed: int  # force on the operator [N]
-    tip: int  # where the fingertip truly is, or where it was read if that is not known [m]
-    before: int  # where it was one sample ago [m]
-    energy: int  # work that the device did on it so far [J]
+    tip: int  # true position of the fingertip, or its reading if that is unknown [m]
+    before: int  # position one sample ago [m]
+    energy: int  # work done by the device on the finger so far [J]
 
 
 class Channel(Record):
     """One channel of a device: places of a finger's readings and of the force to display."""
 
-    finger: int  # its number
+    finger: int  # index of the finger
     position: int
     velocity: int
     limit: int
@@ -85,11 +85,11 @@ class Channel(Record):
 class Device(Record):
     """A device; one in plain Python is read and written by the caller of `steps`."""
 
-    plain: bool  # Python
-    state: int  # its block; of a plain one an entry, whether it could be read
-    first: int  # of `channels`
+    plain: bool  # in plain Python
+    state: int  # its block; for a plain device an entry that tells whether it could be read
+    first: int  # first of its `channels`
     count: int
-    first_sensed: int  # of `wires`: what its sensors see of its plant
+    first_sensed: int  # first of its `wires`, which copy the sensed state of its plant
     sensed: int
     reading: int  # kernels, by number or address
     writing: int
@@ -102,11 +102,11 @@ class Grasp(Record):
     state: int
     ledger: int
     safety: int
-    host: int  # of a scene whose object another program has
-    stuck: int  # entry of its body
+    host: int  # place of the host if another program has the object
+    stuck: int  # entry for its body
     limited: bool
-    steered: bool  # a gain may change in mid-run
-    met: Wire  # the wrench of planes on the body, for the ledger
+    steered: bool  # a gain may change during a run
+    met: Wire  # wrench of planes on the body, for the ledger
 
 
 class Body(Record):
@@ -117,13 +117,13 @@ class Body(Record):
     state: int
     beside: int  # block of a floor, or a guest's part of its buffer
     guest: bool
-    stepping: int  # kernels; of a guest the one that hands its wrench over
-    predicting: int  # under the implicit integrator; NONE else
-    taking: int  # of a guest
+    stepping: int  # kernels; for a guest the one that passes its wrench on
+    predicting: int  # for the implicit integrator, else NONE
+    taking: int  # for a guest
 
 
 class Exchange(Record):
-    """An exchange with other software by machine code."""
+    """An exchange with other software in machine code."""
 
     stuck: int
     address: int
@@ -137,35 +137,35 @@ class Plant(Record):
     stuck: int
     state: int
     kernel: int
-    first: int  # of `wires`: efforts of its devices
+    first: int  # first of its `wires`, which copy the efforts of its devices
     count: int
     width: int  # n d
     hand_kind: int
-    hand: int  # its block, or its table
+    hand: int  # place of its block or its table
     hand_kernel: int
     target_position: int  # in the hand's block
     target_velocity: int
-    middle_position: int  # in the plant's block, NONE where it does not ask for the middle of a sample
+    middle_position: int  # in the plant's block, NONE if it needs no targets in the middle of a sample
     middle_velocity: int
     end_position: int
     end_velocity: int
 
 
 class World(Record):
-    """What a tick runs over."""
+    """Index of all parts of a scene, over which a tick runs."""
 
     phase: int  # BEGIN or WRITE
-    pauses: bool  # the caller is wanted after each tick: it reads devices, moves bodies or plants in plain Python
-    ports: int  # devices in plain Python
+    pauses: bool  # return to the caller after each tick, who runs devices, bodies or plants in plain Python
+    ports: int  # number of devices in plain Python
     exchanging: bool  # machine code exchanges with other software after each tick
-    failed: bool  # such an exchange has raised an exception,
-    done: int  # ticks of its call that were done before
+    failed: bool  # an exchange raised an exception
+    done: int  # number of ticks of that call completed before
     dimensions: int  # d
-    width: int  # of a row
+    width: int  # width of a row
     every: int  # ticks from one recorded row to the next
-    recorded: int  # numbers of a row, 0 without recording
+    recorded: int  # values per recorded row, 0 without recording
     servo: int
-    pace: int  # of the safety chain
+    pace: int  # place of the safety chain's memory
     finger_count: int
     channel_count: int
     device_count: int
@@ -183,4 +183,4 @@ class World(Record):
     exchanges: Many[Exchange] = many("exchange_count")
     plants: Many[Plant] = many("plant_count")
     wires: Many[Wire] = many("wire_count")
-    columns: Floats = floats("column_count")  # where each number of a row stands
+    columns: Floats = floats("column_count")  # place of each value of a row

@@ -148,7 +148,7 @@ class Jitter:
             deadline += late // step * step
 
     def findings(self) -> Iterator[Finding]:
-        """Judge the machine, which may skip ticks, and the pacer, which may skip more than the bare loop."""
+        """Judge the skipped ticks of the machine, and those of the pacer in excess of the bare loop's."""
         ours, bare = self.pacer.figures, self.bare.figures
         text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms skipped"
         bad = self.missed > MISSED * self.ticks

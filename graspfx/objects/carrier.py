@@ -68,7 +68,7 @@ class CarriedBody(BlockBody):
         self.handing(self._body, self.part, T)
 
     def take_over(self, T: float) -> int:
-        """Write the motion after a step of T [s] to the block; return 0, or a code if the body cannot go on."""
+        """Write the motion after a step of T [s] to the block; return 0, or a code if the body cannot continue."""
         body, part = self._body, self.part  # as local names, since every call of a run ends here
         return int(source_function(self.taking)(body.buffer, body.offset, part.buffer, part.offset, T))
 
@@ -139,18 +139,18 @@ class Carrier:
         self._exchange()
 
     def take(self) -> int:
-        """Write the last readings to the blocks; return 0, or the code of the first body that cannot go on."""
+        """Write the last readings to the blocks; return 0, or the code of the first body that cannot continue."""
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
-        """Explain why a body cannot go on."""
+        """Explain why a body cannot continue."""
         return str(self._fault(code))
 
     def step(self, T: float) -> None:
         """Advance every body by T [s] under the held wrench in its block, and its contacts.
 
         Raises:
-            InputError: T is not a finite time above zero, or a body cannot go on.
+            InputError: T is not a finite time above zero, or a body cannot continue.
         """
         self.hold(T)
         for one in self._moving:

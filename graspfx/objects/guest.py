@@ -55,7 +55,7 @@ class Guest(Protocol):
 
     At the end of a tick, a run computes the wrenches for the software: `handing(S, o, F, f, T)` for each body whose
     block starts at S[o] and whose part of the buffer starts at F[f]. It then calls `exchange`. At the beginning of the
-    next tick it takes the motion: `taking(S, o, F, f, T)` returns 0, or a code if the body cannot go on.
+    next tick it takes the motion: `taking(S, o, F, f, T)` returns 0, or a code if the body cannot continue.
     """
 
     @property
@@ -88,11 +88,11 @@ class Guest(Protocol):
         """Send the wrenches, step the software, and receive the motions: the only Python call of a tick."""
 
     def take(self) -> int:
-        """Take the last motions once; return 0, or the code of the first body that cannot go on."""
+        """Take the last motions once; return 0, or the code of the first body that cannot continue."""
         ...
 
     def fault_text(self, code: int) -> str:
-        """Explain why a body cannot go on."""
+        """Explain why a body cannot continue."""
         ...
 
 

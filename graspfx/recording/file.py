@@ -91,7 +91,7 @@ def write_recording(
             about = (layout, header, outcome)
             try:
                 _write(draft, rows, size, *about, compression, done, sync=sync)
-            except NotWhole:  # as for lost rows, which are NaN
+            except NotWhole:  # for example for lost rows, which are NaN
                 _write(draft, rows, size, *about, compression, done, sync=sync, plain=True)
             _read_back(draft, 0 if compression != "none" else (len(rows) - 1) // size * size, len(rows), size)
         draft.replace(place)
@@ -227,7 +227,7 @@ def _make_variables(
             data.dims[i].attach_scale(scales[name])
         data.attrs["long_name"] = column.meaning
         if column.kind == "bool" and not plain:
-            data.attrs["dtype"] = "bool"  # as xarray marks it
+            data.attrs["dtype"] = "bool"  # the mark that xarray uses
     return variables
 
 
@@ -389,7 +389,7 @@ def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
     """
     place = recording_file(path)
     if not place.is_file():
-        raise RecordingError(f"{place}: there is no such file")
+        raise RecordingError(f"{place}: the file does not exist")
     if place.suffix == ".toml":
         raise RecordingError(f"{place}: is a scene, not a recording: run it first")
     try:
@@ -407,7 +407,7 @@ def _read_hdf5(place: Path) -> Content:
         require_contained(file, place)
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
-            raise ValueError("it was changed since it was written: its digest is gone")
+            raise ValueError("it was changed since it was written: its digest is missing")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
         _require_variables(file, layout, number)
@@ -445,23 +445,23 @@ def require_contained(file: Any, place: Path) -> None:
     for name, kind in links:
         text = name.decode(errors="replace")
         if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
-            raise ValueError(f"{text} is a link to another file; nothing of that is read")
+            raise ValueError(f"{text} is a link to another file, which is not read")
         if kind == h5py.h5l.TYPE_SOFT or h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
             continue
         data = h5py.h5d.open(file.id, name)
         storage = data.get_create_plist()
         if storage.get_external_count():
-            raise ValueError(f"{text} stands in another file (external storage); nothing of that is read")
+            raise ValueError(f"{text} is stored in another file (external storage), which is not read")
         if storage.get_layout() == h5py.h5d.VIRTUAL:
             maps = range(storage.get_virtual_count())
             if any(storage.get_virtual_filename(k) != "." for k in maps):
-                raise ValueError(f"{text} stands in another file (a virtual data set); nothing of that is read")
+                raise ValueError(f"{text} is stored in another file (virtual data set), which is not read")
             sources.update(storage.get_virtual_dsetname(k) for k in maps)
         elif math.prod(data.shape) * data.get_type().get_size() > room:
             raise ValueError(f"{text} claims to be {data.shape} of {data.dtype}, more than its file can hold")
     for source in sources:  # HDF5 crashes if a virtual data set refers to itself
         if h5py.h5d.open(file.id, source.encode()).get_create_plist().get_layout() == h5py.h5d.VIRTUAL:
-            raise ValueError(f"{source} is virtual, and so is what stands in it; nothing of that is read")
+            raise ValueError(f"{source} is a virtual data set of virtual data sets, which is not read")
 
 
 def _require_variables(file: Any, layout: Layout, number: int) -> None:

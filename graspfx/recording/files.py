@@ -142,9 +142,9 @@ def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, 
     for file in files:
         if is_part(file):
             if file.exists() and (file.is_dir() or file.stat().st_size > 0):
-                raise RecordingError(f"{file}: is there already, of a run that goes on or was killed; {remedy}")
+                raise RecordingError(f"{file}: exists already, from a run that is active or was killed; {remedy}")
         elif file.exists() or file.is_symlink():
-            raise RecordingError(f"{file}: is there already; {remedy}")
+            raise RecordingError(f"{file}: exists already; {remedy}")
 
 
 def require_vacancy_of(place: Path, remedy: str = "choose another place, or pass overwrite=True") -> None:

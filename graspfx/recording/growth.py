@@ -85,7 +85,7 @@ class Growth:
             how = f"{self.mode} of {self.object} does not decay, {_length(self.last)} at {self.frequency:.3g} Hz"
             return f"NOT STABLE: {how}, {where}: contacts release in every cycle"
         size = f"{_length(self.first)} to {_length(self.last)} at a fingertip"
-        more = ", and goes on" if self.sustained else ""
+        more = ", and continues" if self.sustained else ""
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
@@ -340,7 +340,7 @@ class GraspView:
 
     def _read(self, column: str, first: int, stop: int) -> FloatArray:
         values = self.recording.read(column, first, stop)
-        return values if len(self.fingers) == values.shape[1] else values[:, self.fingers]  # all, as they stand
+        return values if len(self.fingers) == values.shape[1] else values[:, self.fingers]  # all in order
 
 
 def grasps(recording: History) -> Iterator[GraspView]:

@@ -28,7 +28,7 @@ IntArray = NDArray[np.int64]
 T = TypeVar("T")
 Typed = TypeVar("Typed", bound=NDArray[Any] | None)
 
-Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
+Beside = Callable[[str, str], dict[str, Any]]  # arguments: name of an object and of a mode
 
 
 class Event(NamedTuple):
@@ -43,12 +43,12 @@ class Event(NamedTuple):
 
 
 class Named(Mapping[str, T]):
-    """Parts by their names, made whenever they are asked for; an unknown name is told with those that there are.
+    """Parts by name, created on access; the error for an unknown name lists the known ones.
 
     Args:
-        kind: of a part, for the error.
-        keys: by name, what each is made from.
-        make: makes it.
+        kind: Kind of the parts, for the error message.
+        keys: Argument of `make`, by name.
+        make: Function that creates a part.
     """
 
     def __init__(self, kind: str, keys: Mapping[str, Any], make: Callable[[Any], T]) -> None:
@@ -70,12 +70,12 @@ class Named(Mapping[str, T]):
 
 
 def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
-    """Make a mapping that cannot be changed, and that raises UnknownNameError, a KeyError, with the names it has."""
+    """Return a read-only mapping that raises UnknownNameError, a KeyError, with the known names."""
     return Named(kind, parts, lambda part: part)
 
 
 class Stored(Generic[Typed]):
-    """A column of the table as an attribute: its numbers of the kind that it has, or None in a scene without it."""
+    """A column as an attribute, in the type of its kind; None in a scene without it."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         own = [each for each in (*OF_FINGERS, *OF_OBJECTS) if each.name == name]
@@ -94,7 +94,7 @@ class Stored(Generic[Typed]):
         if noun is None:
             return self
         values = noun.typed(self._name)
-        if values is not None and values.dtype != np.float64:  # a copy, of a byte each mostly
+        if values is not None and values.dtype != np.float64:  # a copy, mostly with one byte per entry
             noun.__dict__[self._name] = values
         return values
 
@@ -126,7 +126,7 @@ class History:
         self.store, self.start = rows, start
         self._arrays: WeakValueDictionary[str, FloatArray] = WeakValueDictionary()
         self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
-        self._beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
+        self._beside: Beside | None = None  # certificate of a growing mode, if the scene is available
 
     def __len__(self) -> int:
         return len(self.store)
@@ -180,13 +180,13 @@ class History:
         """Return a column; None if the scene has no such quantity.
 
         Raises:
-            RecordingError: it has, and its `record` leaves the column out.
+            RecordingError: If the scene has it, but its `record` omits the column.
         """
         self.require(column)
         return self.array(column) if column in self.layout.columns else None
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Return a column as `optional` does, as booleans or whole numbers where it has these."""
+        """Return a column like `optional`, as booleans or integers if it has this kind."""
         values = self.optional(column)
         return None if values is None else self.layout.columns[column].typed(values)
 
@@ -194,12 +194,12 @@ class History:
         """Require that columns are recorded, if the scene has them.
 
         Raises:
-            RecordingError: with the names of those that the scene's `record` leaves out.
+            RecordingError: If the scene's `record` omits some; the message names them.
         """
         missing = [column for column in columns if column in self.layout.omitted]
         if missing:
             raise RecordingError(
-                f"{', '.join(missing)}: not in this recording, as the scene's record.columns leave it out; "
+                f"{', '.join(missing)}: not in this recording, because the scene's record.columns omit it; "
                 "add the name there and run the scene again"
             )
 
@@ -234,13 +234,13 @@ class History:
         columns = {name: f"raw/{name}" for name, *_ in self.layout.raw if f"raw/{name}" not in self.layout.omitted}
         return Named("device with raw numbers", columns, lambda column: np.asarray(self.typed(column)))
 
-    # What follows from columns ----------------------------------------------------------------------------------------
+    # Derived quantities -----------------------------------------------------------------------------------------------
 
     @cached_property
     def displayed_force(self) -> FloatArray:
         """Force on the operator after all limits and before output delay, (N, n, d) [N].
 
-        The negative of `finger_force`, since the object receives what was displayed.
+        The negative of `finger_force`, because the object receives the displayed force.
         """
         values = self.optional("displayed_force")
         return -self.finger_force if values is None else values
@@ -250,7 +250,7 @@ class History:
         """External part P f of the fingers' forces f on the object, which moves it, (N, n, d) [N].
 
         Raises:
-            RecordingError: a recording of an earlier format, which does not say what P is made of.
+            RecordingError: If a recording of an earlier format does not define P.
         """
         return np.asarray(self._divided("external_force"))
 
@@ -282,7 +282,7 @@ class History:
     def _divided(self, name: str) -> FloatArray | None:
         """Read a derived variable from the file, or compute it in parts; None without moments."""
         self.require(*self.layout.sources_of(name))
-        splits = splits_of(self.header, self.outcome.changes)  # which says so where the recording does not tell
+        splits = splits_of(self.header, self.outcome.changes)  # raises an error without a defined split
         column = next((each for each in self.layout.derived if each.name == name), None)
         values = self.store.beside(name, 0, len(self))
         if values is not None or column is None:
@@ -304,8 +304,8 @@ class History:
     def external_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
 
-        With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
-        displayed; where it is not, as in recordings of old, of what is displayed.
+        Its sum with the internal work is `device_energy`. The parts are those of the force on the object, whose
+        negative is displayed; if it is not, as in recordings of early formats, they are those of the displayed force.
         """
         return self._work(lambda part: part._external_display)
 
@@ -317,12 +317,12 @@ class History:
     def _work(self, force: Callable[[Self], FloatArray]) -> FloatArray:
         """Sum the work of a part of the displayed force."""
         if (every := self.header.every) > 1:
-            text = f"added up from every tick, and this recording has one row in {every}: set record.every = 1"
-            raise RecordingError(f"the work of each force is {text}, or read device_energy, which the ticks add up")
+            text = f"the sum over all ticks, but this recording has one row per {every} ticks: set record.every = 1"
+            raise RecordingError(f"the work of each force is {text}, or use device_energy")
         tips = "true_position" if self.layout.simulated else "finger_position"
         self.require(tips, "device_energy")
         works = np.zeros((len(self), len(self.layout.fingers)))
-        for each in self.parts():  # with the row before, of which the first step is
+        for each in self.parts():  # includes the previous row, from which the first step starts
             stop, first = each.start - self.start + len(each), max(each.start - self.start - 1, 0)
             rows, start = self.part(first, stop), works[first : first + 1] if first < each.start - self.start else None
             tip, energy, number = rows.array(tips), rows.device_energy, rows.start
@@ -331,7 +331,7 @@ class History:
 
     @property
     def grip_margin(self) -> FloatArray:
-        """Friction margin of the grip: the least mu f_n - |f_t| of touching fingers with friction, (N,) [N].
+        """Friction margin of the grip: the smallest mu f_n - |f_t| of touching fingers with friction (N,) [N].
 
         NaN if none of them touches, if contacts stick or slip freely, and in recordings of earlier formats, which have
         no normals.
@@ -339,7 +339,7 @@ class History:
         return self.grip_margin_of(range(len(self.layout.fingers)))
 
     def grip_margin_of(self, fingers: Sequence[int]) -> FloatArray:
-        """Friction margin of some fingers' grip, by their numbers, as `grip_margin`, (N,) [N]."""
+        """Friction margin of the grip of the fingers with these indices (N,) [N]; see `grip_margin`."""
         self.require("contact_normal", "finger_force", "touching")
         if "contact_normal" not in self.layout.columns:
             return np.full(len(self), np.nan)
@@ -378,13 +378,13 @@ class History:
         return by_name("object with a ledger (coupling.passivity asks for one)", books)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
+        """Return the pose of the frame in which the scene describes an object: position (N, d) [m], orientation.
 
-        Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
-        the principal axes. Of any other shape both are the same.
+        For a mesh it is the frame of its file, which is needed to draw it; the recorded frame is at the centre of mass,
+        along the principal axes. For other shapes both frames are equal.
 
         Raises:
-            UnknownNameError: there is no such object.
+            UnknownNameError: If there is no such object.
         """
         if name not in self.layout.objects:
             raise UnknownNameError("object", str(name), self.layout.objects)
@@ -471,7 +471,7 @@ class History:
         return self.header.scene_text
 
 
-MEASURES = (  # of an object's motion, on its card
+MEASURES = (  # columns on the card of an object's motion
     ("position", "m"),
     ("velocity", "m/s"),
     ("orientation", "rad or x y z w"),
@@ -521,15 +521,15 @@ def _ends(values: np.ndarray[Any, Any]) -> str:
 def described_pose(
     motion: ObjectMotion, frame: Mapping[str, Sequence[float]] | None
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Compute the pose of the frame that a scene describes an object's shape in: position (N, d) [m], orientation.
+    """Compute the pose of the frame in which a scene describes an object's shape: position (N, d) [m], orientation.
 
     Args:
-        motion: of the object.
-        frame: the pose of a mesh file's frame in the recorded one; None for any other shape.
+        motion: Motion of the object.
+        frame: Pose of a mesh file's frame in the recorded frame; None for other shapes.
     """
     if frame is None or motion.orientation is None:
         return motion.position, motion.orientation
-    q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
+    q: Any = Quaternion(*motion.orientation.T)  # components are columns of ticks, because the formulas are elementwise
     offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
     columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
     return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)

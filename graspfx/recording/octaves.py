@@ -15,17 +15,17 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Rows = Callable[[int, int], FloatArray]  # function that returns rows `first` to `stop` - 1, (r, c)
 
-ORDER = 6  # of the differences: what is two octaves lower passes by 1e-5
-HALVING = 4  # of the sums that the octave below is made of
+ORDER = 6  # order of the differences: a component two octaves lower is reduced to 1e-5
+HALVING = 4  # order of the sums that form the octave below
 WINDOW = 4  # samples per window, one to two cycles
 SHORTEST = 6  # smallest number of windows for growth
 BLOCK = 4096  # rows per block, which fit into the processor's cache
-LEAST_GROWTH = 2.0  # of log amplitude
+LEAST_GROWTH = 2.0  # smallest growth of the log amplitude
 STRAIGHT = 0.12  # largest RMS deviation of log amplitude from a line, relative to the growth
 MOST_ASTRAY = 0.4  # largest step of log amplitude; more is a jump
 LENGTHENING = 1.5
 STRIDES = 6  # number of starts per length of an interval
-END = 16  # samples
+END = 16  # [samples]
 TINY = 1e-300
 
 
@@ -192,10 +192,10 @@ def gain(frequency: float, octave: Octave, step: float) -> float:
     return share * abs(math.sin(math.pi * frequency * T)) ** ORDER
 
 
-# Motions that run away without swinging, as a grasp does that is squeezed more than it can bear ---------------------
+# Divergence without oscillation, such as that of a grasp squeezed beyond its limit ---------------------------------
 
 MOST_SAMPLES = 600  # largest number of samples of a searched octave; longer motions are searched in lower octaves
-GROWTH_AWAY = 4.5  # of log amplitude, at least
+GROWTH_AWAY = 4.5  # smallest growth of the log amplitude
 SHARE_AWAY = 0.99  # fraction of an interval, after removal of growth, that one real pole must explain
 AGREEMENT_AWAY = 0.2  # relative agreement of the pole's rate with the growth of the windows
 
@@ -244,12 +244,12 @@ def divergences(octave: Octave) -> list[Divergence]:
     return ways
 
 
-# Fingers that let go and touch again in every cycle of an oscillation that does not die away ------------------------
+# Contacts that separate and close in every cycle of a sustained oscillation ----------------------------------------
 
 LEAST_TOUCHES = 12  # smallest number of successive touches of a finger
 LONGEST_PAUSE = 3.0  # longest pause between touches, as a multiple of the median
 STEADY = 0.7  # fraction of the first half's amplitude that the second half must keep
-MOST_ROWS = 4096  # of them a frequency is found
+MOST_ROWS = 4096  # number of rows from which a frequency is computed
 CYCLES = 8  # longest assumed cycle of a motion, in touches
 SLOWEST = 0.03  # 2 sin(pi f) for f cycles per row, below which the smoother's equations are singular up to rounding
 

@@ -26,9 +26,9 @@ IntArray = NDArray[np.int64]
 T = TypeVar("T")
 Typed = TypeVar("Typed", bound=NDArray[Any] | None)
 
-Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
+Beside = Callable[[str, str], dict[str, Any]]  # arguments: name of an object and of a mode
 
-MEANT = {  # what an attribute is looked for by, and what it is called
+MEANT = {  # similar names, and the attributes that they mean
     **dict.fromkeys(("force", "forces", "f", "contact_force", "contact_forces"), "finger_force"),
     **dict.fromkeys(("position", "positions", "p", "x", "finger_positions", "tip", "tips"), "finger_position"),
     **dict.fromkeys(("velocity", "velocities", "v", "finger_velocities"), "finger_velocity"),
@@ -51,7 +51,7 @@ MEANT = {  # what an attribute is looked for by, and what it is called
 }
 
 
-MOST = 3  # faults, or changes, on a card
+MOST = 3  # largest number of faults or changes on a card
 CALLS = (
     ".summary(), .plot(), .picture(time), .to_xarray(), .to_frame(), .to_csv(path), .save(path)\n"
     ".time, .finger_position, .finger_force, .internal_force, .external_force, .touching, .objects[name], ..."
@@ -269,7 +269,7 @@ class Recording(Carded, History):
     def load(cls, path: str | PathLike[str]) -> Recording:
         """Load a recording from a file.
 
-        The recording of a run that is still going on or was killed is loaded as far as it was written.
+        The recording of a run that is active or was killed is loaded as far as it was written.
 
         Args:
             path: Path of the file, or of the folder with recording.h5. If there is only recording.h5.part, which a run
@@ -286,9 +286,9 @@ class Recording(Carded, History):
 def _card_rows(recording: Recording) -> Iterator[tuple[str, str]]:
     header, layout, outcome, ticks = recording.header, recording.layout, recording.outcome, len(recording)
     engine = f", {outcome.engine}" if outcome.engine else ""
-    broken = "" if outcome.complete else "; NOT complete: the run broke off, goes on or was killed"
+    broken = "" if outcome.complete else "; NOT complete: the run was interrupted, is active or was killed"
     seconds = f"{recording.end:g} s"
-    fewer = f", a row every {header.every}" if header.every > 1 else ""
+    fewer = f", one row per {header.every} ticks" if header.every > 1 else ""
     yield (
         "time",
         f"{seconds}, {counted(recording.ticks, 'tick')} of {1e3 * recording.period:g} ms{fewer}{engine}{broken}",
@@ -319,11 +319,11 @@ def _some(things: Any) -> str:
     return "\n".join([*lines, *([f"and {len(things) - MOST} more"] if len(things) > MOST else [])])
 
 
-# Between processes: as the bytes of a file, with the checks that it has ---------------------------------------------
+# Transfer between processes: as the bytes of a file, with its checksums ---------------------------------------------
 
 
 def to_bytes(save: Callable[[Path], object]) -> bytes:
-    """Give the bytes of the file that `save` writes."""
+    """Return the bytes of the file that `save` writes."""
     with TemporaryDirectory(prefix="graspfx-") as folder:
         place = Path(folder) / NAME
         save(place)
@@ -331,10 +331,10 @@ def to_bytes(save: Callable[[Path], object]) -> bytes:
 
 
 def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recording:
-    """Make a recording in memory of the bytes of a file; `start` is the number of its first row in a whole run.
+    """Create a recording in memory from the bytes of a file; `start` is the number of its first row in a whole run.
 
     Raises:
-        RecordingError: the bytes were changed since they were written.
+        RecordingError: If the bytes were changed since they were written.
     """
     from graspfx.recording.file import read
 
@@ -345,17 +345,17 @@ def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recordi
         return kind(rows.read(0, len(rows), slice(0, layout.width)), layout, header, outcome, start=start)
 
 
-# Compared with another one, column by column and to the bit ---------------------------------------------------------
+# Comparison with another recording, column by column and bit by bit ------------------------------------------------
 
 
 class Difference(NamedTuple):
     """A column in which two recordings differ.
 
     Attributes:
-        column: its name.
-        largest: difference of two numbers, of either sign; infinite where one of them alone is no number.
-        tick: the first in which they differ.
-        unit: of the column.
+        column: Name of the column.
+        largest: Largest difference; infinite if only one of two values is NaN.
+        tick: First tick in which they differ.
+        unit: Unit of the column.
     """
 
     column: str
@@ -368,15 +368,15 @@ class Difference(NamedTuple):
 
 
 def compared(one: Recording, other: Recording) -> list[str]:
-    """List the columns that two recordings have, but for those that say when ticks were."""
+    """List the columns that two recordings share, except the times of ticks."""
     columns = [name for name in one.layout.columns if name in other.layout.columns]
     return [name for name in columns if one.layout.columns[name].filled != "loop"]
 
 
 def differences(one: Recording, other: Recording) -> list[Difference]:
-    """Compare the columns that two recordings of as many rows have, but for those that say when ticks were.
+    """Compare the columns of two recordings with equal numbers of rows, except the times of ticks.
 
-    Numbers differ where their bits do: zeros by their signs too, and no number from any other.
+    Values are compared by their bits: zeros of different sign differ, and NaN differs from numbers.
     """
     each = (_difference(one, other, name) for name in compared(one, other))
     return [difference for difference in each if difference is not None]

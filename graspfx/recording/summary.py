@@ -22,54 +22,56 @@ TOGETHER = 8192  # rows processed together, so that they fit the processor's cac
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Summarise a run in SI units, in one pass over its rows; a value is None where this run does not have it.
+    """Summarise a run in SI units, in one pass over its rows; a value that does not apply to the run is None.
 
     Keys:
         ticks, period, duration: N, T [s], N T [s].
-        touching: per finger, the share of ticks in which it touches.
-        internal_deformation_mean, internal_deformation_peak: how far touching fingers squeeze in against each
-            other, sqrt(mean |e - mean e|^2), e = p - c: (I - P) e with the object's rotation locked, eq. (3), so that
-            moving the whole hand against the object does not count [m].
-        invasion_mean, invasion_peak: depth of touching fingers in the object, along its normal [m]; None if attached.
-        finger_distance_mean, finger_distance_least: between two fingers [m]; None for another number of them.
+        touching: Fraction of ticks in which each finger touches.
+        internal_deformation_mean, internal_deformation_peak: Squeeze of touching fingers,
+            sqrt(mean |e - mean e|^2) with e = p - c, which is (I - P) e with the object's rotation locked, eq. (3);
+            motion of the whole hand relative to the object does not count [m].
+        invasion_mean, invasion_peak: Penetration depth of touching fingers along the normal [m]; None if attached.
+        finger_distance_mean, finger_distance_least: Distance of two fingers [m]; None for other numbers of fingers.
         tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
-        peak_force: per finger [N].
-        peak_displayed_force: per finger, of the force on the operator [N]; None if not given.
-        saturated: per finger, the share of ticks in which its force stands at its limit; None without limits.
-        force_vibration: RMS over fingers and ticks of what is above 5 Hz in a finger's force [N].
-        internal_force_peak, external_force_peak: per finger, the largest while it touches [N].
-        internal_force_mean, external_force_mean: of the length, over fingers and ticks in which they touch [N].
-        internal_force_vibration, external_force_vibration: as `force_vibration` [N]; all of these None for a recording
-            of an earlier format, which does not say how its forces divide.
-        internal_moment: moment sum e_i x f_i of the internal forces f at the fingertips, the largest over the largest
-            |f| r, r the contacts' RMS distance from their mean; None where the reaction is at the contacts or nothing
+        peak_force: Peak force of each finger [N].
+        peak_displayed_force: Peak force on the operator of each finger [N]; None if not recorded.
+        saturated: Fraction of ticks in which each finger's force is at its limit; None without limits.
+        force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
+        internal_force_peak, external_force_peak: Peak of each finger while it touches [N].
+        internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
+        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; these six are None for a
+            recording of an earlier format, which does not define the split of its forces.
+        internal_moment: Peak moment sum e_i x f_i of the internal forces f at the fingertips, relative to the peak of
+            |f| r, with r the contacts' RMS distance from their mean; None if forces react at the contacts or no object
             turns.
-        finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
-        object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
-        port_energy: per finger, work done on the fingertip through its device in all [J].
-        fade_shortfall: by how much `coupling.fade` began too near for the forces, at most [m]; None if it did not.
-        blended: share of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces are
-            not those of eq. (4); None if none was.
-        associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
-            without a coefficient of friction.
-        friction_residual: the largest of either law [N]; None without a coefficient.
-        grip_margin: the least mu f_n - |f_t| of touching fingers with friction: how near the grip was to slipping [N];
-            None without a coefficient, or where none of these fingers touched.
-        friction_needed: the largest |f_t| / f_n of these fingers: the coefficient that the recorded forces need.
-        leak: by mode, the most energy that was made beyond what frictions had taken, the largest of any object [J].
-        braking: by mode, the largest damping that control added [N s/m]; None without control.
-        braked: by mode, what that took in all [J]; None without control.
-        ledger_gap: the largest gap of an object's ledger over its largest entry; these four None unless observed.
-        growth: a table for each object whose grasp is seen to lose stability, empty without: `object`, `mode` as
-            certificates name it, `rate` of log amplitude [1/s], `frequency` [Hz], `begin` and `end` of where it is seen
-            [s], `first` and `last` amplitude of a fingertip against the object then [m], `sustained` if it goes on at
-            that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for a
-            recording without its scene) and `text`, all in a sentence.
-        wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
-        engine: what ran the ticks, "compiled" or "interpreted", or what an earlier version said; None if not known.
-        faults: how many.
-        changes: how many values of keys were replaced in mid-run; None if none was.
-        recorded: what the rest is of, where a recording has not every number of every tick, in a sentence; else None.
+        finger_vibration: RMS over fingers and ticks of a fingertip's position above 5 Hz, true if known [m].
+        object_vibration: RMS over objects and ticks of an object's position above 5 Hz [m].
+        port_energy: Total work of each finger's device on the fingertip [J].
+        fade_shortfall: Largest distance by which `coupling.fade` began too close for the forces [m]; None if it did
+            not.
+        blended: Fraction of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces
+            are not those of eq. (4); None without such samples.
+        associated: Fraction of samples in which an object's forces satisfy the associated law instead of Coulomb's;
+            None without a coefficient of friction.
+        friction_residual: Largest residual of either law [N]; None without a coefficient.
+        grip_margin: Smallest mu f_n - |f_t| of touching fingers with friction, the margin of the grip against slipping
+            [N]; None without a coefficient, or if none of these fingers touched.
+        friction_needed: Largest |f_t| / f_n of these fingers, the coefficient that the recorded forces need.
+        leak: Largest energy of each mode generated beyond friction, the maximum over objects [J].
+        braking: Largest damping that control added to each mode [N s/m]; None without control.
+        braked: Total energy of each mode dissipated by control [J]; None without control.
+        ledger_gap: Largest gap of an object's ledger over its largest entry; these four are None unless observed.
+        growth: A table for each object with a detected loss of stability; empty without one. It has `object`, `mode` as
+            named in certificates, `rate` of the log amplitude [1/s], `frequency` [Hz], `begin` and `end` of the
+            interval [s], `first` and `last` amplitude of a fingertip relative to the object [m], `sustained` if it
+            continues at that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for
+            a recording without its scene), and `text`, a sentence.
+        wall_time, ticks_per_second, tick_cost: Computation time [s, 1/s, microseconds].
+        engine: Engine of the ticks, "compiled" or "interpreted", or the name used by an earlier version; None if
+            unknown.
+        faults: Number of faults.
+        changes: Number of values of keys replaced during the run; None if none was.
+        recorded: Sentence about the recorded values if a recording omits values or ticks; else None.
 
     Args:
         recording: Recording in memory or on disk.
@@ -95,7 +97,7 @@ class Sizes:
         self.largest, self._sums, self.count = np.full(count, -math.inf), list[float](), 0
 
     def add(self, sizes: FloatArray, where: BoolArray | None = None) -> None:
-        """Add sizes (things, r), those that count."""
+        """Add the sizes (things, r) selected by `where`."""
         if not sizes.size:
             return
         if where is None or where.all():
@@ -110,22 +112,22 @@ class Sizes:
 
     @property
     def mean(self) -> float | None:
-        """Mean of all; None where there was none."""
+        """Mean of all sizes; None without any."""
         return _sum(self._sums) / self.count if self.count else None
 
     @property
     def peaks(self) -> list[float | None]:
-        """Largest of each thing; None of one that had none."""
+        """Largest size of each thing; None without any."""
         return [None if value == -math.inf else float(value) for value in self.largest]
 
     @property
     def peak(self) -> float | None:
-        """Largest of all."""
+        """Largest size of all things."""
         return _largest(self.peaks)
 
 
 class Ledger:
-    """Peaks and ends of one object's ledger of energies."""
+    """Peaks and final values of one object's energy ledger."""
 
     def __init__(self) -> None:
         self.leak: FloatArray | None = None
@@ -150,7 +152,7 @@ class Ledger:
 
 
 class Tally:
-    """The sums and peaks of a recording's blocks.
+    """Sums and peaks over the blocks of a recording.
 
     Args:
         recording: Whole recording.
@@ -173,7 +175,7 @@ class Tally:
         self.moments: dict[tuple[int, int], tuple[Sizes, Sizes]] = {}
         self.ledgers = {name: Ledger() for name in layout.objects}
         self.energy: FloatArray | None = None
-        self.signals: dict[str, int] = {}  # number of components of each
+        self.signals: dict[str, int] = {}  # number of components of each signal
         sums = slice(0, n * layout.dimensions), slice(n * layout.dimensions, 2 * n * layout.dimensions)
         self.shaking = Vibration(recording.row_period, len(recording), sums=sums if self.divided else None)
 
@@ -185,7 +187,7 @@ class Tally:
         return ("internal_force", "external_force") if self.divided else ()
 
     def add(self, rows: FloatArray, start: int) -> None:
-        """Add rows (r, width), of which `start` is the first."""
+        """Add rows (r, width), the first of which is `start`."""
         block = RowSplit(rows, self.layout, self.splits or [(0, {})], start, self.friction)
         self.rows += len(rows)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
@@ -214,7 +216,7 @@ class Tally:
         self._add_signals(block, parts)
 
     def _add_places(self, block: RowSplit, on: BoolArray | None) -> None:
-        """Add how far fingers squeeze, sqrt(mean |e - mean e|^2) of those that touch, and how far apart they are."""
+        """Add the squeeze of touching fingers, sqrt(mean |e - mean e|^2), and the distance of fingers."""
         if on is not None and self.has("gap"):
             self.depth.add(np.maximum(-block.column("gap"), 0.0), on)
         if not self.has("finger_position"):
@@ -256,10 +258,10 @@ class Tally:
             self.energy = block.column("device_energy")[:, -1].copy()
 
     def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray, start: int) -> None:
-        """Add the moment of internal forces on one object, and |f| r, by which it is measured.
+        """Add the moment of internal forces on one object, and its reference |f| r.
 
-        The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
-        points, turn it by that moment; not where the reaction is at the contact points, nor where nothing turns.
+        If fingers act on the object at their tips, internal forces, which have no moment about the contact points, turn
+        it by this moment. It is omitted if forces react at the contact points or no object turns.
         """
         rows, rule, thing, fingers = grasp
         if rule.reaction == "contact" or not any(rule.rotations):
@@ -389,9 +391,9 @@ class Tally:
 
     def _recorded(self) -> str | None:
         layout, every = self.layout, self.recording.header.every
-        texts = [f"peaks, means and energies are of the rows recorded, one in {every} ticks"] if every > 1 else []
+        texts = [f"peaks, means and energies are of the recorded rows, one per {every} ticks"] if every > 1 else []
         if layout.omitted:
-            texts.append(f"not recorded, nor what follows from it: {', '.join(layout.omitted)}")
+            texts.append(f"not recorded, and thus not computed: {', '.join(layout.omitted)}")
         return "; ".join(texts) or None
 
 

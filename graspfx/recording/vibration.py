@@ -1,4 +1,4 @@
-"""Vibration in a run: what Whittaker's smoother leaves of many signals at once, block after block of any length."""
+"""Vibration in a run: residual of Whittaker's smoother, for many signals at once, in blocks of any length."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ FloatArray = NDArray[np.float64]
 
 VIBRATION_FROM = 5.0  # [Hz]: an operator's own motion stays below
 FINEST = 1e-3  # [s]: beyond it the smoother's equations are singular to rounding
-REACH = 100.0  # over 2 sin(pi f T), samples: beyond it what a smoother of this penalty takes in is below 1e-16
+REACH = 100.0  # over 2 sin(pi f T), in samples: the smoother's response beyond it is below 1e-16
 CORE = 1 << 14  # minimum number of samples smoothed together
-ORDER = 4  # of the differences
+ORDER = 4  # order of the differences
 SQUARED_DIFFERENCES = (70.0, -56.0, 28.0, -8.0, 1.0)  # the diagonals of D D'
-FEW = 64  # rows of equations that are solved as they stand
+FEW = 64  # number of equations below which they are solved directly
 TOGETHER = 50_000  # numbers filtered together, so that they fit the processor's cache
 NOTHING = 46.0  # -log of the rounding error
-SPAN = 16  # samples that a product with one matrix filters together: too few for BLAS to start threads
+SPAN = 16  # samples filtered by one matrix product: too few for BLAS to start threads
 
 
 def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
     """Compute the RMS of |x - s| over ticks and rows of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
 
-    Whittaker's smoother: x - s is what a Butterworth high-pass of order 4 run forth and back leaves, x passed by
-    1/(1 + (above/f)^8), but it takes polynomials up to the third degree away entirely and needs nothing beyond the ends
+    x - s of Whittaker's smoother equals a Butterworth high-pass of order 4 run forwards and backwards, with the gain
+    1/(1 + (above/f)^8), but it removes polynomials up to the third degree exactly and needs no samples beyond the ends
     (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect
-    smoother, Analytical Chemistry 75(14), 2003). Ticks are first averaged over 1 ms if they are shorter.
+    smoother, Analytical Chemistry 75(14), 2003). Ticks shorter than 1 ms are first averaged over 1 ms.
 
     Args:
-        signal: (N, k, d): k vectors of d components over time.
-        period: T [s].
-        above: [Hz].
+        signal: Signal (N, k, d): k vectors of d components over time.
+        period: Sampling period T [s].
+        above: Lower frequency limit [Hz].
 
     Returns:
-        In the signal's unit; None for a signal shorter than two periods of `above`, or sampled too slowly to tell.
+        RMS in the signal's unit; None for a signal shorter than two periods of `above`, or sampled too slowly.
     """
     tally = Vibration(period, len(signal), above)
     if len(signal):
@@ -49,14 +49,14 @@ def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) 
 class Vibration:
     """Mean squares of |x - s|, s minimising |x - s|^2 + q |D s|^2, D fourth differences, over a run in blocks.
 
-    A block is smoothed with as many samples before and behind it as reach into it (`REACH`), so that the division into
-    blocks shows in rounding only. Samples are first averaged over 1 ms if they are closer.
+    A block is smoothed together with the neighbouring samples that influence it (`REACH`), so that the division into
+    blocks changes the result by rounding only. Samples closer than 1 ms are first averaged over 1 ms.
 
     Args:
         period: Sampling period [s].
         samples: Total number of samples.
-        above: [Hz].
-        sums: pairs of signals by their numbers, of whose sum the mean square is wanted too.
+        above: Lower frequency limit [Hz].
+        sums: Pairs of signal indices, for which the mean square of their sum is also computed.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class Vibration:
         period *= self._group
         self._count, self._sums = samples // self._group, sums
         self.is_long = 2.0 * above * period < 1.0 and self._count * period * above >= 2.0
-        self._seen = self._first = self._used = 0  # samples so far; of the buffer those that were counted, and all
-        self._rest: FloatArray | None = None  # of a group
+        self._seen = self._first = self._used = 0  # samples so far; evaluated and total samples of the buffer
+        self._rest: FloatArray | None = None  # incomplete group
         self._buffer: FloatArray | None = None
         self._squares: FloatArray | float = 0.0
         if self.is_long:
@@ -93,7 +93,7 @@ class Vibration:
                 self._count_up(self._used - self._reach)
 
     def mean_squares(self) -> FloatArray | None:
-        """Compute the mean squares of each signal, then of the sums; None if too short, or sampled too slowly."""
+        """Compute the mean squares of each signal, then of the sums; None if too short or sampled too slowly."""
         if not self.is_long or self._buffer is None:
             return None
         if self._used > self._first:
@@ -101,7 +101,7 @@ class Vibration:
         return np.asarray(self._squares / self._count)
 
     def _count_up(self, stop: int) -> None:
-        """Count the samples of the buffer up to one; keep those that reach beyond it."""
+        """Evaluate the samples of the buffer up to one; keep those that influence later ones."""
         assert self._buffer is not None
         rough = roughness(self._buffer[:, : self._used], self._q)[:, self._first : stop]
         squares = _squares(rough)
@@ -127,9 +127,9 @@ def _squares(x: FloatArray) -> FloatArray:
 def roughness(x: FloatArray, q: float) -> FloatArray:
     """Compute x - s, s minimising |x - s|^2 + q |D s|^2 with D the fourth differences: q D' (q D D' + I)^-1 D x.
 
-    No difference of nearly equal numbers is taken: what is smooth is small to its own digits. The matrix is that of a
-    filter, L L' with L the same in every row, but for a corner of four rows that L has no past for: L L' is solved
-    forth and back, and the corner is put right by the identity of Woodbury.
+    Nearly equal numbers are not subtracted, so small residuals are accurate. The matrix is that of a filter, L L' with
+    the same L in every row, except for a corner of four rows without a past. L L' is solved forwards and backwards, and
+    the corner is corrected by Woodbury's identity.
 
     Args:
         x: Signals, (k, N), N > 4 samples each.
@@ -156,20 +156,20 @@ def _solve(q: float, b: FloatArray) -> FloatArray:
 
 
 def _dense(q: float, rows: int) -> FloatArray:
-    """Return q D D' + I as a matrix."""
+    """Return q D D' + I as a dense matrix."""
     diagonals = np.zeros(max(rows, ORDER + 1))
     diagonals[: ORDER + 1] = SQUARED_DIFFERENCES
     return np.asarray(q * diagonals[np.abs(np.arange(rows)[:, None] - np.arange(rows))] + np.eye(rows))
 
 
 class Factored(NamedTuple):
-    """Factors of q D D' + I: gain L' L with L a recursion, and what puts its corner right.
+    """Factors of q D D' + I: gain L' L with a recursion L, and the correction of its corner.
 
     Attributes:
-        recursion: y = L^-1 x.
-        gain: of the product.
-        corner: what the inverse of the product answers to each of the first four rows, as far as it reaches, (4, r).
-        missing: what the product lacks in these rows, (4, 4).
+        recursion: Filter y = L^-1 x.
+        gain: Gain of the product.
+        corner: Response of the product's inverse to the first four rows, within its reach (4, r).
+        missing: Difference of the product from the matrix in these rows (4, 4).
     """
 
     recursion: Recursion
@@ -202,23 +202,23 @@ def _factored(q: float, rows: int) -> Factored:
 class Recursion:
     """Filters by a_0 y + a_1 d y + ... + a_4 d^4 y = x, d backward differences, from rest, by products of matrices.
 
-    `SPAN` samples are filtered together, and go on from y, d y, d^2 y and d^3 y before them: where poles are near 1,
-    differences of outputs would have few digits left.
+    `SPAN` samples are filtered together, starting from y, d y, d^2 y and d^3 y before them, because differences of
+    outputs would lose digits for poles near 1.
 
     Args:
-        a: a_0, ..., a_4, whose sum is 1.
+        a: Coefficients a_0, ..., a_4, whose sum is 1.
     """
 
     def __init__(self, a: FloatArray) -> None:
         self._a = a
-        add = np.triu(np.ones((ORDER, ORDER)))  # d^j y grows by d^j+1 y, which has grown before
+        add = np.triu(np.ones((ORDER, ORDER)))  # d^j y increases by d^(j+1) y, which was updated first
         step = add - np.outer(np.ones(ORDER), a[:ORDER] @ add)
         states = [np.eye(ORDER)]
         for _ in range(SPAN):
             states.append(step @ states[-1])
         self._step = states[SPAN]
         self._of_state = np.array([each[0] for each in states[1:]])  # (SPAN, 4): y
-        inputs = np.array([each @ np.ones(ORDER) for each in states[:SPAN]])  # (SPAN, 4): of an impulse so long ago
+        inputs = np.array([each @ np.ones(ORDER) for each in states[:SPAN]])  # (SPAN, 4): response to earlier impulses
         lag = np.arange(SPAN)[:, None] - np.arange(SPAN)
         self._of_input = np.where(lag >= 0, inputs[np.abs(lag), 0], 0.0)
         self._to_state = inputs[::-1]
@@ -260,7 +260,7 @@ def _states(step: FloatArray, inputs: FloatArray) -> FloatArray:
 
 @lru_cache(16)
 def _powers(content: bytes, n: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Make the matrices by which states follow from inputs, (count n, (count + 1) n), and from the state before."""
+    """Return the matrices of states from inputs (count n, (count + 1) n), and from the previous state."""
     powers = [np.eye(n)]
     for _ in range(count):
         powers.append(np.frombuffer(content).reshape(n, n) @ powers[-1])

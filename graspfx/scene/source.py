@@ -22,7 +22,7 @@ class Source:
         overrides: Overrides by dotted key, as given by the user.
         preset: Name of the active preset; empty for none.
         preset_values: Values of that preset, by dotted key.
-        is_recorded: True if a recording holds the scene; nobody chose its folder, and Python files in it must not run.
+        is_recorded: True for a scene from a recording; no user chose its folder, so its Python files must not run.
     """
 
     name: str = "scene"

@@ -44,5 +44,5 @@ def remembering(memory: Memory) -> Iterator[None]:
 
 
 def current_memory() -> Memory | None:
-    """Return the active cache; None for none."""
+    """Return the active cache; None for no cache."""
     return _memory.get()

@@ -24,7 +24,7 @@ BoolArray = NDArray[np.bool_]
 MM = 1e3
 SHARE = 0.15  # fraction of the main axis' range above which another axis gets a row or a line
 FLAT = 0.03  # fraction of the row's range below which lines look straight
-NOISE = 1e-6  # and below this share they are
+NOISE = 1e-6  # relative range below which lines are straight
 TURN = 0.1  # rotation above which an object counts as rotating [degrees]
 LARGEST = 1e12  # largest drawn value of a diverged run
 MOST_FINGERS = 5  # largest number of fingers with one line each; more are drawn as mean and range
@@ -45,22 +45,22 @@ class View:
 
     @property
     def fingers(self) -> list[int]:
-        """Numbers of the fingers."""
+        """Indices of the fingers."""
         return [i for i, thing in enumerate(self.recording.layout.finger_objects) if thing == self.number]
 
     @property
     def names(self) -> list[str]:
-        """The fingers'."""
+        """Names of the fingers."""
         return [self.recording.layout.fingers[i] for i in self.fingers]
 
     @property
     def finger_position(self) -> FloatArray:
-        """(N, n, d) [m]."""
+        """Positions of the fingers (N, n, d) [m]."""
         return self.recording.finger_position[:, self.fingers]
 
     @property
     def finger_force(self) -> FloatArray:
-        """(N, n, d) [N]."""
+        """Forces of the fingers (N, n, d) [N]."""
         return self.recording.finger_force[:, self.fingers]
 
     @property
@@ -89,17 +89,17 @@ class View:
             inner, outer = (getattr(self.recording, name)[:, self.fingers] for name in (internal, external))
             contacts = self.recording.contact_position[:, self.fingers]
             return modes(inner, outer, directions(contacts, self.finger_position - contacts), self.touching)
-        except RecordingError:  # of an earlier format, or of a run that leaves columns out
+        except RecordingError:  # recording of an earlier format, or without some columns
             return None
 
     def has(self, column: str) -> bool:
-        """Tell whether a column is recorded, or what ends like it of the object."""
+        """Tell whether a column, or a column of the object, is recorded."""
         name = f"objects/{self.recording.layout.objects[self.number]}/{column}"
         return not {column, name} & set(self.recording.layout.omitted)
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether all is recorded that the figure shows."""
+        """Tell whether all columns of the figure are recorded."""
         split = self.recording.layout.sources_of("internal_force") + self.recording.layout.sources_of(
             "internal_displacement"
         )
@@ -108,13 +108,13 @@ class View:
 
 @dataclass(frozen=True)
 class Curve:
-    """One line, a value per tick.
+    """One line with a value per tick.
 
     Attributes:
-        label: in the legend.
-        values: (N,).
-        stroke: how it is drawn.
-        many: (N, k), that it is the mean of: their range is drawn as a band; k = 0 if it stands for itself.
+        label: Label in the legend.
+        values: Values (N,).
+        stroke: Stroke of the line.
+        many: Values (N, k) whose mean it is; their range is drawn as a band. k = 0 for a single curve.
     """
 
     label: str
@@ -124,7 +124,7 @@ class Curve:
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray] | None:
-        """Least and greatest of many at each tick, NaN where there is none; None for one that stands for itself."""
+        """Smallest and largest of many at each tick, NaN without values; None for a single curve."""
         if not self.many.size:
             return None
         finite = np.isfinite(self.many)
@@ -138,10 +138,10 @@ class Row:
     """Panels side by side that share an ordinate.
 
     Attributes:
-        label: of the ordinate.
-        panels: one per view; one without curves where a run does not have the quantity.
-        height: [inches] on a screen.
-        signed: whether zero is in sight and drawn.
+        label: Label of the ordinate.
+        panels: One panel per view, without curves if a run lacks the quantity.
+        height: Height on a screen [inches].
+        signed: Whether zero is in the range and drawn.
     """
 
     label: str
@@ -250,7 +250,7 @@ def _grip(view: View) -> tuple[Curve, ...]:
     """Plot the friction margin of the view's fingers, if any touch with a coefficient of friction."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
-    except RecordingError:  # columns are left out
+    except RecordingError:  # without some columns
         return ()
     return (curve("smallest $\\mu f_n - |f_t|$", margin, MARGIN),) if np.isfinite(margin).any() else ()
 

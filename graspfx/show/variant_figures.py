@@ -95,7 +95,7 @@ def variants_sheet(
         width: "screen", "page" or "column".
         slices: number of values of a third key that have their own map.
         together: whether the keys' values are combined one to one, without a grid.
-        margins: margins whose line at 1 is drawn over maps; None for none.
+        margins: margins whose line at 1 is drawn over maps, or None.
 
     Raises:
         InputError: the width is unknown, or there is nothing to draw.
@@ -323,7 +323,7 @@ def _grows(surface: Surface) -> bool:
 
 
 def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
-    """Choose an ordinate that shows most of what there is, also where a few runs went wild; ratios by powers of ten."""
+    """Choose an ordinate range for most values, without a few diverged runs; logarithmic for ratios."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         ax.text(0.5, 0.5, "no number", transform=ax.transAxes, ha="center", color=NOTE)

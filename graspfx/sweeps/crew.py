@@ -307,7 +307,7 @@ class ChunkLoop:
                 return result
             self.crew.mend()
         if not told:
-            self.note(f"one of {len(chunk)} variants killed a process: they are run in smaller parts")
+            self.note(f"one of {len(chunk)} variants killed a process: they are run in smaller chunks")
         whole = ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
         if len(chunk) == 1:
             whole.failures[0] = KILLS

@@ -254,7 +254,7 @@ class Work:
         """Compute the missing chunks.
 
         Raises:
-            KeyboardInterrupt: with what is done, and how to go on.
+            KeyboardInterrupt: with the progress, and how to resume.
         """
         left = len(self.variants) - self.resumed
         if not left:

@@ -208,7 +208,7 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
     identity, removal = identity_of(parts), _remove(path) if overwrite else ""
     there = manifest_of(path)
     if there is None and (results := _results(path)):
-        text = f"{path}: has {results} of a sweep, but no {MANIFEST} that can be read"
+        text = f"{path}: has {results} of a sweep, but no readable {MANIFEST}"
         raise SweepError(f"{text}; choose another --out, or start again with --overwrite (overwrite=True)")
     if there is None:
         about = {"format": FORMAT, "identity": identity, "chunk": size, "created": now(), "parts": dict(parts)}
@@ -266,7 +266,7 @@ def _remove(path: Path) -> str:
     """Remove the files of a sweep only, its description last; return a text about the removed sweep."""
     try:
         there = manifest_of(path)
-        title = f"the sweep of {there['created']}" if there is not None else f"a sweep whose {MANIFEST} cannot be read"
+        title = f"the sweep of {there['created']}" if there is not None else f"a sweep with an unreadable {MANIFEST}"
     except SweepError:
         title = "a sweep of another format"
     results = _results(path)
@@ -274,7 +274,7 @@ def _remove(path: Path) -> str:
         for each in (*_chunks(path), path / FINAL, path / MANIFEST):
             each.unlink(missing_ok=True)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written over; {error.strerror}") from error
+        raise RecordingError(f"{path}: cannot be overwritten; {error.strerror}") from error
     return f"{path}: {title} was removed to start again, with {results}" if results else ""
 
 
@@ -309,7 +309,7 @@ if hasattr(os, "register_at_fork"):  # a forked worker would keep the lock for i
     os.register_at_fork(after_in_child=_let_go)
 
 
-# What it is a sweep of ------------------------------------------------------------------------------------------------
+# Identity of a sweep -------------------------------------------------------------------------------------------------
 
 
 def identity_of(parts: Mapping[str, Any]) -> str:

@@ -51,7 +51,7 @@ def alone(folder: Path | None, name: str) -> Iterator[bool]:
     """Exclude other processes within the block; yield whether another one held the lock, and may have done the work.
 
     Args:
-        folder: Folder of the lock; None, or a folder that cannot be written, excludes nobody.
+        folder: Folder of the lock; None, or a folder that is not writable, excludes no other process.
         name: Name of the lock.
     """
     descriptor = None

@@ -57,7 +57,7 @@ class Named:
         self._is_published = False
 
     def publish(self) -> bool:
-        """Give it its name; return False where another owner has it."""
+        """Assign its name; return False if another owner has it."""
         if self._is_published:
             return True
         assert self._temporary is not None
@@ -106,7 +106,7 @@ class Named:
 
 
 def find(name: str) -> mmap.mmap | None:
-    """Find named memory of this user; None where there is none."""
+    """Find named memory of this user; return None without it."""
     try:
         file = os.open(file_of(name), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
     except OSError:

@@ -1,4 +1,4 @@
-"""The conformance kits: promises of devices and scenes, checked from pytest as far as they can be seen."""
+"""Conformance kits: tests of the observable promises of devices and scenes, for pytest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conformance of devices: checks of the protocol as far as it can be seen, and a report of what cannot."""
+"""Conformance of devices: checks of the observable protocol, and a report of promises that cannot be observed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 TICKS = 20
-PULL = 1e-3  # how far a hand pulls a simulated finger [m]
+PULL = 1e-3  # displacement by which a hand pulls a simulated finger [m]
 ROUNDING = 1e-9  # [m], and relative
 
 
@@ -47,12 +47,12 @@ def driver(name: str | PathLike[str]) -> ModuleType:
     """Import a driver: a module with `connect(**settings)`, which returns a `graspfx.protocols.Device`.
 
     Args:
-        name: on the shelf, of another distribution's, or the path of a .py file.
+        name: Name of a built-in or installed driver, or path of a .py file.
 
     Raises:
-        UnknownNameError: no driver has that name.
-        InputError: the path leads to no file.
-        PluginError: a file that cannot be imported.
+        UnknownNameError: If no driver has that name.
+        InputError: If the path does not lead to a file.
+        PluginError: If the file cannot be imported.
     """
     return plugins.load_blaming("devices", name)
 
@@ -65,38 +65,38 @@ def check_device(
     force: float = 0.1,
     start: ArrayLike | None = None,
 ) -> DeviceReport:
-    """Check what can be seen of the promises of a `graspfx.protocols.Device`; ConformanceError at the first broken one.
+    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError at the first broken one.
 
-    Of every device it sees: features told before it is opened, what is not known None; positions and velocities of the
-    right shape, finite, in arrays of its own; time that does not run back; forces taken, those that are not finite
-    refused with DeviceError; stop, close twice, context manager. What its actuators do and what its numbers mean it
-    does not see: hardware that never limits its force, keeps it after `stop`, and reports millimetres passes.
+    For every device it checks features before opening, with None for unknown ones; shape, finiteness and ownership of
+    positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite ones; stop,
+    repeated close, and the context manager. It cannot observe actuators or the meaning of numbers: hardware that never
+    limits its force, keeps it after `stop`, and reports millimetres passes.
 
-    Of a simulated device, moved by a plant of its own, it sees besides: every finger gets its own force and goes its
-    way; the force limit holds, if one is told; no force is left after one that is not finite, after stop and after
-    close; it stands still alone and follows a hand; two runs are the same to the bit. With a factory, two of its
-    devices in one process: they do not know each other.
+    For a simulated device, moved by its own plant, it also checks that every finger receives its own force and moves in
+    its direction; that a reported force limit holds; that no force remains after a non-finite one, after stop and after
+    close; that the device is at rest alone and follows a hand; and that two runs are identical. With a factory, it
+    checks that two of its devices in one process are independent.
 
-    On a wire, an emulator of the hardware that the device's settings lead to, it sees besides what the motors hold:
-    zero after `stop`, `close`, exceptions and forces that are not finite; the limit; newtons, metres and seconds as far
-    as the emulator knows the mechanism; how the force goes when the program is killed, by a watchdog or by the
-    driver's `quench`; and the driver through every failure of the wire. With a factory, that a second device is
-    refused. It takes some seconds.
+    With a wire, an emulator of the hardware to which the device's settings lead, it also checks the motors: zero force
+    after `stop`, `close`, exceptions and non-finite forces; the limit; newtons, metres and seconds if the emulator
+    knows the mechanism; removal of the force after the program is killed, by a watchdog or by the driver's `quench`;
+    and the driver's response to every failure of the wire. With a factory, it checks that a second device is refused.
+    This takes some seconds.
 
-    The report says of each promise that it passed, is not visible, or needs a person. `print` shows it.
+    The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
 
     Args:
-        device: not yet open; or a function without arguments that makes one. It is closed afterwards.
-        wire: of `graspfx.testing.wire`, its `with` entered; the device is connected with its `settings`.
-        period: [s].
-        force: the largest force that real hardware is given [N].
-        start: where the fingers of a simulated device are put, (k, d) or (d,) [m]; by default the middle of its
+        device: Device, not yet open, or a function without arguments that creates one. It is closed afterwards.
+        wire: Wire of `graspfx.testing.wire`, inside its `with`; the device is connected with its `settings`.
+        period: Sampling period [s].
+        force: Largest force written to real hardware [N].
+        start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of its
             workspace, or zero.
     """
     promises = Promises("device")
     factory = not hasattr(device, "open") or isinstance(device, type)
     if factory and not callable(device):
-        raise InputError("device", device, "a device, or a function that makes one")
+        raise InputError("device", device, "a device, or a function that creates one")
     make = cast("Callable[[], Device]", device)
     bench = _check_one(make() if factory else cast("Device", device), promises, period, force, start)
     if factory and wire is None:
@@ -137,7 +137,7 @@ class _Bench:
         self.shape = self.features.fingers, self.features.dimensions
         self.start = _start(self.features, start)
         self.plant: Plant | None = None
-        self.newtons = True  # whether efforts are forces, as far as is known
+        self.newtons = True  # whether efforts are forces, as far as known
         if isinstance(device, SimulatedDevice):
             with promises(
                 "a simulated device shows `plant(devices)`, which moves its fingertips from where they are placed"
@@ -159,21 +159,21 @@ class _Bench:
             self.plant.advance(self.effort, hand or self.hand(), self.period)
 
     def hold(self, forces: FloatArray) -> FloatArray:
-        """Compute what the actuators hold once these forces have come through the delay."""
+        """Return the actuators' efforts after these forces have passed the delay."""
         for _ in range((self.features.delay or 0) + 1):
             self.device.write(forces)
         return self.effort
 
     def push(self, size: float, finger: int | None = None) -> FloatArray:
-        """Give forces of this size along the first axis, on one finger or on all."""
+        """Return forces of this size along the first axis, on one finger or on all."""
         f = np.zeros(self.shape)
         f[slice(None) if finger is None else finger, 0] = size
         return f
 
 
 def _check_features(device: Device, promises: Promises) -> Features:
-    """Check the features that a device tells before it is opened, and give them."""
-    with promises("features are told before `open`, and what is not known is None, never zero") as promise:
+    """Check the features that a device reports before it is opened, and return them."""
+    with promises("features are reported before `open`, and unknown ones are None, never zero") as promise:
         features = device.features
         k, d = features.fingers, features.dimensions
         promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
@@ -227,7 +227,7 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
         same = True
     finally:
         if not same:
-            with suppress(Exception):  # the promise broken first is the one to tell
+            with suppress(Exception):  # report the promise broken first
                 device.close()
     return bench
 
@@ -277,7 +277,7 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with bench.promises("zero force is no effort, and a force is one") as promise:
+    with bench.promises("zero force gives no effort, and a force gives one") as promise:
         promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort with zero force written")
         effort = bench.hold(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
@@ -316,7 +316,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
         promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
         away = float(np.abs(position - bench.start).max())
         promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
-    with bench.promises("positions are read to the resolution that is told") as promise:
+    with bench.promises("positions are read to the reported resolution") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
         promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
     with bench.promises("with no force and no hand it stands still") as promise:
@@ -330,7 +330,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
             promise.holds(motion[i, 0] > 0.0, f"finger {i} moved by {motion[i, 0]} m under {force} N")
             away = float(np.abs(np.delete(motion, i, axis=0)).max(initial=0.0))
             promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
-    with bench.promises("a hand pulls the fingertips to where it means them to be") as promise:
+    with bench.promises("a hand pulls the fingertips to their intended positions") as promise:
         _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
         left = float(np.abs(plant.position - bench.start - PULL).max())
         promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with 50 N/m and 5 N s/m")
@@ -340,7 +340,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
 
 
 def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
-    """Place and open, then move under these forces; everything that was read, and the true end."""
+    """Place and open, then move under these forces; return all readings and the true end."""
     plant, rows = cast("Plant", bench.plant), []
     bench.device.close()
     plant.place(bench.start)
@@ -358,7 +358,7 @@ def _check_not_finite(bench: _Bench, force: float) -> None:
     with bench.promises(f"a force that is not finite {promise_} DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
-                _refused(bench.device, bench.push(force))  # something to be kept, unless a fault keeps the device shut
+                _refused(bench.device, bench.push(force))  # a force to be kept, if no fault keeps the device stopped
                 forces = bench.push(force)
                 forces[i, -1] = bad
                 for _ in range((bench.features.delay or 0) + 1):

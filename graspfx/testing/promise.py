@@ -1,4 +1,4 @@
-"""A promise put to the test, the error that names a broken one, and the report of those that a device keeps."""
+"""A promise under test, the error for a broken promise, and the report of the promises that a device keeps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from graspfx.errors import GraspFXError
 
 
 class ConformanceError(GraspFXError, AssertionError):
-    """A device or a scene that does not keep a promise: which promise, and what was found."""
+    """A device or a scene breaks a promise; the message contains the promise and the finding."""
 
     def __init__(self, promise: str, found: str, subject: str = "device") -> None:
         self.promise, self.found = promise, found
@@ -17,12 +17,12 @@ class ConformanceError(GraspFXError, AssertionError):
 
 
 class Promise:
-    """A promise while it is put to the test: an error that it does not speak of breaks it too.
+    """A promise under test; any other error also breaks it.
 
     Args:
-        text: what is promised.
-        subject: who promises it.
-        record: texts of promises that held, to which this one is added if it does.
+        text: Text of the promise.
+        subject: Subject of the promise, "device" or "scene".
+        record: Texts of kept promises, to which this one is added if it holds.
     """
 
     def __init__(self, text: str, subject: str = "device", record: list[str] | None = None) -> None:
@@ -43,10 +43,10 @@ class Promise:
 
 
 class Promises:
-    """Promises put to the test one after another, of which those that hold are noted.
+    """Promises tested one after another, with a record of those that hold.
 
     Attributes:
-        texts: of the promises that held, in their order.
+        texts: Texts of the promises that held, in order.
     """
 
     def __init__(self, subject: str) -> None:
@@ -54,17 +54,17 @@ class Promises:
         self.texts: list[str] = []
 
     def __call__(self, text: str) -> Promise:
-        """Put a promise to the test, in a `with` statement."""
+        """Test a promise in a `with` statement."""
         return Promise(text, self._subject, self.texts)
 
 
 @dataclass(frozen=True)
 class BlindSpot:
-    """A promise of a device that passing the kit does not show to be kept.
+    """A promise of a device that the kit cannot verify.
 
     Attributes:
-        promise: what the protocol asks for.
-        reason: why the kit cannot see it, or what it has seen instead.
+        promise: Requirement of the protocol.
+        reason: Reason why the kit cannot verify it, or what it has checked instead.
     """
 
     promise: str
@@ -76,13 +76,13 @@ class BlindSpot:
 
 @dataclass(frozen=True, repr=False)
 class DeviceReport:
-    """Promises of a device that were checked and are kept, and those that the kit could not see.
+    """Promises of a device that were checked and are kept, and those that could not be checked.
 
     Attributes:
-        checks: promises in the order in which they were checked; each is worded as far as it was.
-        not_visible: promises that a driver may break and still pass: to be tried on the bench, with a force gauge and
-            a ruler, before a person holds the device.
-        needs_person: promises of the hardware itself, which no program can see: each with what to do.
+        checks: Promises in the order of the checks; each states only what was checked.
+        not_visible: Promises that a driver may break and still pass; test them on the bench, with a force gauge and a
+            ruler, before a person holds the device.
+        needs_person: Promises of the hardware that no program can check, each with an instruction.
     """
 
     checks: tuple[str, ...]
@@ -101,14 +101,14 @@ class DeviceReport:
         return str(self)
 
 
-# Promises of hardware, worded as far as nobody sees them; on a wire they are seen.
+# Promises of hardware that are not visible; on a wire they are visible.
 ZERO = "`stop` and `close` are zero force"
 NOT_FINITE = "a force that is not finite is displayed as zero"
 LIMIT = "the force limit is applied, last"
 NEWTONS = "a force reaches its own finger, in its direction, in newtons"
 METRES = "positions are in metres, velocities in metres a second, each of its own finger and axis"
 SECONDS = "the time is that of the reading, in seconds"
-ALONE = "the device loses its force when nobody writes any more"
+ALONE = "the device loses its force without further writes"
 
 HARDWARE = (
     BlindSpot(ZERO, "the kit does not see the wire, only that the calls return"),
@@ -119,39 +119,37 @@ HARDWARE = (
         METRES,
         "it sees their shape and that they are finite: millimetres pass",
     ),
-    BlindSpot(SECONDS, "it sees that it does not run back"),
+    BlindSpot(SECONDS, "it sees that it does not decrease"),
     BlindSpot(ALONE, "it cannot let the program die"),
 )
-"""What is not visible in a device without a plant."""
+"""Promises that are not visible in a device without a plant."""
 
 PERSON = (
-    BlindSpot("the motors do what the wire says", "a force gauge: newtons, directions and signs of every finger"),
-    BlindSpot(
-        "lengths, encoders and axes are those of the settings", "a ruler: put the finger at places that you know"
-    ),
+    BlindSpot("the motors follow the wire", "a force gauge: newtons, directions and signs of every finger"),
+    BlindSpot("lengths, encoders and axes are those of the settings", "a ruler: put the finger at known positions"),
     BlindSpot("the emergency stop takes the power away", "press it while a force is displayed"),
 )
-"""Promises of hardware that only a person can try."""
+"""Promises of hardware that only a person can test."""
 
 FORCELESS = HARDWARE[4:6]
-"""What is not visible in hardware that displays no force."""
+"""Promises that are not visible in hardware without force feedback."""
 
 SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
-"""What is not visible in a simulated device, moved by its plant."""
+"""Promises that are not visible in a simulated device, moved by its plant."""
 
-NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so that none was looked for")
+NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so no limit was tested")
 NOT_NEWTONS = BlindSpot(
     "forces, and their limit, in newtons",
-    "efforts are in other units: it sees whose they are, and that they have an end",
+    "efforts are in other units: it sees their fingers, and that they are bounded",
 )
 ONE_DEVICE = BlindSpot(
-    "two devices of a kind do not know each other", "one device was given: give a function that makes one"
+    "two devices of a kind are independent", "one device was given: pass a function that creates one"
 )
 ALWAYS = (
-    BlindSpot("`read` and `write` neither wait nor allocate more than they must", "no clock is looked at"),
+    BlindSpot("`read` and `write` neither wait nor allocate more than they must", "no time is measured"),
     BlindSpot(
-        "mass, friction, stiffness, damping and delay are those that `features` tells",
-        "it sees that the numbers make sense",
+        "mass, friction, stiffness, damping and delay are those that `features` reports",
+        "it sees that the numbers are plausible",
     ),
 )
-"""What is not visible in any device."""
+"""Promises that are not visible in any device."""

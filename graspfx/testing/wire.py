@@ -1,6 +1,6 @@
-"""Emulators of hardware behind drivers: they show what the motors hold, and fail on demand.
+"""Emulators of hardware for drivers: they show the motors' forces, and fail on demand.
 
-The emulator of a built-in driver stands in the driver's folder, in `emulator.py`; its name leads there from here.
+The emulator of a built-in driver is in the driver's folder, in `emulator.py`; it is imported from here by its name.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ __all__ = ["FAILURES", "Failure", "SerialWire", "Wire", *_DRIVERS]
 FloatArray = NDArray[np.float64]
 Page = TypeVar("Page", bound=ctypes.Structure)
 Failure = Literal["late", "drop", "flip", "cut", "garbage", "wrong-id", "unplugged", "blocked"]
-"""Names of the ways in which an emulator fails."""
+"""Names of the failures of an emulator."""
 
 FAILURES: tuple[Failure, ...] = get_args(Failure)
 """All names of `Failure`."""
 NUMBERS: Mapping[Failure, float] = MappingProxyType(
     {"late": 0.004, "drop": 2.0, "flip": 0.5, "cut": -1.0, "garbage": 20.0}
 )
-"""The number of a failure where none is given."""
+"""Default parameters of the failures."""
 
-IDLE = 0.001  # between two calls of `SerialWire.tick` [s]
-MOST = 4096  # bytes at a time
-SMALL = 1e-6  # step of an angle, for a difference [rad]
+IDLE = 0.001  # time between two calls of `SerialWire.tick` [s]
+MOST = 4096  # largest read [bytes]
+SMALL = 1e-6  # step of an angle for a difference quotient [rad]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
 
 
 def __getattr__(name: str) -> Any:
-    """Load the emulator of a driver when it is first used."""
+    """Load the emulator of a driver on first use."""
     if name not in _DRIVERS:
         raise AttributeError(f"module 'graspfx.testing.wire' has no attribute {name!r}")
     globals()[name] = getattr(emulator(_DRIVERS[name]), name)
@@ -80,18 +80,18 @@ def emulator(driver: str) -> ModuleType:
 
 
 class Wire(Resource):
-    """An emulator of hardware: it answers a driver, shows what the motors hold, and fails on demand.
+    """An emulator of hardware: it answers a driver, shows the motors' torques, and fails on demand.
 
-    It is a context manager: inside `with`, `settings` are those of the driver's `connect` that lead to it.
+    It is a context manager: inside `with`, `settings` are settings of the driver's `connect` that lead to it.
 
     Args:
-        clock: of the hardware, and of the conformance kit on it; the machine's if it is left out.
+        clock: Clock of the hardware and of the conformance kit; by default the system's.
 
     Attributes:
-        kinds: the failures that this hardware can have.
-        limit: the largest torque of each motor [N m], or of a library the largest force [N].
-        checksum: whether a changed bit is seen by who receives it.
-        slowness: seconds in which a second of the hardware's own clock goes by.
+        kinds: Failures that this hardware can have.
+        limit: Largest torque of each motor [N m], or for a library the largest force [N].
+        checksum: Whether the receiver detects a changed bit.
+        slowness: Factor by which the hardware's clock runs slower.
     """
 
     kinds: frozenset[Failure] = frozenset(FAILURES)
@@ -107,16 +107,16 @@ class Wire(Resource):
     @property
     @abstractmethod
     def settings(self) -> dict[str, Any]:
-        """Settings of `connect` that lead here, such as the port."""
+        """Settings of `connect` that lead to the emulator, such as the port."""
 
     @property
     @abstractmethod
     def torque(self) -> FloatArray:
-        """Torques that the motors hold now, (m,) [N m]; of a library that takes forces, those [N]."""
+        """Present torques of the motors (m,) [N m]; forces [N] for a library that accepts forces."""
 
     @property
     def position(self) -> FloatArray | None:
-        """The fingertips as they are, (k, d) [m]; None if the emulator does not know the mechanism."""
+        """True positions of the fingertips (k, d) [m]; None if the emulator does not know the mechanism."""
         return None
 
     @property
@@ -126,25 +126,26 @@ class Wire(Resource):
 
     @abstractmethod
     def move(self) -> None:
-        """Put every finger a few millimetres away from home, and leave it there."""
+        """Move every finger a few millimetres away from home, and leave it there."""
 
     @abstractmethod
     def home(self) -> None:
-        """Put every finger where it was when the wire was made: where a device may be opened."""
+        """Move every finger to its initial position, where a device may be opened."""
 
     def fail(self, kind: Failure, number: float | None = None) -> None:
-        """Have the wire fail from now on, until `heal`.
+        """Let the wire fail from now on, until `heal`.
 
         Args:
-            kind: "late": answers come `number` seconds late; "drop": one answer in `number` is lost; "flip": a bit is
-                changed in an answer with the probability `number`; "cut": of an answer `number` bytes come through, or
-                with -1 as many as the count of answers says, so that in time every byte is the last; "garbage":
-                `number` random bytes before every answer; "wrong-id": answers are another device's; "unplugged": the
-                cable is out; "blocked": the board neither reads nor answers, and its motors go on.
-            number: of the failure; NUMBERS has the one where it is left out.
+            kind: "late": answers are `number` seconds late. "drop": one answer in `number` is lost. "flip": a bit of an
+                answer is changed with the probability `number`. "cut": only `number` bytes of an answer are
+                transmitted; with -1 the number of bytes follows the count of answers, so that every byte is the last at
+                some time. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from another
+                device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and its
+                motors continue.
+            number: Parameter of the failure; the default is in NUMBERS.
 
         Raises:
-            InputError: a kind that this hardware cannot have.
+            InputError: If this hardware cannot have the failure.
         """
         if kind not in self.kinds:
             raise InputError("kind", kind, f"one of {', '.join(sorted(self.kinds))}")
@@ -153,25 +154,25 @@ class Wire(Resource):
         self._change()
 
     def heal(self) -> None:
-        """End the failure; a cable that was out is plugged in again, under the same settings."""
+        """End the failure; an unplugged cable is plugged in again, with the same settings."""
         self.failure = None
         self._change()
 
     @abstractmethod
     def _change(self) -> None:
-        """Pass the failure on to where it happens."""
+        """Apply the failure to the emulated hardware."""
 
     @abstractmethod
     def close(self) -> None:
-        """Take the bench down; returns also when it is called again."""
+        """Shut the emulator down; it also returns if it is already closed."""
 
 
 class Damage:
-    """A failure of a line, answer by answer; the same seed does the same to the same answers.
+    """A failure of a line, answer by answer; the same seed changes the same answers in the same way.
 
     Attributes:
-        kind: of the failure, None for a line that is whole.
-        number: of the failure, as in `Wire.fail`.
+        kind: Kind of the failure, None without one.
+        number: Parameter of the failure, as in `Wire.fail`.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -180,7 +181,7 @@ class Damage:
         self._random, self._answers = random.Random(seed), 0
 
     def apply(self, answer: bytes) -> Iterator[tuple[float, bytes]]:
-        """Give what comes out of the line for an answer, each part with its delay [s]."""
+        """Yield the output of the line for an answer, each part with its delay [s]."""
         self._answers += 1
         match self.kind:
             case "late":
@@ -207,11 +208,11 @@ class Damage:
 
 
 class Plug:
-    """The name of a port that stays while what is behind it comes and goes, as that of a device plugged in again.
+    """The name of a port that persists while the emulator is unplugged and plugged in again.
 
     Attributes:
-        folder: for whatever else belongs to the emulator.
-        port: the name of the port.
+        folder: Folder for further files of the emulator.
+        port: Name of the port.
     """
 
     def __init__(self) -> None:
@@ -219,7 +220,7 @@ class Plug:
         self.port = str(self.folder / "port")
 
     def lead(self, terminal: str) -> None:
-        """Have the port lead to this terminal."""
+        """Let the port lead to this terminal."""
         self.pull()
         (self.folder / "port").symlink_to(terminal)
 

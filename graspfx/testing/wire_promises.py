@@ -1,4 +1,4 @@
-"""Promises of a device that are seen on its wire: an emulator that shows what the motors hold, and fails on demand."""
+"""Promises of a device that are visible on its wire, an emulator that shows the motors' torques and can fail."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 0.3  # for an emulator to act [s]
-LOOKS = 10  # however long each takes: a machine that stood still for a while has not been waited for
-MOTION = 2.0  # for a finger to come where it is put [s]
-LONGEST = 20.0  # for another process to open the device [s]
-TICKS = 40  # of a failure
-NEAR = 1e-3  # that a finger at rest may be read away from where it is while its wire fails [m]
-SHARE = 0.03  # of a force that may be missing, by rounding and the finger's own motion
-SMALL = 2e-3  # [N], likewise
-AT_ONCE = 2  # ticks until an unplugged cable is a fault
-QUICK = 0.1  # a `close` with the cable out [s]
-RECKONING = 0.5  # of the time or the velocity: seconds are told from milliseconds, no clock is judged
+PATIENCE = 0.3  # time for an emulator to react [s]
+LOOKS = 10  # smallest number of checks, so that a pause of the machine does not count as waiting
+MOTION = 2.0  # time for a finger to reach its position [s]
+LONGEST = 20.0  # time for another process to open the device [s]
+TICKS = 40  # ticks of a failure
+NEAR = 1e-3  # tolerance of a resting finger's position while its wire fails [m]
+SHARE = 0.03  # relative tolerance of a force, for rounding and the finger's own motion
+SMALL = 2e-3  # [N], absolute tolerance of a force
+AT_ONCE = 2  # ticks after which an unplugged cable must be a fault
+QUICK = 0.1  # longest `close` with the cable unplugged [s]
+RECKONING = 0.5  # relative tolerance of time or velocity, to distinguish seconds from milliseconds
 
 
 def check_wire(device: Device, wire: Wire, promises: Promises, period: float, force: float) -> None:
-    """Check what is seen on the wire; the device is closed, and is closed afterwards."""
+    """Check the promises visible on the wire; the device must be closed, and is closed afterwards."""
     bench = _Bench(device, wire, period, force)
     try:
         _check_motion(bench, promises)
@@ -62,13 +62,13 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
             _check_failure(bench, promises, kind)
     finally:
         wire.heal()
-        with suppress(Exception):  # the promise broken first is the one to tell
+        with suppress(Exception):  # report the promise broken first
             device.close()
 
 
 def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
-    """Check that hardware which one program has taken is refused to the next."""
-    with promises("hardware that is open is refused to a second program, and the first one goes on") as promise:
+    """Check that hardware opened by one program is refused to the next."""
+    with promises("hardware that is open is refused to a second program, and the first one continues") as promise:
         promise.holds(one is not two, "the factory gave one device twice")
         try:
             one.open(period)
@@ -84,30 +84,30 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
             one.close()
 
 
-# of samples: a period each, whole periods by their times, or their times as they are
+# intervals of samples: one period each, multiples of the period by their times, or their times themselves
 INTERVALS = ("periods", "whole periods", "times")
 
 
 def displays(features: Features) -> bool:
-    """Tell whether a device displays a force, as far as it tells."""
+    """Tell whether a device displays a force, as far as its features tell."""
     return features.continuous_force != 0.0
 
 
 def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
-    """List what this wire cannot show."""
+    """List the promises that this wire cannot show."""
     if wire.force is None and displays(features):
         yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
     if wire.position is None:
         yield BlindSpot(METRES, "the emulator does not know the mechanism: it sees that a moving finger is seen")
     if "flip" in wire.kinds and not wire.checksum:
         yield BlindSpot(
-            "a bit that changes on the way never moves a finger",
-            "the line has no checksum: a change that the mechanism could have made is taken",
+            "a transmission error never moves a finger",
+            "the line has no checksum: an error that is a plausible motion is accepted",
         )
 
 
 class _Bench:
-    """A device on its wire: opened with the fingers at home, and ticked."""
+    """A device on its wire, opened with the fingers at home."""
 
     def __init__(self, device: Device, wire: Wire, period: float, force: float) -> None:
         self.device, self.wire, self.period = device, wire, period
@@ -118,7 +118,7 @@ class _Bench:
         self.forces: FloatArray = np.full(self.shape, self.size / math.sqrt(self.shape[1]))
 
     def open(self) -> None:
-        """Open the device, afresh, with the fingers at home."""
+        """Open the device again, with the fingers at home."""
         self.device.close()
         self.wire.home()
         self.device.open(self.period)
@@ -131,7 +131,7 @@ class _Bench:
 
     @property
     def patience(self) -> float:
-        """Time in which the wire must show something before a watchdog of the hardware would [s]."""
+        """Time within which the wire must react, shorter than a watchdog of the hardware [s]."""
         watchdog = self.device.features.watchdog
         return PATIENCE if watchdog is None else min(PATIENCE, 0.5 * watchdog * self.wire.slowness)
 
@@ -144,7 +144,7 @@ class _Bench:
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
     ) -> bool:
-        """Tell whether the wire comes into a state in time, while the device is ticked by `act` or left alone."""
+        """Tell whether the wire reaches a state in time, while `act` ticks the device or it is left alone."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
         deadline, looks = self.wire.clock.now() + wait, 0
         while True:
@@ -158,18 +158,18 @@ class _Bench:
             self.wire.clock.sleep(min(self.period, 1e-3))
 
     def place_error(self, seen: FloatArray) -> float:
-        """Compute how far fingers are from where they are read, at most [m]; the wire knows where they are."""
+        """Return the largest distance of read positions from the true positions [m]; the wire must know them."""
         return float(np.abs(seen - np.asarray(self.wire.position, dtype=float)).max())
 
     def force_error(self, forces: FloatArray) -> float:
-        """Compute how far the forces on the wire are from those that were written, at most [N]; it knows them."""
+        """Return the largest difference of forces on the wire from the written forces [N]; the wire must know them."""
         return float(np.abs(np.asarray(self.wire.force, dtype=float) - forces).max())
 
     def is_quiet(self) -> bool:
         return not self.wire.torque.any()
 
     def falls_silent(self) -> bool:
-        """Tell whether the motors hold nothing soon, and then stay so."""
+        """Tell whether the motors soon have zero torque and keep it."""
         if not self.becomes(self.is_quiet, within=self.patience):
             return False
         self.wire.clock.sleep(0.005)
@@ -210,7 +210,7 @@ def _check_motion(bench: _Bench, promises: Promises) -> None:
             last, elapsed = bench.tick()[2], wire.clock.now() - began
             wire.clock.sleep(min(bench.period, 1e-3))
         ratio = (last - first) / elapsed
-        off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by this machine's clock or the hardware's
+        off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by the system's clock or by the hardware's
         promise.holds(off <= RECKONING, f"{last - first} s by its readings in {elapsed:.3f} s")
     device.close()
 
@@ -219,7 +219,7 @@ def _reckoning(
     readings: Sequence[tuple[FloatArray, FloatArray, float]], began: float, period: float, intervals: str,
     way: FloatArray,
 ) -> float:  # fmt: skip
-    """Add velocities up over intervals; give by how much they miss the way, as a part of it."""
+    """Integrate velocities over intervals; return their error relative to the displacement."""
     path, before = np.zeros_like(way), began
     for _, velocity, now in readings:
         if now != before:
@@ -276,7 +276,7 @@ def _is_near(bench: _Bench, forces: FloatArray, most: float) -> bool:
 
 
 def _level(bench: _Bench, forces: FloatArray) -> FloatArray:
-    """Write forces for some samples, and give the torques on the wire [N m]."""
+    """Write forces for some samples, and return the torques on the wire [N m]."""
     for _ in range(5):
         bench.device.read()
         bench.device.write(forces)
@@ -319,11 +319,11 @@ def _check_zero(bench: _Bench, promises: Promises) -> None:
 
 
 class _Interruption(Exception):
-    """An error of whoever uses the device."""
+    """An exception of the device's user."""
 
 
 def _check_alone(bench: _Bench, promises: Promises) -> None:
-    """Kill a program that displays a force, and see how the force goes."""
+    """Kill a program that displays a force, and check the removal of the force."""
     if not hasattr(os, "fork"):
         return
     with promises(ALONE) as promise:
@@ -332,7 +332,7 @@ def _check_alone(bench: _Bench, promises: Promises) -> None:
 
 
 def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
-    """See that a force which nobody commands any more goes: by a watchdog [s], or by the driver's `quench`."""
+    """Check that a force without further commands is removed: by a watchdog [s], or by the driver's `quench`."""
     wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
     if bench.becomes(bench.is_quiet, within=wait):
         return
@@ -348,11 +348,11 @@ def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
 
 
 def _killed(bench: _Bench, promise: Promise) -> float | None:
-    """Have another process open the device and display a force; kill it, and give the watchdog that it had [s]."""
+    """Let another process open the device and display a force; kill it, and return its watchdog time [s]."""
     bench.wire.home()
     ours, theirs = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # threads of this process: the other one needs none of them
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads that the other process does not need
         process = os.fork()
     if process == 0:  # pragma: no cover (killed: nothing is counted)
         try:
@@ -378,7 +378,7 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
 
 
 def _driver(device: Device) -> QuenchableDriver | None:
-    """Find the driver that a device is from: the module of its class, or a package around it."""
+    """Return the driver of a device: the module of its class, or a package around it."""
     name = type(device).__module__
     while name:
         module: object = sys.modules.get(name)
@@ -391,7 +391,7 @@ def _driver(device: Device) -> QuenchableDriver | None:
 def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
     device, wire = bench.device, bench.wire
     with promises(
-        f"a wire that fails ({kind}) is a sample that stands or a DeviceError, never another place"
+        f"a failing wire ({kind}) gives the previous sample or a DeviceError, never another position"
     ) as promise:
         bench.open()
         for _ in range(5):

@@ -1,1 +1,1 @@
-"""Gains that a laboratory can start from: the largest that keep wanted margins in the hands of a set of operators."""
+"""Tuning of gains: the largest gains that keep required margins for a set of operators."""

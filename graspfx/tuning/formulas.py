@@ -1,4 +1,4 @@
-"""Formulas of measures and keys: what a name means, expressions of names and numbers, and comparisons of two."""
+"""Formulas of measures and keys: names, expressions of names and numbers, and comparisons of expressions."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ COMPARISON = "a comparison with >= or <=, as in margin >= 1.3"
 SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
-DEEPEST = 50  # brackets in one another
-LEVELS = ("+-", "*/")  # signs, from those that bind least
+DEEPEST = 50  # largest depth of nested brackets
+LEVELS = ("+-", "*/")  # operators by increasing precedence
 
 Tree = float | str | tuple[str, "Tree", "Tree"]
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of names, as it was typed."""
+    """A formula of names, as entered."""
 
     text: str
     tree: Tree
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names in it, each once."""
+        """Names in the formula, without repetitions."""
         return tuple(dict.fromkeys(_names(self.tree)))
 
     def value(self, numbers: Mapping[str, float]) -> float:
-        """Compute it for values of its names; nan where it divides by zero."""
+        """Evaluate the formula for values of its names; return NaN for a division by zero."""
         return _value(self.tree, numbers)
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A comparison: `left` is at least, or at most, `right`."""
+    """A comparison: `left` must be at least, or at most, `right`."""
 
     text: str
     left: Expression
@@ -57,11 +57,11 @@ class Constraint:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names on both sides, each once."""
+        """Names on both sides, without repetitions."""
         return tuple(dict.fromkeys((*self.left.names, *self.right.names)))
 
     def slack(self, numbers: Mapping[str, float]) -> float:
-        """Compute by how much it is met, over the bound's size; below zero it is not, and -inf without a number."""
+        """Return the slack relative to the bound: negative if violated, -inf if a side is not a number."""
         left, right = self.left.value(numbers), self.right.value(numbers)
         room = left - right if self.is_least else right - left
         if math.isnan(room):
@@ -70,19 +70,19 @@ class Constraint:
 
 
 def read_expression(text: str, name: str = "maximise") -> Expression:
-    """Read a formula.
+    """Parse a formula.
 
     Raises:
-        InputError: what is none.
+        InputError: If the text is not a formula.
     """
     return Expression(text.strip(), _whole(_words(text, name), name, text))
 
 
 def read_constraints(text: object, name: str = "subject_to") -> tuple[Constraint, ...]:
-    """Read comparisons that commas separate.
+    """Parse comparisons separated by commas.
 
     Raises:
-        InputError: what is none.
+        InputError: If the text is not a list of comparisons.
     """
     if not isinstance(text, str):
         _refuse(name, text, COMPARISON)
@@ -106,7 +106,7 @@ def _side(words: list[str], name: str, text: str) -> Expression:
 def _whole(words: list[str], name: str, text: str) -> Tree:
     tree, rest = _sum(words, name, text, 0)
     if rest:
-        _refuse(name, text, f"{FORM}; {rest[0]!r} has no place there")
+        _refuse(name, text, f"{FORM}; {rest[0]!r} is unexpected")
     return tree
 
 
@@ -117,14 +117,14 @@ def _words(text: object, name: str) -> list[str]:
     while text[at:].strip():
         match = TOKEN.match(text, at)
         if match is None:
-            _refuse(name, text.strip(), f"{FORM}; {text[at:].strip()[0]!r} has no place there")
+            _refuse(name, text.strip(), f"{FORM}; {text[at:].strip()[0]!r} is unexpected")
         words.append(match.group().strip())
         at = match.end()
     return words
 
 
 def _sum(words: list[str], name: str, text: str, depth: int, level: int = 0) -> tuple[Tree, list[str]]:
-    """Read terms and the signs of a level between them, from the left; terms of the last level are factors."""
+    """Parse terms and the operators of one precedence level between them, from the left."""
     if level == len(LEVELS):
         return _factor(words, name, text, depth)
     tree, words = _sum(words, name, text, depth, level + 1)
@@ -136,9 +136,9 @@ def _sum(words: list[str], name: str, text: str, depth: int, level: int = 0) -> 
 
 def _factor(words: list[str], name: str, text: str, depth: int) -> tuple[Tree, list[str]]:
     if depth > DEEPEST:
-        _refuse(name, text, f"at most {DEEPEST} brackets in one another")
+        _refuse(name, text, f"at most {DEEPEST} nested brackets")
     if not words:
-        _refuse(name, text.strip(), f"{FORM}; something is missing at the end")
+        _refuse(name, text.strip(), f"{FORM}; the text ends too early")
     first, *rest = words
     if first == "-":
         tree, rest = _factor(rest, name, text, depth + 1)
@@ -151,7 +151,7 @@ def _factor(words: list[str], name: str, text: str, depth: int) -> tuple[Tree, l
     if first[0].isdigit() or first[0] == ".":
         return float(first), rest
     if not (first[0].isalpha() or first[0] == "_"):
-        _refuse(name, text.strip(), f"{FORM}; {first!r} has no place there")
+        _refuse(name, text.strip(), f"{FORM}; {first!r} is unexpected")
     return first, rest
 
 
@@ -177,17 +177,17 @@ def _refuse(name: str, text: object, expected: str) -> NoReturn:
     raise InputError(name, text, expected)
 
 
-# What names mean -----------------------------------------------------------------------------------------------------
+# Meaning of names ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number that a judgement has.
+    """A quantity of a certification result.
 
     Attributes:
-        formula: in words.
-        unit: of it; empty for a ratio.
-        read: takes it from a judgement.
+        formula: Definition in words.
+        unit: Unit; empty for a ratio.
+        read: Function that reads it from a judgement.
     """
 
     formula: str
@@ -205,25 +205,25 @@ def _frequency(one: Judgement) -> float:
 
 
 MEASURES: dict[str, Measure] = {
-    "margin": Measure("the least limit over gain of all modes while all fingers hold", "", lambda one: one.margin),
+    "margin": Measure("smallest limit over gain of all modes while all fingers hold", "", lambda one: one.margin),
     "margin.internal": Measure("limit over gain of k_ip", "", lambda one: one.margin_of("internal")),
     "margin.external": Measure("limit over gain of k_ep", "", lambda one: one.margin_of("external")),
     "margin.external_translation": Measure(
-        "limit over gain of k_ep for shifts alone", "", lambda one: one.margin_of("external translation")
+        "limit over gain of k_ep for translations only", "", lambda one: one.margin_of("external translation")
     ),
     "margin.external_rotation": Measure(
-        "limit over gain of k_ep for turns alone", "", lambda one: one.margin_of("external rotation")
+        "limit over gain of k_ep for rotations only", "", lambda one: one.margin_of("external rotation")
     ),
-    "margin.standing": Measure("limit over gain on what carries the object", "", _standing),
+    "margin.standing": Measure("limit over gain of the supports of the object", "", _standing),
     "margin.pushing": Measure(
-        "the least limit over gain of fingers that push without the others", "",
+        "smallest limit over gain of fingers that push without the others", "",
         lambda one: min((row.limit.margin for row in one.pushing), default=math.inf),
     ),
     "grip": Measure("squeeze at rest over the least that holds weight, drag, acceleration", "", lambda one: one.grip),
     "depth": Measure("distance of the deepest fingertip from its contact at rest", "m", lambda one: one.depth),
     "squeeze": Measure("largest internal force of a finger at rest", "N", lambda one: one.squeeze),
     "force": Measure("largest force of a finger at rest", "N", lambda one: one.force),
-    "frequency": Measure("at which the mode of least margin is lost", "Hz", _frequency),
+    "frequency": Measure("frequency of the mode of smallest margin at its stability limit", "Hz", _frequency),
     "spectral_radius": Measure("largest abs(z) of the sampled loop", "", lambda one: one.spectral_radius),
     "displayed.stiffness": Measure("abs(f_i)^2/(f_i.e) of the squeeze at rest", "N/m", lambda one: one.displayed),
 }  # fmt: skip
@@ -235,11 +235,11 @@ GAINS = {
 
 
 def key_of(scene: Scene, name: str) -> str | None:
-    """Give the key that a name stands for; None for a measure.
+    """Return the key that a name denotes; None for a measure.
 
     Raises:
-        UnknownNameError: it is neither.
-        InputError: the key's value is no number.
+        UnknownNameError: If the name is neither.
+        InputError: If the value of the key is not a number.
     """
     if name in MEASURES:
         return None
@@ -252,19 +252,19 @@ def key_of(scene: Scene, name: str) -> str | None:
     except GraspFXError:
         value = None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(name, value, "a key whose value is one number", "a measure, or another key")
+        raise InputError(name, value, "a key with a single number", "a measure, or another key")
     return key
 
 
 def numbers_of(
     keys: Mapping[str, str | None], one: Judgement, instead: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Give the number of each name in a judgement.
+    """Return the number of each name in a judgement.
 
     Args:
-        keys: of each name, as `key_of` gives them.
-        one: the judgement.
-        instead: other numbers for some names.
+        keys: Key of each name, as returned by `key_of`.
+        one: Judgement to read.
+        instead: Numbers that replace those of some names.
     """
     result = {name: MEASURES[name].read(one) if key is None else _number(one, key) for name, key in keys.items()}
     return result | {name: value for name, value in (instead or {}).items() if name in result}

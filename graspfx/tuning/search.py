@@ -1,4 +1,4 @@
-"""A problem of tuning, and the search for its best point: scipy's optimisers, over hands that grow by the worst one."""
+"""A tuning problem and the search for its optimum by scipy's optimisers, over a growing set of worst-case hands."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ FloatArray = NDArray[np.float64]
 Hand = dict[str, float]
 Point = tuple[float, ...]
 
-WIDE = 100.0  # times a gain's value, and one part in as many: where it is looked for
+WIDE = 100.0  # a gain's default range: its value divided by and multiplied by this
 MOST_KEYS = 12
 PUSHING = "margin.pushing"
 
-GRID = 17  # points of one key, looked at before roots are sought
-STARTS = 10  # points for each of more keys
-ROUNDS = 8  # of hands that are added
-MET = 1e-6  # a constraint's slack below zero that counts as met
-FINE = 1e-9  # of a range: of a root
-WIDEST = 10.0  # slack beyond which more tells a solver nothing
-BOX_POINTS = 6  # that fill the operators' box for each of its ranges, round by round
-STEP = 1e-4  # of a range: of a difference quotient
+GRID = 17  # points of a grid over one key, before roots are sought
+STARTS = 10  # starting points for each of several keys
+ROUNDS = 8  # largest number of rounds that add hands
+MET = 1e-6  # tolerance of a constraint's slack below zero
+FINE = 1e-9  # tolerance of a root, relative to a range
+WIDEST = 10.0  # slacks are clipped here, because larger ones do not guide a solver
+BOX_POINTS = 6  # points per range and round that sample the operators' box
+STEP = 1e-4  # step of a difference quotient, relative to a range
 
 
 class Problem:
-    """A problem of tuning, and a memory of judgements.
+    """A tuning problem with a cache of judgements.
 
     Args:
-        scene: whose gains change.
-        objective: what is to be as large as possible.
-        constraints: what has to hold, in every hand.
-        over: ranges of the keys that may change; those of the objective's keys if None.
-        operators: the set of operators; None for the scene's own.
+        scene: Scene whose gains change.
+        objective: Formula to be maximised.
+        constraints: Constraints that must hold in every hand.
+        over: Ranges of the keys that may change; those of the objective's keys if None.
+        operators: Set of operators; None for the scene's own operator.
     """
 
     def __init__(
@@ -77,22 +77,22 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Number of judgements that were made."""
+        """Number of judgements so far."""
         return self._judge.count
 
     @property
     def is_of_keys(self) -> bool:
-        """Whether the objective is of keys that change, and of nothing that has to be judged."""
+        """Whether the objective depends only on keys that change, so that it needs no judgement."""
         changing = {each.key for each in self.over}
         return all(self.keys[name] in changing for name in self.objective.names) and bool(self.objective.names)
 
     def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
-        """Give the values by key at a point of the unit box."""
+        """Return the values by key at a point of the unit box."""
         pairs = zip(self.over, np.clip(point, 0.0, 1.0).tolist(), strict=True)
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def point(self, values: Mapping[str, float]) -> Point:
-        """Give the point of the unit box where keys have these values, or the nearest."""
+        """Return the point of the unit box at which keys have these values, or the nearest one."""
         shares = []
         for each in self.over:
             low, high, value = each.low, each.high, float(values[each.key])
@@ -102,11 +102,11 @@ class Problem:
         return tuple(shares)
 
     def judged(self, point: Sequence[float] | FloatArray, hand: Mapping[str, float]) -> Judgement:
-        """Judge the scene at a point in an operator's hand, once."""
+        """Judge the scene at a point in an operator's hand; results are cached."""
         return self.judged_with(self.values(point), hand)
 
     def judged_with(self, values: Mapping[str, float], hand: Mapping[str, float]) -> Judgement:
-        """Judge the scene with these values, which may be outside of the box, in an operator's hand, once."""
+        """Judge the scene with these values, possibly outside the box, in an operator's hand; results are cached."""
         whole = {**values, **hand}
         entry = tuple(sorted(whole.items()))
         if entry not in self._memory:
@@ -114,16 +114,16 @@ class Problem:
         return self._memory[entry]
 
     def slacks(self, one: Judgement) -> list[float]:
-        """Give by how much each constraint is met in a judgement, over its bound; less than zero where it is not."""
+        """Return the slack of each constraint relative to its bound; negative slacks are violations."""
         numbers = numbers_of(self.keys, one)
         return [each.slack(numbers) for each in self.constraints]
 
     def least(self, one: Judgement) -> float:
-        """Give the least slack of a judgement."""
+        """Return the smallest slack of a judgement."""
         return min(self.slacks(one), default=math.inf)
 
     def smooth_slacks(self, one: Judgement, modes: Sequence[str]) -> Iterator[float]:
-        """Give the slacks, of constraints on the least margin one for each mode: smoother than their least."""
+        """Yield the slacks; a constraint on the margin gives one per mode, which are smoother than their minimum."""
         numbers = numbers_of(self.keys, one)
         for each in self.constraints:
             if "margin" in each.names and one.stable:
@@ -133,7 +133,7 @@ class Problem:
                 yield from [each.slack(numbers)] * (len(modes) if "margin" in each.names else 1)
 
     def objective_of(self, one: Judgement) -> float:
-        """Give the objective's value in a judgement."""
+        """Return the value of the objective in a judgement."""
         return self.objective.value(numbers_of(self.keys, one))
 
 
@@ -145,7 +145,7 @@ def _ranges(scene: Scene, objective: Expression, over: Any, keys: Mapping[str, s
             yield _wide(scene, key)
         return
     if isinstance(over, str) or not isinstance(over, Mapping | Sequence) or not 1 <= len(over) <= MOST_KEYS:
-        raise InputError("over", over, f"ranges of from 1 to {MOST_KEYS} keys", f"as {FORM}")
+        raise InputError("over", over, f"ranges of 1 to {MOST_KEYS} keys", f"as {FORM}")
     if isinstance(over, Mapping):
         ranges = [range_of(name, value) for name, value in over.items()]
     else:
@@ -164,20 +164,20 @@ def _key(scene: Scene, name: str) -> str:
 def _wide(scene: Scene, key: str) -> OperatorRange:
     value = value_of(scene, key)
     if not value > 0.0:
-        raise InputError("over", key, "a range, KEY=FROM:TO", f"the scene's own value is {value}, which tells no size")
+        raise InputError("over", key, "a range, KEY=FROM:TO", f"the value {value} gives no default range")
     return OperatorRange(key, value / WIDE, value * WIDE)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The best point that was met.
+    """Result of a search.
 
     Attributes:
-        point: of the unit box.
-        feasible: whether it meets all constraints in the hands that were looked at.
-        hands: the operators that the constraints were held against.
-        worst: the last search for the worst operator; None for the scene's own alone.
-        rounds: how often a hand was added.
+        point: Best point in the unit box.
+        feasible: Whether it satisfies all constraints in the hands of the search.
+        hands: Operators for which the constraints were evaluated.
+        worst: Last search for the worst operator; None for the scene's own operator.
+        rounds: Number of rounds that added hands.
     """
 
     point: Point
@@ -188,10 +188,10 @@ class Answer:
 
 
 def search(problem: Problem) -> Answer:
-    """Find the best point that meets the constraints in all hands (Blankenship and Falk, 1976).
+    """Find the best point that satisfies the constraints in all hands (Blankenship and Falk, 1976).
 
-    The best point for a few hands; the worst hand there, over the whole box of operators; if it violates a constraint
-    it joins the few, and again.
+    Alternates between the best point for a few hands, and the worst hand in the whole box of operators at this point;
+    if that hand violates a constraint, it is added to the few.
     """
     hands: list[Hand] = [{}]
     operators = problem.operators
@@ -220,7 +220,7 @@ def _worst(problem: Problem, operators: OperatorSet, point: Point) -> Search:
 
 
 def _violators(problem: Problem, worst: Search, hands: Sequence[Hand], operators: OperatorSet) -> list[Hand]:
-    """Give for each constraint that is violated the hand that violates it most."""
+    """Return, for each violated constraint, the hand that violates it most."""
     result: list[Hand] = []
     for k in range(len(problem.constraints)):
         slack, point = min((problem.slacks(one)[k], place) for place, one in worst.every)
@@ -231,34 +231,34 @@ def _violators(problem: Problem, worst: Search, hands: Sequence[Hand], operators
 
 
 def clipped(slack: float) -> float:
-    """Limit a slack to what a solver can use."""
+    """Clip a slack to the range that guides a solver."""
     return -WIDEST if math.isnan(slack) else min(max(slack, -WIDEST), WIDEST)
 
 
 def room(problem: Problem, point: Sequence[float] | FloatArray, hands: Sequence[Hand]) -> float:
-    """Give the least slack of a point in some hands."""
+    """Return the smallest slack of a point over some hands."""
     return min(clipped(problem.least(problem.judged(point, hand))) for hand in hands)
 
 
 def height(problem: Problem, point: Sequence[float] | FloatArray, hands: Sequence[Hand]) -> float:
-    """Give the least objective of a point in some hands; without a number the least there is."""
+    """Return the smallest objective of a point over some hands; -inf if it is not a number."""
     values = [problem.objective_of(problem.judged(point, hand)) for hand in hands[: 1 if problem.is_of_keys else None]]
     return min(-math.inf if math.isnan(each) else each for each in values)
 
 
 def _best(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Find the best point for these hands, and whether it meets the constraints."""
+    """Find the best point for these hands; also return whether it satisfies the constraints."""
     if len(problem.over) == 1:
         return _best_on_line(problem, hands, before)
     return _best_in_box(problem, hands, before)
 
 
 def _best_on_line(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Look at a grid of one key, then where next to its best point the constraints begin to be violated."""
+    """Evaluate a grid of one key, then find the boundary of the constraints next to its best point."""
     from scipy.optimize import brentq, minimize_scalar
 
     grid = np.linspace(0.0, 1.0, GRID).tolist()
-    with waiting("looking along the range", len(grid), "points") as wait:
+    with waiting("searching the range", len(grid), "points") as wait:
         rooms = []
         for x in grid:
             rooms.append(room(problem, (x,), hands))
@@ -298,7 +298,7 @@ def _best_on_line(problem: Problem, hands: Sequence[Hand], before: Point | None)
 
 
 def _inside(problem: Problem, hands: Sequence[Hand], edge: float, inner: float) -> float:
-    """Step from a root inwards until the constraints are met."""
+    """Step inwards from a root until the constraints are satisfied."""
     step = FINE
     while room(problem, (edge,), hands) < -MET and step < abs(edge - inner):
         edge += math.copysign(step, inner - edge)
@@ -307,12 +307,12 @@ def _inside(problem: Problem, hands: Sequence[Hand], edge: float, inner: float) 
 
 
 def _best_in_box(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Look at points that fill the box, then descend from the best by sequential quadratic programming."""
+    """Sample the box, then optimise from the best point by sequential quadratic programming."""
     size = len(problem.over)
     box = OperatorSet(problem.over, "")
     own = problem.point({each.key: _own(problem, each.key) for each in problem.over})
     places = [own, *([before] if before is not None else box.spread(STARTS * size))]
-    with waiting("looking at the box", len(places), "points") as wait:
+    with waiting("searching the box", len(places), "points") as wait:
         ranked = []
         for place in places:
             slack = room(problem, place, hands)
@@ -338,7 +338,7 @@ def _own(problem: Problem, key: str) -> float:
 
 
 def _descended(problem: Problem, hands: Sequence[Hand], start: Point) -> list[Point]:
-    """Maximise t with t below the objective of every hand, all slacks above zero (SLSQP, Kraft 1988)."""
+    """Maximise t subject to t below the objective in every hand and all slacks above zero (SLSQP, Kraft 1988)."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     size = len(start)
@@ -367,12 +367,12 @@ def _descended(problem: Problem, hands: Sequence[Hand], start: Point) -> list[Po
     end = tuple(float(x) for x in np.clip(result.x[:size], 0.0, 1.0))
     if room(problem, end, hands) >= -MET:
         return [end]
-    # a step back towards where it came from
+    # a step back towards the start
     return [end, *_between(problem, hands, start, end)]
 
 
 def _between(problem: Problem, hands: Sequence[Hand], inner: Point, outer: Point) -> list[Point]:
-    """Find where on the way from a point that meets the constraints to one that does not they begin to be violated."""
+    """Find the boundary of the constraints between a point that satisfies them and one that does not."""
     from scipy.optimize import brentq
 
     if room(problem, inner, hands) < 0.0:
@@ -383,7 +383,7 @@ def _between(problem: Problem, hands: Sequence[Hand], inner: Point, outer: Point
 
 
 def _pushed_out(problem: Problem, hands: Sequence[Hand], point: Point) -> tuple[bool, float, Point]:
-    """Push each key in turn as far as the objective rises and the constraints hold."""
+    """Move each key in turn as far as the objective increases and the constraints hold."""
     best = (True, height(problem, point, hands), point)
     for i in [*range(len(point))] * 2:
         for way in (1.0, -1.0):

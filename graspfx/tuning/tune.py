@@ -1,4 +1,4 @@
-"""The largest gains of a scene that keep margins in the hands of a set of operators, verified afresh."""
+"""Tuning: the largest gains of a scene that keep margins for a set of operators, with independent verification."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
 
 OWN = "own"
 USUAL = "margin >= 1.5"
-MORE = 1.01  # times the objective, where the verification looks
-NEAR = 2e-3  # slack up to which a constraint may be what binds
-FRESH = 32  # operators drawn afresh that the optimum is held against
-SAME = 1e-6  # relative: a rise of the objective that is rounding
-TIGHTEST = 6  # hands in which the objective 1 % higher is judged
-EDGE = 1e-6  # of a range: at its end
+MORE = 1.01  # factor on the objective for the verification
+NEAR = 2e-3  # largest slack of a constraint that may be active
+FRESH = 32  # number of random operators for the verification
+SAME = 1e-6  # relative increase of the objective that is rounding
+TIGHTEST = 6  # number of hands for which the objective 1 % larger is judged
+EDGE = 1e-6  # distance from the end of a range, relative to the range
 
 
 def tune(
@@ -38,35 +38,36 @@ def tune(
     operators: Ranges | str | None = None,
     seed: int = 0,
 ) -> Tuning:
-    """Find the largest gains with which a scene keeps its margins in the hands of every operator of a set.
+    """Find the largest gains with which a scene keeps its margins for every operator of a set.
 
-    Constraints hold in the worst hand: the best gains for a few hands, then the worst hand of the whole box there, and
-    again with it among the few, until none violates them (Blankenship and Falk 1976). Of one key roots are sought from
-    a grid, of more by sequential quadratic programming from points that fill the box. Each judgement is a certificate
-    at a rest of its own. The answer is judged afresh, in hands drawn at random too, and with the objective 1 % higher.
+    Constraints hold in the worst hand: alternate between the best gains for a few hands and the worst hand in the whole
+    box for these gains, which joins the few, until no hand violates a constraint (Blankenship and Falk 1976). For one
+    key, roots are bracketed by a grid; several keys use sequential quadratic programming from points that sample the
+    box. Each judgement is a certificate at its own rest. The result is verified by new judgements, also for random
+    hands and with the objective 1 % larger.
 
-    Names: `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
+    Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
-    `spectral_radius`, `displayed.stiffness` [N/m] (`formulas.MEASURES` has the formulas), gains as
-    `internal.stiffness`, and any key of the scene that is a number.
+    `spectral_radius`, `displayed.stiffness` [N/m] (formulas in `formulas.MEASURES`), gains such as
+    `internal.stiffness`, and any numeric key of the scene.
 
     Args:
-        scene: from `load`, or made in Python; or its name, or a path.
-        maximise: a formula of names, numbers, + - * / and brackets.
-        subject_to: comparisons of formulas by >= or <=, in one text between commas, or several.
-        over: ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO"; the gains of
-            the objective, a hundredth to a hundred times their values, if None.
-        operators: as `certify_operators`; "own" for the scene's own alone. The table [operators] of the scene, or the
-            usual ranges, if None.
-        seed: of the hands drawn afresh.
+        scene: Scene, or its name or path.
+        maximise: Formula of names, numbers, + - * / and brackets.
+        subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
+        over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO". By default
+            the gains of the objective, from a hundredth to a hundred times their values.
+        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default the table
+            [operators] of the scene, or the usual ranges.
+        seed: Seed of the random hands of the verification.
 
     Returns:
-        A `Tuning`; of a problem that cannot be met, the nearest, which says so.
+        A `Tuning`. If the problem is infeasible, it contains the nearest point and says so.
 
     Raises:
-        InputError: an expression, a range or an objective that is none, a seed that is no whole number from zero.
-        UnknownNameError: a name that is neither measure nor key.
-        SceneError: a value that the scene does not take.
+        InputError: If an expression, a range or the objective is invalid, or the seed is not a non-negative integer.
+        UnknownNameError: If a name is neither a measure nor a key.
+        SceneError: If the scene rejects a value.
     """
     scene_, seed = to_scene(scene), count("seed", seed)
     text = subject_to if isinstance(subject_to, str) else ", ".join(subject_to)
@@ -83,12 +84,12 @@ def _operators(scene: Scene, operators: Ranges | str | None) -> OperatorSet | No
             raise InputError("operators", operators, f"ranges by key, or {OWN!r}")
         return None
     if operators is None and not scene.operators and not (scene.hand or any(each.hand for each in scene.finger)):
-        return None  # nobody simulated holds it
+        return None  # no simulated operator holds the devices
     return operator_set(scene, operators)
 
 
 def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
-    """Judge the answer afresh, with rounded values, and beyond it."""
+    """Judge the result again, with rounded values, and beyond the optimum."""
     values = {key: float(six_digits(value)) for key, value in problem.values(answer.point).items()}
     hands = list(answer.hands)
     if problem.operators is not None:
@@ -130,7 +131,7 @@ def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
 
 
 def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float], hands: list[Hand]) -> dict[str, float]:
-    """Round the tuned values to six digits on the side where the constraints hold."""
+    """Round the tuned values to six digits towards the side where the constraints hold."""
     if not answer.feasible:
         return values
     exact = problem.values(answer.point)
@@ -142,7 +143,7 @@ def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float],
 
 
 def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[Judgement]) -> ConstraintValue:
-    """Give a constraint in the hand that comes nearest to violating it."""
+    """Return a constraint in the hand that comes nearest to violating it."""
     one = min(ones, key=lambda each: problem.slacks(each)[number])
     measures = numbers_of(problem.keys, one)
     left, right = constraint.left.value(measures), constraint.right.value(measures)
@@ -150,7 +151,7 @@ def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[J
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
-    """Name the constraint that breaks beyond the optimum, else the one that is met without room."""
+    """Return the constraint that breaks beyond the optimum, else one without slack."""
     broken = [check.broken for check in more if check.broken is not None]
     if broken and len(broken) == len(more):
         first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))
@@ -162,7 +163,7 @@ def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintVa
 def _more(
     problem: Problem, values: Mapping[str, float], ones: Sequence[Judgement], hands: Sequence[Hand]
 ) -> Iterator[Check]:
-    """Judge each key 1 % further the way the objective rises, and name the constraint that breaks first."""
+    """Judge each key 1 % further in the direction of a larger objective, and find the first constraint that breaks."""
     before = min(problem.objective_of(one) for one in ones)
     for each in problem.over:
         for factor in (MORE, 1.0 / MORE):
@@ -177,21 +178,21 @@ def _more(
 def _refutation(
     at: Sequence[ConstraintValue], ones: Sequence[Judgement], hands: Sequence[Hand], shaped: int, seed: int
 ) -> str:
-    """Say in which hand an answer fails that met all constraints in the hands of the search, and what to do."""
+    """Describe the hand in which a result of the search fails, and a remedy."""
     first = min((each for each in at if not each.holds), key=lambda each: each.slack)
     k = next(k for k, one in enumerate(ones) if one is first.judgement)
-    origin = "one of the search, after rounding to six digits" if k < shaped else "the worst that was met"
+    origin = "a hand of the search, after rounding to six digits" if k < shaped else "the worst hand found"
     if shaped <= k < shaped + FRESH and len(hands) > shaped:
-        origin = f"one of {FRESH} drawn at random (seed {seed})"
+        origin = f"one of {FRESH} random hands (seed {seed})"
     where = f" in the hand of {numbers(hands[k])}, {origin}" if hands[k] else " in the scene's own hand"
     count = f" in its {shaped} hands" if shaped > 1 else ""
-    before = f"the search met all constraints{count}"
-    do = "ask for a little more in that constraint, or narrow the ranges of operators or of the keys"
+    before = f"the search satisfied all constraints{count}"
+    do = "tighten that constraint slightly, or narrow the ranges of operators or of the keys"
     return f"{before}, but {first.text} comes to {first.left:.5g}{where}: {do}"
 
 
 def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:
-    """Give for each constraint that cannot be met even by itself how near its left side comes, and the judgements."""
+    """Return the best left side of each constraint that is infeasible on its own, and the number of judgements."""
     result: dict[str, float] = {}
     count = 0
     for each in problem.constraints:

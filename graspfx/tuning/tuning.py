@@ -1,4 +1,4 @@
-"""The answer of a tuning: gains to start from, what each constraint is there, and why they are no higher."""
+"""Result of a tuning: tuned gains, the constraints at the optimum, and what limits the objective."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from graspfx.certificate.judgement import Judgement, ObjectLimit
 from graspfx.certificate.operator_set import OperatorRange, OperatorSet
 from graspfx.scene.model import Scene
 
-ROUNDING = 1e-5  # of a bound
+ROUNDING = 1e-5  # tolerance relative to a bound
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class ConstraintValue:
     """A constraint at the optimum, in the hand that comes nearest to violating it.
 
     Attributes:
-        text: of the constraint.
-        left, right: values of its two sides there.
-        slack: by how much it is met, over the right side; less than zero where it is not.
-        judgement: of that hand.
+        text: Text of the constraint.
+        left, right: Values of its two sides.
+        slack: Slack relative to the right side; negative if the constraint is violated.
+        judgement: Judgement for this hand.
     """
 
     text: str
@@ -37,18 +37,18 @@ class ConstraintValue:
 
     @property
     def holds(self) -> bool:
-        """Whether it is met, but for the rounding of tuned values to six digits."""
+        """Whether it is satisfied up to the rounding of tuned values to six digits."""
         return self.slack >= -ROUNDING
 
     @property
     def reason(self) -> str:
-        """The sides' values, and for stability the mode, its limit and frequency."""
+        """Values of both sides, and for a stability margin also the mode, its limit and its frequency."""
         row = self.row
         return f"{self.text} is {self.left:.5g}{f': {row.text}' if row is not None else ''}"
 
     @property
     def row(self) -> ObjectLimit | None:
-        """The limit that the constraint is of: of the mode that it names, else the least; None without a margin."""
+        """Limit of the mode that the constraint names, else the smallest limit; None without a margin."""
         margins = re.findall(r"\bmargin(?:\.(\w+))?", self.text)
         if not margins:
             return None
@@ -62,12 +62,12 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Check:
-    """The verification beyond the optimum: the objective 1 % higher.
+    """Verification beyond the optimum, with the objective 1 % larger.
 
     Attributes:
-        values: by key, that were judged.
-        broken: the constraint that does not hold there, as it is in the hand that violates it most; None if all hold.
-        key: that is 1 % larger, or smaller; empty where no key makes the objective larger.
+        values: Judged values by key.
+        broken: Constraint that fails there, in the hand that violates it most; None if all hold.
+        key: Key that is 1 % larger or smaller; empty if no key increases the objective.
     """
 
     values: Mapping[str, float]
@@ -76,36 +76,36 @@ class Check:
 
     @property
     def text(self) -> str:
-        """The verification in words."""
+        """The verification in a sentence."""
         if not self.key:
-            return "verified: 1 % more or less of any key alone does not make it larger"
+            return "verified: changing any single key by 1 % does not increase it"
         beyond = f"verified: 1 % beyond, {self.key} = {self.values[self.key]:.6g}"
-        return f"{beyond}, all still hold" if self.broken is None else f"{beyond}, breaks it: {self.broken.reason}"
+        return f"{beyond}, all still hold" if self.broken is None else f"{beyond}, fails: {self.broken.reason}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning(Carded):
-    """Gains that a laboratory can start from.
+    """Result of a tuning.
 
     Attributes:
-        scene: as it was.
-        objective: that was made as large as it can be.
-        value: of it at the optimum, in the worst hand.
-        before: of it in the scene as it was, in its own hand.
-        values: by key, the tuned ones; of a problem that cannot be met, the nearest.
-        feasible: whether all constraints hold, judged afresh in full.
-        constraints: each at the optimum.
-        binding: the one that stops the objective; None where a range's end does, or nothing.
-        more: the verification 1 % beyond, for each key that makes the objective larger.
-        certificates: of each object at the optimum in the hand that comes nearest to violating a constraint, in full;
-            none where it has no rest.
-        end: the range at whose end the optimum is; None for none.
-        operators: whose hands; None for the scene's own.
-        hands: the operators that the optimum was held against.
-        reach: by a constraint's text, the best that its left side comes to by itself, of a problem that cannot be met.
-        judged: how many judgements that took, those of `reach` among them.
-        refutation: why an answer of the search did not stand when it was judged afresh: in which hand, what was tried
-            and what to do; empty where it did.
+        scene: Scene before tuning.
+        objective: Maximised formula.
+        value: Value of the objective at the optimum, in the worst hand.
+        before: Value of the objective in the scene before tuning, for its own operator.
+        values: Tuned values by key; the nearest values if the problem is infeasible.
+        feasible: Whether all constraints hold in the verification.
+        constraints: All constraints at the optimum.
+        binding: Constraint that limits the objective; None if a range or nothing limits it.
+        more: Verification 1 % beyond the optimum, for each key that increases the objective.
+        certificates: Full certificates of each object at the optimum, in the hand that comes nearest to violating a
+            constraint; empty without a rest.
+        end: Range at whose end the optimum lies, or None.
+        operators: Set of operators; None for the scene's own operator.
+        hands: Operators used in the search.
+        reach: For an infeasible problem, the best left side of each constraint on its own, by the constraint's text.
+        judged: Number of judgements, including those of `reach`.
+        refutation: Reason why the result of the search failed the verification: the hand, the values and a remedy;
+            empty if it passed.
     """
 
     scene: Scene
@@ -127,37 +127,37 @@ class Tuning(Carded):
 
     @property
     def pushing(self) -> Limit | None:
-        """The weakest set of fingers that push without the others, in that hand; None where none can."""
+        """The weakest set of fingers that push without the others, in that hand; None if no set can push alone."""
         rows = [row for each in self.certificates for row in each.limits if row.mode.startswith(PUSHING)]
         return min(rows, key=lambda row: row.margin, default=None)
 
     @property
     def tuned(self) -> Scene:
-        """The scene with the tuned values."""
+        """Scene with the tuned values."""
         return self.scene.replace(self.values)
 
     @property
     def set_line(self) -> str:
-        """Words of a command line that give a scene the tuned values."""
+        """Command-line arguments that set the tuned values."""
         pairs = [f"{key}={six_digits(value)}" for key, value in self.values.items()]
         words = (f"'{pair}'" if "*" in pair else pair for pair in pairs)
         return f"--set {' '.join(words)}"
 
     @property
     def sentence(self) -> str:
-        """The answer in a sentence."""
+        """The result in a sentence."""
         values = ", ".join(f"{key} = {six_digits(value)}" for key, value in self.values.items())
         who = "in every hand of the set" if self.operators is not None else "in the scene's own hand"
         if self.refutation:
-            return f"NOT verified {who}: {self.refutation}; what was tried is {values}"
+            return f"NOT verified {who}: {self.refutation}; the values tried are {values}"
         if not self.feasible:
-            return f"NOT possible {who}: {self.obstacle}; the nearest is {values}"
+            return f"NOT feasible {who}: {self.obstacle}; the nearest values are {values}"
         was = "" if math.isnan(self.before) else f", was {self.before:.5g}"
         return f"{self.objective} = {self.value:.5g}{was}: {values}, {who}"
 
     @property
     def obstacle(self) -> str:
-        """Which constraint cannot be met, and how near it comes, or where the answer failed; empty if all are met."""
+        """The constraint that cannot be satisfied and its best value, or the refutation; empty if all are satisfied."""
         unmet = [each for each in self.constraints if not each.holds]
         if self.feasible or not unmet:
             return ""
@@ -168,12 +168,12 @@ class Tuning(Carded):
                 return f"{each.text} cannot be judged: {each.judgement.assumed[0]}"
             best = self.reach.get(each.text, math.nan)
             if not math.isnan(best):
-                return f"{each.text} cannot be met: it comes to {best:.4g} at best"
-        return f"not together: {'; '.join(f'{each.text} comes to {each.left:.4g}' for each in unmet)}"
+                return f"{each.text} cannot be satisfied: its best value is {best:.4g}"
+        return f"no values satisfy all: {'; '.join(f'{each.text} has {each.left:.4g}' for each in unmet)}"
 
     @property
     def reason(self) -> str:
-        """Why the objective is no higher: what binds, in which mode, at which frequency, in whose hand."""
+        """Why the objective is not larger: the binding constraint, its mode and frequency, and the hand."""
         if not self.feasible:
             return self.obstacle
         if self.binding is not None:
@@ -186,48 +186,48 @@ class Tuning(Carded):
             return (
                 f"{self.end.key} is at the end of its range, {self.end.low:g} to {self.end.high:g}; nothing else binds"
             )
-        return "no change of the keys makes it larger"
+        return "no change of the keys increases it"
 
     @property
     def toml(self) -> str:
-        """The tuned values as a preset to put into the scene's file."""
+        """The tuned values as a preset for the scene's file."""
         items = ", ".join(f'"{key}" = {six_digits(value)}' for key, value in self.values.items())
         who = "the scene's own operator"
         if self.operators is not None:
             who = "; ".join(each.text for each in self.operators.ranges)
         conditions = ", ".join(each.text for each in self.constraints)
         lines = [
-            f"# {self.scene.source.name}: {self.objective} as large as it can be with {conditions or 'no constraint'}",
+            f"# {self.scene.source.name}: largest {self.objective} with {conditions or 'no constraint'}",
             f"# operators: {who}",
             *(f"# {each.reason}" for each in self.constraints),
             f"# {self.reason}",
             "[preset.tuned]",
-            f'reason = "{self.objective} as large as it can be with {conditions or "no constraint"}"',
+            f'reason = "largest {self.objective} with {conditions or "no constraint"}"',
             f"set = {{ {items} }}",
         ]
         return "\n".join(lines) + "\n"
 
     def lines(self) -> Iterator[str]:
-        """Write the answer, each constraint, why no higher, the verification, and what to paste."""
+        """Yield the lines of a report: result, constraints, limiting factor, verification, and arguments to paste."""
         yield self.sentence
         for each in self.constraints:
             mark = "holds" if each.holds else "FAILS"
             hand = {key: value for key, value in each.judgement.values.items() if key not in self.values}
-            yield f"  {mark}  {each.reason}{f'; least at {numbers(hand)}' if hand else ''}"
+            yield f"  {mark}  {each.reason}{f'; worst at {numbers(hand)}' if hand else ''}"
         if self.feasible:
-            yield f"  why no higher: {self.reason}"
+            yield f"  limited by: {self.reason}"
             for check in self.more:
                 yield f"  {check.text}"
             if self.pushing is not None:
-                yield f"  fingers that push alone: {self.pushing.mode} {self.pushing.text}"
+                yield f"  fingers pushing alone: {self.pushing.mode} {self.pushing.text}"
         if self.operators is not None:
             ranges = "; ".join(each.text for each in self.operators.ranges)
-            yield f"  operators {self.operators.source}: {ranges}; {len(self.hands)} of them shaped the answer"
-        yield f"  {self.judged} judgements in full"
+            yield f"  operators {self.operators.source}: {ranges}; {len(self.hands)} used in the search"
+        yield f"  {self.judged} full judgements"
         yield f"  {self.set_line}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Write plain data for JSON."""
+        """Return plain data for JSON."""
         binding = self.binding
         return {
             "scene": self.scene.source.name,
@@ -264,14 +264,14 @@ class Tuning(Carded):
 
 
 def six_digits(value: float) -> str:
-    """Write a tuned value in six digits, rounded towards zero: what was verified is no less."""
+    """Return a tuned value in six digits, rounded towards zero."""
     if value == 0.0 or not math.isfinite(value):
         return repr(float(value))
     return repr(float(f"{value:.6g}"))
 
 
 def _families(modes: tuple[str, ...]) -> tuple[str, ...]:
-    """Give how limits begin that a margin names as a whole: of what the object stands on, and of pushing."""
+    """Return the prefixes of limits that a margin names as a group: support of the object, and pushing."""
     return tuple(start for start, name in ((STANDING, "standing"), (PUSHING, "pushing")) if name in modes)
 
 

@@ -1,4 +1,4 @@
-"""Makes the meshes of this shelf, in millimetres, as binary PLY: `python scenes/meshes/make.py` writes them anew."""
+"""Write the meshes of this folder, in millimetres, as binary PLY: `python scenes/meshes/make.py`."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import trimesh
 
 HERE = Path(__file__).parent
 
-# A mug that stands on z = 0, its axis along z, its handle towards +x [mm].
+# A mug standing on z = 0, its axis along z, its handle towards +x [mm].
 HEIGHT, OUTER, INNER, FLOOR = 80.0, 40.0, 36.0, 5.0
 RING, TUBE = 24.0, 5.0  # the handle: a torus about a point of the outer wall at half the height
 AROUND, RING_AROUND, TUBE_AROUND = 96, 80, 24  # facets
 
 PLATE = (80.0, 60.0, 1.0)  # full edges, about the centre [mm]
 
-RADIUS, BUMPS = 40.0, 0.08  # of the potato, and the height of its bumps as a share of it
+RADIUS, BUMPS = 40.0, 0.08  # of the potato: radius, and height of its bumps relative to it
 SUBDIVISIONS = 5  # 20 * 4^5 = 20480 triangles
 
 
 def mug() -> Any:
-    """Build a concave mug: a cylinder and half of a torus, less the room inside."""
+    """Build a concave mug: a cylinder and half of a torus, minus the cavity."""
     wall = trimesh.creation.cylinder(radius=OUTER, segment=[(0.0, 0.0, 0.0), (0.0, 0.0, HEIGHT)], sections=AROUND)
     room = trimesh.creation.cylinder(
         radius=INNER, segment=[(0.0, 0.0, FLOOR), (0.0, 0.0, 1.5 * HEIGHT)], sections=AROUND
@@ -37,12 +37,12 @@ def mug() -> Any:
 
 
 def plate() -> Any:
-    """Build a plate so thin that the nearest point of its surface is often on the wrong side."""
+    """Build a plate so thin that the nearest point of its surface is often on the opposite side."""
     return trimesh.creation.box(extents=PLATE)
 
 
 def potato() -> Any:
-    """Smooth bumps of several wavelengths on a ball: many small triangles, none of them special.
+    """Build a ball with smooth bumps of several wavelengths, which has many small triangles.
 
     r = R (1 + h (sin(2 x + 1) sin(3 y) + sin(3 z + 1) cos(2 x) / 2 + sin(5 y + 2) sin(4 z + 1) / 4)), (x, y, z) on the
     unit sphere.

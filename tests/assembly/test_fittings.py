@@ -104,7 +104,7 @@ def test_features_are_those_of_the_scene() -> None:
         ("axes", "x z y", "right-handed"),
         ("axes", "-x -y -z", "right-handed"),
         ("axes", [[1, 0], [0, 1]], "a matrix 3 x 3"),
-        ("axes", [[2, 0, 0], [0, 2, 0], [0, 0, 2]], "length 1 at right angles"),
+        ("axes", [[2, 0, 0], [0, 2, 0], [0, 0, 2]], "orthogonal rows of length 1"),
         ("origin", [0.0, 0.0], "3 coordinates"),
         ("scale", 0.0, "more than 0"),
         ("scale", -1.0, "more than 0"),
@@ -195,7 +195,7 @@ def test_a_deadman_that_is_up_takes_the_force(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(Fake, "read", let_go)
     chain = {"soft_start": 0.005, "force": 1.0}
     slow = gx.run(scene(file, at, deadman=1, switches=2, safety=chain).replace(FIXED), real_time=True)
-    assert "the deadman switch of the device of finger0 (Fake) was let go" in slow.faults[0].message
+    assert "the deadman switch of the device of finger0 (Fake) was released" in slow.faults[0].message
     size = np.linalg.norm(slow.displayed_force[:, 0], axis=1)
     assert size[20] > 0.0
     assert size[20:25] == pytest.approx(size[20] * np.linspace(1.0, 0.0, 5), rel=0.2, abs=1e-9)
@@ -233,7 +233,7 @@ def test_a_deadman_that_is_up_at_first_is_refused(tmp_path: Path, monkeypatch: p
         return read(fake)
 
     monkeypatch.setattr(Fake, "read", up)
-    with pytest.raises(DeviceError, match=r"finger0 \(Fake\) has its deadman, switch 0, up: keep it down"):
+    with pytest.raises(DeviceError, match=r"finger0 \(Fake\) has its deadman switch 0 released: hold it down"):
         gx.run(scene(file, [-0.031, 0.0, 0.0], deadman=0, switches=1), real_time=True)
     assert not any(force.any() for _, force in fakes(file)[-1].forces)
 
@@ -279,4 +279,4 @@ def test_a_device_is_called_at_its_rate(tmp_path: Path) -> None:
 def test_a_device_of_a_lower_rate_still_faults_when_its_samples_stop(tmp_path: Path) -> None:
     file = driver(tmp_path)
     rec = gx.run(scene(file, [-0.031, 0.0, 0.0], rate=100.0, evil="a clock that stands"), real_time=True)
-    assert "no new reading of the device of finger0 (Fake) in more than 3 samples" in rec.faults[0].message
+    assert "no new reading of the device of finger0 (Fake) for more than 3 samples" in rec.faults[0].message

@@ -309,7 +309,7 @@ def test_all_are_asked_before_the_first_is_read(tmp_path: Path, monkeypatch: pyt
 def test_hardware_needs_the_walls_clock(tmp_path: Path) -> None:
     """Run, open, a batch and a bare servo refuse it in the same words, and nothing is opened."""
     file = driver(tmp_path)
-    words = r"this scene has hardware; its clock is the wall's; .*--real-time.*real_time=True.*finger0 \(Fake\)"
+    words = r"this scene has hardware, which needs real time; .*--real-time.*real_time=True.*finger0 \(Fake\)"
     with pytest.raises(InputError, match=words):
         gx.run(cart(file))
     with pytest.raises(InputError, match=words):

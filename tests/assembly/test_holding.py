@@ -175,7 +175,7 @@ OVER = [{"to": 0.01, "begin": 0.5, "duration": 0.5}, {"to": 0.0, "begin": 0.9, "
 FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 1, {"turn": REACH}, "turn: a line has no rotation: leave it out"),
     (table, 3, {"turn": REACH}, "turn.axis: required in space: x, y, z or a direction"),
-    (table, 3, {"turn": REACH | {"axis": [0, 0, 0]}}, "turn.axis: expected a direction, of any length but zero"),
+    (table, 3, {"turn": REACH | {"axis": [0, 0, 0]}}, "turn.axis: expected a direction of nonzero length"),
     (table, 3, {"turn": REACH | {"axis": [1, 0]}}, "turn.axis: expected 3 numbers (dimensions = 3); given [1.0, 0.0]"),
     (table, 3, {"turn": REACH | {"axis": "up"}}, "turn.axis: expected 0, 1, 2, 'x', 'y' or 'z'; given 'up'"),
     (table, 2, {"turn": REACH | {"axis": "x"}}, "turn.axis: a turn in the plane is about z: leave it out; given 'x'"),
@@ -184,12 +184,12 @@ FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 2, {"turn": {"kind": "path"}}, "turn.kind: unknown kind of turn 'path' (known: sine, reach)"),
     (table, 2, {"turn": 1.0}, "turn: expected a table; given 1.0"),
     (table, 2, {"turn": REACH | {"angel": 1.0}}, "turn.angel: unknown key"),
-    (table, 2, {"squeeze": OVER}, "squeeze.1.begin: expected 1 or more, when the step before it ends; given 0.9"),
+    (table, 2, {"squeeze": OVER}, "squeeze.1.begin: expected 1 or more, the end of the previous step; given 0.9"),
     (table, 2, {"squeeze": OVER[::-1]}, "squeeze.1.begin: expected 1.4 or more"),
-    (table, 2, {"squeeze": []}, "squeeze: expected a number, or one step at least"),
+    (table, 2, {"squeeze": []}, "squeeze: expected a number, or at least one step"),
     (table, 2, {"squeeze": [{"to": 0.1, "begin": 0.0}]}, "squeeze.0.duration: required, but not given"),
     (table, 2, {"squeeze": "tight"}, "squeeze: expected a number; given 'tight'"),
-    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: a squeeze in steps has its own times"),
+    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: steps of a squeeze have their own times"),
     (table, 2, {"closing": [[1, 0]]}, "closing: expected a direction for each of its 3 fingers; given 1"),
     (table, 2, {"closing": [[1, 0], [1], [1, 0]]}, "closing.1: expected 2 numbers (dimensions = 2); given [1.0]"),
     (table, 2, {"closing": "inwards"}, "closing: expected 'normal' or 'centre'; given 'inwards'"),
@@ -197,11 +197,11 @@ FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 2, {"motion": [{"kind": "rest"}, {"kind": "reach", "displacement": [0.1], "duration": 1.0}]},
      "motion.1.displacement: expected 2 numbers"),
     (table, 2, {"motion": {"kind": "sine", "amplitude": 0.1, "frequency": 1.0, "axis": [0, 0]}},
-     "motion.axis: expected a direction, of any length but zero; given [0.0, 0.0]"),
+     "motion.axis: expected a direction of nonzero length; given [0.0, 0.0]"),
     (table, 2, {"motion": [{"kind": "sine", "amplitude": 0.1, "frequency": 1.0, "axis": "z"}]},
      "motion.0.axis: expected an axis of 2 dimensions; given 'z'"),
     (own, 2, {"closing": [1.0, 0.0, 0.0]}, "closing: expected 2 numbers (dimensions = 2); given [1.0, 0.0, 0.0]"),
-    (own, 2, {"closing": [0.0, 0.0]}, "closing: expected a direction, of any length but zero"),
+    (own, 2, {"closing": [0.0, 0.0]}, "closing: expected a direction of nonzero length"),
     (own, 2, {"closing": "centre"}, "closing: expected 'normal'; given 'centre'"),
     (own, 1, {"turn": REACH}, "turn: a line has no rotation: leave it out"),
     (own, 3, {"squeeze": OVER, "turn": REACH | {"axis": "z"}}, "squeeze.1.begin: expected 1 or more"),
@@ -226,7 +226,7 @@ def test_a_hand_on_two_objects_says_what_it_turns_about() -> None:
     made["object"] = [made["object"] | {"name": name} for name in ("ball", "other")]
     made["finger"][2]["object"] = "other"
     made["finger"][0]["object"] = "ball"
-    assert faults(made) == ["hand.0.turn.centre: required where a hand touches several objects"]
+    assert faults(made) == ["hand.0.turn.centre: required if a hand touches several objects"]
     made["hand"][0]["turn"]["centre"] = [0.0, 0.0, 0.0]
     assert faults(made) == []
     made["finger"][2]["object"] = "bal"
@@ -250,7 +250,7 @@ def test_without_a_shape_there_are_no_normals_to_close_along(make: Any) -> None:
     [found] = faults(made)
     hand = made["hand"][0] if make is table else made["finger"][0]["hand"]
     at = "hand.0" if make is table else "finger.0.hand"
-    assert found == f"{at}.closing: a direction is required: 'object' has no shape, so it has no normals to close along"
+    assert found == f"{at}.closing: a direction is required: 'object' has no shape, so there is no normal for closing"
     hand["closing"] = "centre" if make is table else [1.0, 0.0]
     assert faults(made) == []
 
@@ -260,7 +260,7 @@ def test_a_finger_in_the_middle_has_no_direction_to_the_centre() -> None:
     made["finger"][0]["start"] = [0.0, 0.0, 0.0]
     made["finger"][1]["start"], made["finger"][2]["start"] = [0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]
     [found] = faults(made)
-    assert found.startswith("hand.0.closing: a finger starts in the fingers' mean")
+    assert found.startswith("hand.0.closing: a finger starts at the fingers' mean")
 
 
 SWAY = """
@@ -337,15 +337,15 @@ finger = [{ start = [-0.03], device = { name = "simulated", mass = 0.1 }, hand =
 MADE: list[tuple[str, dict[str, Any], str]] = [
     ("", {}, r"\.stiffness: required by '.*sway\.py', but not given"),
     ("", {"stiffness": -1.0}, r"\.stiffness: given -1\.0, expected zero or more \[N/m\]"),
-    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene gives it: leave it out"),
+    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene sets it: leave it out"),
     ("", {"stiffness": float("nan")}, r"\.stiffness: expected finite numbers"),
-    ("", {"stiffness": "x"}, r": '.*sway\.py' cannot hold: .*sway\.py:16: TypeError"),
+    ("", {"stiffness": "x"}, r": hand '.*sway\.py' cannot be created: .*sway\.py:16: TypeError"),
     (
         "return Sway(rest, stiffness, inward)->return 1.0",
         {"stiffness": 1.0},
         r": hold\(\): given 1\.0, expected a hand",
     ),
-    ("self.rest + s->self.rst + s", {"stiffness": 1.0}, r": '.*' cannot hold: .*sway\.py:13: AttributeError"),
+    ("self.rest + s->self.rst + s", {"stiffness": 1.0}, r": .* cannot be created: .*sway\.py:13: AttributeError"),
     (
         "5.0 *->np.nan *",
         {"stiffness": 1.0},

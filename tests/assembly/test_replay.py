@@ -160,7 +160,7 @@ def fall_silent(fake: Fake, k: int) -> float | None:
 
 DEEDS: dict[str, tuple[Evil, str]] = {  # with words of the fault
     "held samples, periods left out": (samples(both), ""),
-    "a watchdog": (samples(watchdog), "periods of 0.005 s in a row were left out"),
+    "a watchdog": (samples(watchdog), "periods of 0.005 s in a row were skipped"),
     "an unplugged device": (samples(unplug), "cannot be read: OSError: unplugged"),
     "a jammed device": (samples(both, 205), "cannot be written: OSError: jammed"),
     "a device that falls silent": (samples(fall_silent), "no new reading"),
@@ -312,7 +312,7 @@ def test_largest_forces_that_move_with_the_arm() -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"record.every": 2}, "a replay needs every tick, and this recording has one in 2"),
+    ({"record.every": 2}, "a replay needs every tick, but this recording has one in 2"),
     ({"record.columns": ["finger_force"]}, "a replay needs finger_position, finger_velocity, which .*record.columns"),
 ]
 

@@ -94,7 +94,7 @@ def test_a_run_refuses_before_it_starts(
         nothing.setattr("graspfx.scene.load.load", None)
         assert main([*RUN, "--out", "a"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"a/{there}: is there already") and said.count("\n") == 1
+    assert said.startswith(f"a/{there}: exists already") and said.count("\n") == 1
     assert "choose another --out, or overwrite it with --overwrite" in said
     assert files() == before
     if there == "figure.png":
@@ -124,7 +124,7 @@ def test_plot_picture_stability_and_bench_refuse_too(
         Path(there).write_bytes(b"mine")
         assert main(command) == 2
         said = capsys.readouterr().err
-        assert said == f"{there}: is there already; choose another --out, or overwrite it with --overwrite\n"
+        assert said == f"{there}: exists already; choose another --out, or overwrite it with --overwrite\n"
         assert Path(there).read_bytes() == b"mine"
         Path(there).unlink()
 
@@ -186,9 +186,9 @@ def test_run_and_save_from_python_take_overwrite() -> None:
     scene = gx.load("reference-1dof")
     rec = gx.run(scene, duration=0.05, out="a")
     before = files()
-    with pytest.raises(RecordingError, match=r"a/recording\.h5: is there already; .* overwrite=True"):
+    with pytest.raises(RecordingError, match=r"a/recording\.h5: exists already; .* overwrite=True"):
         gx.run(scene, duration=0.1, out="a")
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         rec.save("a/recording.h5")
     assert files() == before
     assert len(gx.run(scene, duration=0.1, out="a", overwrite=True)) == 20

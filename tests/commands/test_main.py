@@ -189,7 +189,7 @@ def test_a_recording_that_is_none_is_an_error(capsys: pytest.CaptureFixture[str]
     for words, place in (("plot missing.h5", "missing.h5"), ("plot empty", "empty/recording.h5"),
                          ("picture out/nowhere", "out/nowhere/recording.h5")):  # fmt: skip
         assert main(words.split()) == 2
-        assert capsys.readouterr().err == f"{place}: there is no such file\n"
+        assert capsys.readouterr().err == f"{place}: the file does not exist\n"
 
 
 def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,7 +222,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
     scene = ['device = { name = "worn.py" }' if line.startswith("device") else line for line in without_hands]
     Path("worn.toml").write_text("\n".join(scene))
     assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 2
-    assert "this scene has hardware; its clock is the wall's" in capsys.readouterr().err
+    assert "this scene has hardware, which needs real time" in capsys.readouterr().err
     assert not Path("out").exists()
     assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure", "--real-time"]) == 3
     assert "tick 10" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""`graspfx sweep`: a table, a file and figures; what is there already, and what is refused."""
+"""`graspfx sweep`: a table, a file and figures; existing files, and refusals."""
 
 from __future__ import annotations
 

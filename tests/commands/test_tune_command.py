@@ -19,19 +19,19 @@ def test_tuned_gains_are_printed_and_written(tmp_path: Path, capsys: pytest.Capt
     words = ["tune", "reference-1dof", "--subject-to", "margin.internal >= 1.3", *OPERATORS, "--out", str(tmp_path)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "why no higher: margin.internal >= 1.3 binds in the hand of finger.*.hand.stiffness = " in said
-    assert "breaks it" in said and f"wrote {tmp_path / 'tuned.toml'}" in said
+    assert "limited by: margin.internal >= 1.3 binds in the hand of finger.*.hand.stiffness = " in said
+    assert "fails: " in said and f"wrote {tmp_path / 'tuned.toml'}" in said
     preset = tomllib.loads((tmp_path / "tuned.toml").read_text("utf-8"))["preset"]["tuned"]
     (value,) = preset["set"].values()
     assert f"--set coupling.internal.stiffness={value}" in said
     assert main(words) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_json_and_a_problem_that_cannot_be_met(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "reference-1dof", "--subject-to", "margin >= 9e9", "--operators", "own", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
-    assert data["feasible"] is False and "cannot be met" in data["sentence"]
+    assert data["feasible"] is False and "cannot be satisfied" in data["sentence"]
 
 
 def test_check_over_operators(

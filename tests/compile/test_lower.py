@@ -215,7 +215,7 @@ def test_in_while(grasp: Grasp) -> None:
 
 @kernel
 def own_vector(grasp: Grasp) -> None:
-    """Index a value of its own by what only the running program knows."""
+    """Index a value of its own by what variable index into a value."""
     v = half(grasp.force)
     grasp.rest[0] = v[grasp.count]
 
@@ -258,13 +258,13 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
 @pytest.mark.parametrize(
     ("function", "why"),
     [
-        (two_kinds, "gives 'v' another kind"),
+        (two_kinds, "gives 'v' different kinds"),
         (unknown_field, "has no field 'forces'"),
         (test_in_while, "compute it before the loop and at its end"),
-        (own_vector, "only the running program knows"),
-        (name_of_a_part, "'v' needs 'v_x' for itself"),
-        (name_of_a_loop, "'finger' needs 'finger_at' for itself"),
-        (name_of_a_parameter, "'grasp' needs 'grasp_' for itself"),
+        (own_vector, "variable index into a value"),
+        (name_of_a_part, "'v' is lowered to 'v_x'"),
+        (name_of_a_loop, "'finger' is lowered to 'finger_at'"),
+        (name_of_a_parameter, "'grasp' is lowered to 'grasp_'"),
     ],
 )
 def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:

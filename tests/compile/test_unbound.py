@@ -105,7 +105,7 @@ def test_a_kernel_that_falls_off_its_end(way: str, tmp_path: Path, monkeypatch: 
     (tmp_path / "falling.py").write_text("def shared(a: float) -> float:\n    if a > 0.0:\n        return a\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "falling", raising=False)
-    with pytest.raises(KernelError, match=r"falling\.py:3: given .*the end of 'shared'.*a value on every way out"):
+    with pytest.raises(KernelError, match=r"falling\.py:3: given .*the end of 'shared'.*a value on every path"):
         WAYS[way](importlib.import_module("falling").shared)
 
 

@@ -91,7 +91,7 @@ def test_rigid_fingers_pay_nothing() -> None:
     ("changes", "key", "said"),
     [
         ({"coupling__contact": "attached", "coupling__friction": 0.0}, "finger.0.pad", "expected unilateral contact"),
-        ({"object__integrator": "implicit", **DAMPED}, "finger.0.pad", "no damping beside the integrator 'implicit'"),
+        ({"object__integrator": "implicit", **DAMPED}, "finger.0.pad", "no damping with the integrator 'implicit'"),
         ({"finger__0__pad": {"kind": "hertz"}}, "finger.0.pad.stiffness", "required"),
         ({"finger__0__pad": {"kind": "hertz", "stiffness": 0.0}}, "finger.0.pad.stiffness", "more than 0"),
         ({"finger__0__pad": {"kind": "winkler", "stiffness": 1.0}}, "finger.0.pad.kind", "hertz"),

@@ -254,8 +254,8 @@ def test_soft_fingers_hold_what_would_turn_between_hard_ones() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"coupling.friction": 0.0}, "without friction has no torsion"),
-        ({"finger.0.model": "hard"}, "only a soft finger has one"),
+        ({"coupling.friction": 0.0}, "needs friction for torsion"),
+        ({"finger.0.model": "hard"}, "only soft fingers have it"),
         ({"coupling.internal.stiffness": [500.0, 500.0]}, "each gain as one number"),
     ],
 )

@@ -176,7 +176,7 @@ def test_a_force_that_is_not_finite_or_too_large(wire: ForceDimensionWire) -> No
                 device.write(np.array([[0.1, bad, 0.0]]))
             assert not wire.torque.any()
         wire.fail("garbage")
-        with pytest.raises(DeviceError, match="gives the position"):
+        with pytest.raises(DeviceError, match="returned the position"):
             device.read()
 
 
@@ -206,7 +206,7 @@ def test_quench_reaches_a_device_whose_program_was_killed() -> None:
 
 def test_a_library_that_is_none() -> None:
     connect_ = driver("force-dimension").connect
-    with pytest.raises(DeviceError, match="install the maker's SDK"):
+    with pytest.raises(DeviceError, match="install the vendor's SDK"):
         connect_(library="/nowhere/libdrd.so").open(PERIOD)
     with pytest.raises(DeviceError, match="has no dhd"):
         connect_(library=ctypes.CDLL(None)).open(PERIOD)

@@ -284,7 +284,7 @@ def test_a_board_that_is_none_does_not_open(wire: DiyWire) -> None:
     with pytest.raises(DeviceError, match="does not answer"):
         device.open(PERIOD)
     assert not device.port.is_open
-    with pytest.raises(DeviceError, match="does not answer: take its power away"):
+    with pytest.raises(DeviceError, match="does not answer: disconnect its power"):
         driver("haply-2diy").quench(**wire.settings)
 
 

@@ -68,9 +68,9 @@ def test_they_keep_the_promises_of_a_device(kind: Any) -> None:
     with on_clock(kind, LookedAtClock()) as wire:
         report = check_device(lambda: connect(wire), wire)
     assert "a moving finger is seen" in report.checks
-    assert "hardware that is open is refused to a second program, and the first one goes on" in report.checks
+    assert "hardware that is open is refused to a second program, and the first one continues" in report.checks
     assert (
-        "a wire that fails (unplugged) is a sample that stands or a DeviceError, never another place" in report.checks
+        "a failing wire (unplugged) gives the previous sample or a DeviceError, never another position" in report.checks
     )
     assert not any("force" in each.promise for each in (*report.not_visible, *report.needs_person))
 
@@ -160,7 +160,7 @@ def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
         with pytest.raises(DeviceError, match=r"is gone"):
             mouse.read()
         mouse.close()
-        with pytest.raises(DeviceError, match="does not open"):
+        with pytest.raises(DeviceError, match="cannot be opened"):
             mouse.open(0.001)
 
 

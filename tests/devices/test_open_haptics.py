@@ -142,7 +142,7 @@ def test_settings() -> None:
         with pytest.raises(InputError, match=name):
             driver("open-haptics").connect(**{name: value})
     device = driver("open-haptics").connect(library="/nowhere/libHD.so")
-    with pytest.raises(DeviceError, match="does not load"):
+    with pytest.raises(DeviceError, match="cannot be loaded"):
         device.open(PERIOD)
 
 
@@ -239,9 +239,9 @@ def test_an_error_in_its_thread_is_a_fault_in_words(
 
 
 def test_the_plan_says_who_has_the_clock(wire: OpenHapticsWire) -> None:
-    assert loop_of(grasp(wire)).startswith("driven: in the thread of a device's maker")
+    assert loop_of(grasp(wire)).startswith("driven: the thread of a device's vendor calls the loop")
     slow = loop_of(grasp(wire, period=0.002))
-    assert slow.endswith("has the clock and calls 1000 times a second, and the scene's period is 0.002 s")
+    assert slow.endswith("calls the loop itself, 1000 times a second, but the scene's period is 0.002 s")
     assert loop_of(grasp(wire, engine="interpreted")).endswith("because the engine is 'interpreted'")
     assert not any(row.step == "loop" for row in plan(gx.load("reference-1dof")))
 

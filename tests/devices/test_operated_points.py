@@ -230,7 +230,7 @@ def test_faults() -> None:
     plant, hand = operated(moving(), reaction={"delay": 0.01, "stiffness": 1.0, "damping": 0.0, "force": 0.0})
     assert hand.operator is not None
     hand.operator.set_reaction(0.5, 1.0, 0.0, 0.0)
-    with pytest.raises(InputError, match="room"):
+    with pytest.raises(InputError, match="size"):
         plant.hold(hand, T)
     device = connect(mass=M, dimensions=1)
     late = Operator(1)

@@ -253,7 +253,7 @@ def test_inputs_that_are_not_finite_move_nothing(where, bad):
 
 
 def test_plants_that_cannot_be():
-    with pytest.raises(InputError, match="one or more `simulated`"):
+    with pytest.raises(InputError, match="at least one `simulated`"):
         PointDevice.plant([])
     with pytest.raises(InputError, match="the same number of dimensions"):
         PointDevice.plant([connect(mass=M, dimensions=1), connect(mass=M, dimensions=2)])

@@ -314,5 +314,5 @@ def test_plant_refuses() -> None:
         plant.advance(np.array([[math.inf, 0.0]]), FREE, T)
     with pytest.raises(DeviceError, match=r"too fast for samples of 0.005 s: the motion has diverged"):
         plant.advance(np.zeros((1, 2)), Hand([[0.0, 0.0]], 1e12), T)
-    with pytest.raises(InputError, match=r"devices: .* simulated two-link arms"):
+    with pytest.raises(InputError, match=r"devices: .* simulated two-link arm"):
         type(device).plant([])

@@ -70,7 +70,7 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
         plain.run(tmp_path, lambda shown: "soft", resume=True)
     plain.run(tmp_path, lambda shown: "soft")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    with pytest.raises(RecordingError, match=r"is there already; --resume continues it"):
+    with pytest.raises(RecordingError, match=r"exists already; --resume continues it"):
         plain.run(tmp_path, lambda shown: "soft")
     assert plain.run(tmp_path, lambda shown: "soft", resume=True) == []  # it is over
     after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -88,7 +88,7 @@ def test_a_start_that_was_cut_short_says_what_to_do(tmp_path: Path, way: str) ->
     table = table_of(tmp_path)
     for path in (table, *table.parent.glob("*_events.*")):
         path.unlink()
-    said = r"_beh\.json: is there already, but not its table.*--resume continues it, --run N .*or remove this file"
+    said = r"_beh\.json: exists already, but not its table.*--resume continues it, --run N .*or remove this file"
     with pytest.raises(RecordingError, match=said):
         plain.run(tmp_path, lambda shown: "soft")
     if way == "remove":

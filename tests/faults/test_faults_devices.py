@@ -71,7 +71,7 @@ def require_safe(make: Any, kind: str, folder: Path) -> None:
         fault = rec.faults[0]
         assert fault.tick == first, fault
         assert evil.says in fault.message, fault
-        assert name in fault.message or "left out" in fault.message, fault
+        assert name in fault.message or "were skipped" in fault.message, fault
         assert not rec.finger_force[first:].any() and not rec.displayed_force[first:].any()
     else:
         assert not rec.faults

@@ -137,10 +137,10 @@ def test_no_contact_is_no_force_and_says_so():
         (PINCH[:, 0], PINCH[:, 0], {}, "same shape"),
         (PINCH, PINCH, {"normals": PINCH[:1]}, "normals"),
         (PINCH, PINCH, {"torques": np.full((2, 3), np.nan)}, "finite"),
-        (PINCH, PINCH, {"finger": [0.5, 1.0]}, "whole numbers"),
-        (PINCH, PINCH, {"finger": [0, -1]}, "whole numbers"),
-        (PINCH, PINCH, {"time": 0.0}, "after that of the sample before"),
-        (PINCH[:, :2], PINCH[:, :2], {}, "as in the samples before"),
+        (PINCH, PINCH, {"finger": [0.5, 1.0]}, "non-negative integers"),
+        (PINCH, PINCH, {"finger": [0, -1]}, "non-negative integers"),
+        (PINCH, PINCH, {"time": 0.0}, "after that of the previous sample"),
+        (PINCH[:, :2], PINCH[:, :2], {}, "as in the previous samples"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_and_loses_nothing(points, forces, more, words):

@@ -106,7 +106,7 @@ def test_a_limit_cycle_of_contacts_that_let_go_is_said(kip: float) -> None:
     assert growth["sustained"]
     if kip == 1200.0:
         assert growth["mode"] == "internal" and growth["rate"] > 5.0
-        assert growth["text"].split(";")[0].endswith(", and goes on")
+        assert growth["text"].split(";")[0].endswith(", and continues")
     else:
         assert growth["rate"] == 0.0 and "does not decay" in growth["text"]
 

@@ -88,7 +88,7 @@ def test_a_second_writer_is_kept_out_while_the_first_one_writes(
     run = ["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "a"]
     assert main(run) == 2
     said = capsys.readouterr().err
-    assert said.startswith("a/recording.h5.part: is there already, of a run that goes on or was killed; choose another")
+    assert said.startswith("a/recording.h5.part: exists already, from a run that is active or was killed")
     assert main([*run, "--overwrite"]) == 2
     assert capsys.readouterr().err.startswith("a/recording.h5.part: another run is writing there")
     with pytest.raises(RecordingError, match="another run is writing there"):
@@ -300,7 +300,7 @@ time.sleep(60)
             FileSink(tmp_path / NAME, made, header(), overwrite=True)
         os.kill(process.pid, signal.SIGKILL)
     assert len(Recording.load(tmp_path)) == 100
-    with pytest.raises(RecordingError, match="is there already, of a run that goes on or was killed"):
+    with pytest.raises(RecordingError, match="exists already, from a run that is active or was killed"):
         FileSink(tmp_path / NAME, made, header())
     FileSink(tmp_path / NAME, made, header(), overwrite=True).close(Outcome())
     assert not part_of(tmp_path / NAME).exists()

@@ -313,9 +313,9 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     made, path = layout(), tmp_path / "r.h5"
     rec = recorded(made, rows(made, 20), path)
     before = path.read_bytes()
-    with pytest.raises(RecordingError, match=r"r\.h5: is there already; choose another place, or pass overwrite=True"):
+    with pytest.raises(RecordingError, match=r"r\.h5: exists already; choose another place, or pass overwrite=True"):
         rec.save(path)
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         FileSink(path, made, header())
     assert path.read_bytes() == before
     other = Recording(rows(made, 10, seed=3), made, header())
@@ -335,12 +335,12 @@ def test_a_folder_stands_for_the_recording_in_it(tmp_path: Path) -> None:
     rec = recorded(made, rows(made, 5), tmp_path / "recording.h5")
     assert np.array_equal(Recording.load(tmp_path).rows, rec.rows)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RecordingError, match=r"empty.recording\.h5: there is no such file"):
+    with pytest.raises(RecordingError, match=r"empty.recording\.h5: the file does not exist"):
         Recording.load(tmp_path / "empty")
 
 
 def test_what_is_no_recording_says_so(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="there is no such file"):
+    with pytest.raises(RecordingError, match="the file does not exist"):
         Recording.load(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("hello")
     with pytest.raises(RecordingError, match="cannot be read as a recording"):

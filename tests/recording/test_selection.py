@@ -33,7 +33,7 @@ def test_every_nth_tick_has_the_bits_of_the_whole_run(every: int, engine: str, t
     assert some.internal_force.tobytes() == whole.internal_force[::every].tobytes()
     summary = some.summary()
     assert (summary["ticks"], summary["duration"]) == (120, SECONDS)
-    assert f"one in {every} ticks" in summary["recorded"]
+    assert f"one per {every} ticks" in summary["recorded"]
     assert whole.summary()["recorded"] is None
 
 
@@ -46,7 +46,7 @@ def test_columns_have_the_bits_of_the_whole_run_and_others_are_said_to_be_missin
     for name in some.layout.columns:
         assert some.array(name).tobytes() == whole.array(name).tobytes()
     for name in ("finger_position", "gap", "touching"):
-        with pytest.raises(RecordingError, match=rf"{name}: not in this recording, as the scene's record\.columns"):
+        with pytest.raises(RecordingError, match=rf"{name}: not in this recording, because .*record\.columns omit it"):
             getattr(some, name)
     with pytest.raises(RecordingError, match=r"contact_position, gap: not in this recording"):
         _ = some.internal_force
@@ -75,7 +75,7 @@ def test_both_spellings_and_overrides(tmp_path: Path, capsys: pytest.CaptureFixt
         arguments = [*sets, "--set", "record.every=10", "--set", "record.compression=gzip"]
         out = str(tmp_path / "out")
         assert main(["run", str(tmp_path / "mine.toml"), *arguments, "--no-figure", "--out", out, "--overwrite"]) == 0
-        assert "one in 10 ticks" in capsys.readouterr().out
+        assert "one per 10 ticks" in capsys.readouterr().out
         rec = gx.Recording.load(out)
         assert ([*rec.layout.columns], rec.header.every) == (["finger_force", "touching"], 10)
 
@@ -104,7 +104,7 @@ def test_a_session_records_what_is_asked_for_and_shows_every_tick(tmp_path: Path
 
 def test_energies_over_fewer_rows_are_refused_where_they_would_be_wrong() -> None:
     some = run({"record.every": 2})
-    with pytest.raises(RecordingError, match=r"one row in 2: set record\.every = 1, or read device_energy"):
+    with pytest.raises(RecordingError, match=r"one row per 2 ticks: set record\.every = 1, or use device_energy"):
         _ = some.internal_energy
 
 

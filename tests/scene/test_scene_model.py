@@ -188,9 +188,9 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (plane, "coupling.friction", -0.3, "coupling.friction: expected 0 or 'stick' or a coefficient of more than 0"),
     (plane, "coupling.friction", "slick", "coupling.friction: expected 0 or 'stick'"),
     (line, "coupling.fade", [0.1], "coupling.fade"),
-    (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) is a hard one"),
+    (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) equals a hard one"),
     (line, "finger.0.model", "full", "finger.0.model: expected 'hard' or 'soft': 'full' is a contact for analysis"),
-    (line, "finger.0.patch", 0.005, "finger.0.patch: only a soft finger has one"),
+    (line, "finger.0.patch", 0.005, "finger.0.patch: only soft fingers have it"),
     (line, "finger.0.friction", 0.5, "finger.0.friction: attached contacts do not slip"),
     (line, "coupling.metric", "weight", "coupling.metric: expected 'equal' or 'mass'"),
     (line, "finger.0.channel", -1, "finger.0.channel: expected no less than 0"),
@@ -252,10 +252,10 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.device", {"name": "simulated"}, "finger.0.device.mass: required by 'simulated', but not given"),
     (line, "finger.0.device.name", "simulatd", "finger.0.device.name: unknown device 'simulatd'; did you mean 'simul"),
     (line, "finger.0.device.mass", float("nan"), "finger.0.device.mass: expected finite numbers"),
-    (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, as the scene"),
+    (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, the scene's dimensions"),
     # drivers connected
     (line, "finger.0.device.mass", -1, "finger.0.device.mass: given -1, expected a finite mass above zero"),
-    (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected a whole number, 1 or more"),
+    (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected an integer from 1 to"),
     (line, "finger.0.device.fingers", 2, "finger.0.device: no finger uses its channel 1: a simulated device needs"),
     (line, "finger.1.channel", 1, "finger.1.channel: expected less than 1: 'simulated' has 1 finger; given 1"),
     (plane, "finger.0.device", {"name": "two-link", "elbow": "up"}, "finger.0.device.elbow: given 'up', expected"),
@@ -308,7 +308,7 @@ MOTIONS: list[tuple[dict[str, Any], str | None]] = [
     ({"kind": "path", "times": [0, 1], "positions": [[0, 0], [1, 1]]}, None),
     (
         {"kind": "path", "times": [0, 0], "positions": [[0, 0], [1, 1]]},
-        "motion.times: expected at least two times, rising",
+        "motion.times: expected at least two times in increasing order",
     ),
     (
         {"kind": "path", "times": [0, 1], "positions": [[0, 0]]},
@@ -469,7 +469,7 @@ def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert found[0] == ["finger.0.device.name: the driver 'empty.py' has no function connect(**settings)"]
     assert "cannot be imported: broken.py:1: ModuleNotFoundError: No module named 'nowhere_to_be" in found[1][0]
     assert "cannot be imported: slip.py:2: SyntaxError: " in found[2][0]
-    assert found[3] == ["finger.0.device.name: connect() of 'open.py' gives no device: None has no Features"]
+    assert found[3] == ["finger.0.device.name: connect() of 'open.py' returns no device: None has no Features"]
     assert found[4] == ["finger.0.device: 'bad.py' cannot be connected: bad.py:2: KeyError: 'port'"]
     missing = "finger.0.device.name: given 'none.py', expected the path of a file; there is no file "
     assert found[5][0].startswith(missing)
@@ -536,6 +536,6 @@ def test_devices_with_several_fingers() -> None:
     table["device"][0]["fingers"], table["finger"][1]["channel"] = 2, 1
     assert faults(table) == []
     table["finger"][1]["channel"] = 0
-    assert faults(table) == ["finger.1.channel: channel 0 of 'left' is finger 0's already"]
+    assert faults(table) == ["finger.1.channel: channel 0 of 'left' already belongs to finger 0"]
     table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
-    assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)
+    assert "device.1.label: 'left' is taken; every device needs a different name" in faults(table)

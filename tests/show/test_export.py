@@ -89,7 +89,7 @@ def test_text_reads_back_the_same(recording: gx.Recording, tmp_path: Path) -> No
     assert np.allclose(
         pd.read_csv(tmp_path / "r.csv", index_col="time").to_numpy(float), ours.to_numpy(float), equal_nan=True
     )
-    with pytest.raises(RecordingError, match=r"r\.csv: is there already"):
+    with pytest.raises(RecordingError, match=r"r\.csv: exists already"):
         recording.to_csv(tmp_path / "r.csv")
     recording.to_csv(tmp_path / "r.csv", overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["r.csv"]
@@ -173,7 +173,7 @@ def test_the_command_writes_beside_the_recording(
         with xr.open_dataset(tmp_path / name, engine="h5netcdf", decode_timedelta=False) as data:
             assert np.array_equal(data["finger_force"].values, recording.finger_force)
     assert main(["export", str(tmp_path), *arguments]) == 2
-    assert "is there already; choose another --out, or overwrite it with --overwrite" in capsys.readouterr().err
+    assert "exists already; choose another --out, or overwrite it with --overwrite" in capsys.readouterr().err
     assert main(["export", str(tmp_path), *arguments, "--overwrite"]) == 0
 
 

@@ -53,7 +53,7 @@ def test_the_command_draws_what_is_named(tmp_path: Path, capsys: pytest.CaptureF
     assert all(f"wrote {tmp_path / name}" in said for name in names) and "stability of object" in said
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.iterdir())
     assert main(["stability", "reference-1dof", *plots]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("name", "scale"), [("finger_force.growth", "log"), ("finger_force.peak", "linear")])

@@ -52,7 +52,7 @@ def test_every_number_comes_back(name: str, tmp_path: Path) -> None:
                 assert message.header.frame_id == "world" and connection.msgtype == topic.kind
                 counts[connection.topic] += 1
         assert set(counts.values()) == {len(recording)}
-        with pytest.raises(RecordingError, match="is there already"):
+        with pytest.raises(RecordingError, match="exists already"):
             write_bag(recording, path, kind)
 
 

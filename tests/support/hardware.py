@@ -306,7 +306,7 @@ EVIL: dict[str, Evil] = {
     "None for the time": _returning("for the time", lambda f, p, v, t: (p, v, None)),
     "text for the time": _returning("for the time", lambda f, p, v, t: (p, v, "12:00")),
     "a whole number for the time": _returning("for the time", lambda f, p, v, t: (p, v, 10**6)),
-    "a hang of ten periods": Evil(write=lambda f, forces: _hang(f, 0.05), says="left out", patience=1),
+    "a hang of ten periods": Evil(write=lambda f, forces: _hang(f, 0.05), says="were skipped", patience=1),
     "a hang of half a period": Evil(write=lambda f, forces: _hang(f, 0.0025)),
     "views that change": Evil(write=_change_views),
 }

@@ -255,11 +255,11 @@ def test_a_folder_that_does_not_say_what_it_is_is_written_over_on_request_alone(
     else:
         manifest.write_text("{" if harm == "damaged" else manifest.read_text().replace('"format": 2', '"format": 99'))
     before = (tmp_path / "sweep.nc").read_bytes()
-    said = "of format 99" if "later" in harm else r"2 chunks and sweep\.nc of a sweep, but no sweep\.json .*--overwrite"
+    said = "of format 99" if "later" in harm else r"2 chunks .* but no readable sweep\.json.*--overwrite"
     with pytest.raises(SweepError, match=said):
         gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
     assert (tmp_path / "sweep.nc").read_bytes() == before
-    said = "a sweep of another format" if "later" in harm else r"a sweep whose sweep\.json cannot be read"
+    said = "a sweep of another format" if "later" in harm else r"a sweep with an unreadable sweep\.json"
     with pytest.warns(SweepWarning, match=rf"{said} was removed to start again, with 2 chunks and sweep\.nc"):
         assert gx.sweep(scene, {KEP: [40.0]}, out=tmp_path, overwrite=True).resumed == 0
     assert (tmp_path / "chunks" / "mine.nc").exists()
@@ -268,7 +268,7 @@ def test_a_folder_that_does_not_say_what_it_is_is_written_over_on_request_alone(
 
 def test_a_final_file_alone_is_not_written_over_without_a_word(scene: gx.Scene, tmp_path: Path) -> None:
     (tmp_path / "sweep.nc").write_bytes(b"results")
-    with pytest.raises(SweepError, match=r"has sweep\.nc of a sweep, but no sweep\.json"):
+    with pytest.raises(SweepError, match=r"has sweep\.nc of a sweep, but no readable sweep\.json"):
         gx.sweep(scene, {KEP: [40.0]}, out=tmp_path)
 
 

@@ -147,7 +147,7 @@ def test_the_doctor_says_what_is_not_looked_at(windows: list[Any]) -> None:
 def test_hardware_is_refused_in_plain_text(windows: list[Any]) -> None:
     assert windows[3] == {
         "port": "COM3: serial ports are supported on Linux and macOS only",
-        "mouse": "/dev/input/event0: input events are read on Linux only",
+        "mouse": "/dev/input/event0: input events are available on Linux only",
         "emulator": "a board on a serial line is emulated on Linux and macOS only",
     }
 

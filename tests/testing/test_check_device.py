@@ -123,7 +123,7 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
         assert promise in unseen
     assert not any(word in each for each in report.checks for word in ("zero force", "no force", "limit", "metres"))
     head, _, tail = str(report).partition("not visible:\n")
-    assert head.startswith("passed:\n  - features are told")
+    assert head.startswith("passed:\n  - features are reported")
     assert all(f"- {each.promise} ({each.reason})" in tail for each in report.not_visible)
 
 
@@ -133,7 +133,7 @@ def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
     assert "a force limit" in [each.promise for each in unseen.not_visible]
     assert "`stop` is zero force, now, and may be called again" in seen.checks
     for report in (seen, unseen):
-        assert "two devices of a kind do not know each other" in [each.promise for each in report.not_visible]
+        assert "two devices of a kind are independent" in [each.promise for each in report.not_visible]
         assert not any("metres" in each.promise for each in report.not_visible)
     both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
     assert "two devices of a kind in one process do not know each other" in both.checks
@@ -296,16 +296,16 @@ class Noisy(PointDevice):
     [
         (UnknownAsZero, "None, never zero", "mass = 0.0"),
         (WorkspaceUpsideDown, "features", "lower and a higher corner"),
-        (FeaturesAfterOpen, "features are told before `open`", "DeviceError: .*not open"),
+        (FeaturesAfterOpen, "features are reported before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` gives", r"positions of shape \(4,\), not \(2, 2\)"),
         (NoForceLeft, "`largest_force` is a force above zero", r"\[1.0, 0.0\] N"),
         (NoVelocity, "`read` gives", "velocities that are not finite"),
         (TrueMotion, "arrays of the device's own", "true motion"),
-        (FailedReadIsZero, "read to the resolution", "m off"),
+        (FailedReadIsZero, "read to the reported resolution", "m off"),
         (WallClock, "time does not run back", "the time"),
         (HalfTime, "count of ticks", "s at tick 1"),
         (AveragedForces, "its own force", "finger 0 alone"),
-        (FirstFingerOnly, "a force is one", "no effort on a finger"),
+        (FirstFingerOnly, "a force gives one", "no effort on a finger"),
         (NoLimit, "force limit", "hundred times"),
         (LimitPerComponentTwice, "force limit", "6.0 N, and the limit is 3.0 N"),
         (WrongSign, "in its direction", "finger 0 moved by -"),

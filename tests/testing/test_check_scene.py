@@ -65,7 +65,7 @@ def test_a_name_a_path_and_a_maker_are_scenes(tmp_path: Path) -> None:
     check_scene("reference-1dof", duration=0.1)
     check_scene(lambda: scene(2), duration=0.1)
     assert len(check_scene(scene(2), duration=0.1)) == 50
-    with pytest.raises(ConformanceError, match="it loads, and says its plan; found: UnknownNameError"):
+    with pytest.raises(ConformanceError, match="it loads, and has a plan; found: UnknownNameError"):
         check_scene("reference-2dof")
     with pytest.raises(ConformanceError, match="expected a scene"):
         check_scene(3.0)  # type: ignore[arg-type]
@@ -128,7 +128,7 @@ FAULTS = {
     "memory: a body that counts all of its kind": (
         "import sys; sys.steps = getattr(sys, 'steps', 0) + 1; self.real.step(T)\n"
         "        self.state[integrators.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
-        "two servos run in turns do what one does alone",
+        "two servos run in turns give the result of one servo alone",
     ),
 }
 

@@ -35,8 +35,8 @@ SEEN_ON_WIRES = (
     "`stop` and `close` are zero force",
     "an exception inside `with device` is zero force",
     "a force that is not finite is displayed as zero",
-    "the device loses its force when nobody writes any more",
-    "hardware that is open is refused to a second program, and the first one goes on",
+    "the device loses its force without further writes",
+    "hardware that is open is refused to a second program, and the first one continues",
 )
 
 
@@ -67,7 +67,7 @@ def test_force_dimension_conforms_on_a_clock_of_its_own() -> None:
 def test_the_haply_2diy_conforms() -> None:
     with DiyWire() as wire:
         report = passed(wire, driver("haply-2diy").connect, 0.002, timeout=0.02)
-    assert "a bit that changes on the way never moves a finger" in [each.promise for each in report.not_visible]
+    assert "a transmission error never moves a finger" in [each.promise for each in report.not_visible]
 
 
 @pytest.mark.alone
@@ -239,12 +239,12 @@ class NeverNoticed(Delta):
         (BrakesAlone, "`stop` and `close` are zero force", "after `close`"),
         (NeverClosed, "zero force", "after the end of `with`"),
         (KeptWhenNotFinite, "not finite is displayed as zero", "after nan N"),
-        (Alone, "when nobody writes any more", "no watchdog, and the driver no `quench"),
-        (BoastsOfAWatchdog, "when nobody writes any more", "after 0.03 s, and did not"),
-        (ZeroWhenItFails, "fails", "m away"),
-        (FreshWhenItFails, "fails", "from a board that is mute"),
-        (FailsInItsOwnWords, r"fails \(unplugged\)", "ValueError"),
-        (NeverNoticed, "fails", "mute|no DeviceError in"),
+        (Alone, "without further writes", "no watchdog, and the driver no `quench"),
+        (BoastsOfAWatchdog, "without further writes", "after 0.03 s, and did not"),
+        (ZeroWhenItFails, "failing wire", "m away"),
+        (FreshWhenItFails, "failing wire", "from a board that is mute"),
+        (FailsInItsOwnWords, r"failing wire \(unplugged\)", "ValueError"),
+        (NeverNoticed, "failing wire", "mute|no DeviceError in"),
     ],
 )
 def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promise: str, finding: str) -> None:

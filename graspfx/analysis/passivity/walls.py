@@ -227,7 +227,7 @@ def z_width(
     else:
         B = numbers("wall_damping", wall_damping, "N s/m")
     if B.ndim != 1 or not len(B) or (np.diff(B) <= 0.0).any():
-        raise InputError("wall_damping", wall_damping, "rising numbers [N s/m]")
+        raise InputError("wall_damping", wall_damping, "m]/m]")
     late = delay * T + latency
     passive = np.array([guaranteed_wall_limit(b, T, wall_damping=each, delay=late) for each in B.tolist()])
     stable = None if mass is None else np.array([stable_limit(each) for each in B.tolist()])

@@ -106,7 +106,7 @@ def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
         or not values[0] > 0.0
         or values[-1] > half
     ):
-        raise InputError("frequency", frequency, f"two or more rising numbers above zero and up to {half:g} Hz")
+        raise InputError("frequency", frequency, f"at least two increasing numbers above zero and up to {half:g} Hz")
     response = _joined(np.array([_eigenvalues(loop, f) for f in values]))
     size = np.abs(response).max(axis=0)
     response = response[:, size > SILENT * size.max(initial=0.0)]

@@ -113,8 +113,8 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
     samples, most = int(operator.delay.max()), MOST_WALKED // m**2
     if samples > most:
         raise InputError(
-            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} coordinates of fingers; not judged",
-            "a shorter delay, a longer period or fewer fingers; the scene can be run as it is",
+            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} coordinates of fingers, for a judgement",
+            "a shorter delay, a longer period or fewer fingers; the scene itself can be run",
         )  # fmt: skip
     plant = LoopRows(linear, motions, opened=True)
     rows = plant.closed()

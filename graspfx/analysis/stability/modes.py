@@ -94,7 +94,7 @@ def modes(linear: Subject) -> list[Mode]:
     K, D = linear.stiffness / np.outer(root, root), linear.damping / np.outer(root, root)
     left, sizes, right = np.linalg.svd(G)
     if r and (len(sizes) < r or sizes[-1] <= SAME * sizes[0]):
-        raise InputError("G", linear.G, "rows that are independent", "leave out what the fingers cannot move")
+        raise InputError("G", linear.G, "independent rows", "leave out freedoms that the fingers cannot move")
     U, inner = right[:r].T @ left.T, right[r:].T  # G = (G G')^1/2 U'
     for name, A in (("stiffness", K), ("damping", D)):
         if np.abs(inner.T @ A @ U).max(initial=0.0) + np.abs(U.T @ A @ inner).max(initial=0.0) > SAME * np.abs(A).max():
@@ -112,9 +112,9 @@ def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
         raise InputError("G_displacement", linear.G_displacement, "G", "a squeezed grasp has no separate modes")
     if linear.operator is not None:
-        raise InputError("operator", linear.operator, "none", "modes have a closed form of springs and dampers alone")
+        raise InputError("operator", linear.operator, "none", "modes have a closed form only with springs and dampers")
     if linear.ground is not None:
-        raise InputError("ground", linear.ground, "none", "an object that stands on something has no separate modes")
+        raise InputError("ground", linear.ground, "none", "a supported object has no separate modes")
     for name, each in (("delay", linear.delay), ("latency", linear.latency)):
         if (each != each[0]).any():
             raise InputError(name, each.tolist(), "the same for every device")
@@ -130,7 +130,7 @@ def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
         scaled = A / np.outer(root, root)
         value = float(np.trace(scaled)) / len(root)
         if np.abs(scaled - value * np.eye(len(root))).max() > SAME * max(value, 1e-300):
-            raise InputError(name, A, "one number for every device, or proportional to the masses")
+            raise InputError(name, A, "one number for all devices, or proportional to the masses")
         values.append(value)
     delay, latency = int(linear.delay[0]), float(linear.latency[0])
     return Plant(mean, values[0], linear.period, spring=values[1], delay=delay, latency=latency), root
@@ -189,7 +189,7 @@ def _external(linear: Linearisation, device: Plant, U: FloatArray, parts: Sequen
     return modes
 
 
-# Parts whatever the gains are ----------------------------------------------------------------------------------------
+# Parts independent for all gains -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

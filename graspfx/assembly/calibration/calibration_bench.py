@@ -35,8 +35,8 @@ from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]
 FARTHEST = 0.03  # largest distance of a finger from its initial position during pulses [m]
-FASTEST = 0.5  # [m/s]
-WINDOW = 0.02  # of a velocity [s]
+FASTEST = 0.5  # largest speed of a finger during pulses [m/s]
+WINDOW = 0.02  # time window of a velocity [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,12 +197,12 @@ def _require(faults: list[str]) -> None:
             raise DeviceError(text)
 
 
-PATIENCE = 20.0  # for a person [s]
-PUSH = 0.01  # that is asked for [m]
+PATIENCE = 20.0  # time to wait for a person [s]
+PUSH = 0.01  # requested displacement [m]
 CLEAR = 0.8  # fraction of a motion that must be along one axis
 STILL = 5e-4  # largest motion of a still finger [m]
-LONG_ENOUGH = 1.0  # for so long [s]
-AWAY = 2e-3  # that it was moved at all [m]
+LONG_ENOUGH = 1.0  # time that a finger must be still [s]
+AWAY = 2e-3  # smallest displacement that counts as a motion [m]
 WAYS = {
     1: ("to the right",),
     2: ("to the right", "up, or away from you"),
@@ -232,7 +232,7 @@ def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, pr
 def _answer(shift: FloatArray, axis: int) -> str:
     size = float(np.linalg.norm(shift))
     if size <= PUSH:
-        return "not checked: nobody pushed"
+        return "not checked: no push"
     most = int(np.argmax(np.abs(shift)))
     if abs(float(shift[most])) < CLEAR * size:
         return "not clear: it moved between two axes; push again along one"
@@ -245,7 +245,7 @@ def _answer(shift: FloatArray, axis: int) -> str:
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
     """Ask a person to put a finger at the scene's origin; return its reading, (d,) [m], or None without a person."""
     bench.watched = False
-    prompt(f"put {finger} where the scene's origin is to be, and hold it there for {LONG_ENOUGH:g} s")
+    prompt(f"put {finger} at the intended origin of the scene, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
     there, since, is_away = start, 0, False
     for _ in range(round(PATIENCE / bench.period)):
@@ -258,7 +258,7 @@ def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, pro
         if is_away and since * bench.period >= LONG_ENOUGH:
             prompt(f"  read at {np.round(1e3 * now, 2).tolist()} mm")
             return now
-    prompt("  not checked: nobody moved it")
+    prompt("  not checked: the finger did not move")
     return None
 
 
@@ -271,18 +271,18 @@ def _placed(bench: Bench, channel: int, frame: Frame | None) -> FloatArray:
 
 UNTOLD = 1e-5  # assumed resolution of a device that reports none, for the length of a push [m]
 SEEN = 4.0  # number of encoder steps that count as a motion
-STEPS = 60.0  # of a pulse
-LONGEST_TRIAL = 0.15  # [s]
-LONGEST_PULSE, SHORTEST_PULSE = 0.08, 6  # [s], and periods
-MOST_SPEED = 0.1  # at the end of a pulse [m/s]
-BEFORE = 0.04  # at rest before a pulse [s]
-SPEED = 0.025  # of a coasting finger [m/s]
+STEPS = 60.0  # length of a pulse in resolution steps
+LONGEST_TRIAL = 0.15  # longest trial push [s]
+LONGEST_PULSE, SHORTEST_PULSE = 0.08, 6  # longest pulse [s], and shortest pulse [periods]
+MOST_SPEED = 0.1  # largest speed at the end of a pulse [m/s]
+BEFORE = 0.04  # time at rest before a pulse [s]
+SPEED = 0.025  # speed of a coasting finger [m/s]
 COAST, TRAVEL, LEAST = 0.35, 0.008, 20  # largest time and distance of coasting [s, m], and smallest number of readings
 LONGEST_START = 0.3  # time to reach that speed [s]
 NEAR, CALM = 2e-3, 0.02  # largest distance and speed of a finger that has returned [m, m/s]
 RETURN = 12.0  # natural frequency of the spring that returns it [rad/s]
-LONGEST_WAY = 1.0  # [s]
-EXPLAINED = 0.9  # of the motion under pulses
+LONGEST_WAY = 1.0  # longest return of a finger [s]
+EXPLAINED = 0.9  # smallest explained fraction of the motion under pulses
 MOST_DELAY = 0.02  # largest delay to search for [s], or three periods
 
 

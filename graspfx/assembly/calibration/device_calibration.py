@@ -167,7 +167,7 @@ def calibrate(
     """Measure the hardware of a scene: lateness, mass, friction and resolution; with a person also zero and axes.
 
     Each device is opened separately and settles at zero force. Small pulses then push its fingers back and forth one by
-    one, while nobody holds them. The scene's limits apply. However it ends, forces are set to zero first.
+    one, while they are not held. The scene's limits apply. However it ends, forces are set to zero first.
 
     Args:
         scene: name, path, or a Scene.

@@ -1,1 +1,1 @@
-"""Faults of a scene, all of them at once."""
+"""Validation of a scene, which reports all faults together."""

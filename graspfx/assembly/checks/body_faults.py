@@ -1,4 +1,4 @@
-"""Faults of an object's body: its shape, its viscosity, and what it meets."""
+"""Faults of an object's body: its shape, its mass, its viscosity and its contacts with other bodies."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]
-VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
+VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # keys with d numbers
 ENDLESS = ("half-space", "plane")
 
 
 def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
-    """Find the faults of an object's shape; a sound one goes to the stock."""
+    """Find the faults of an object's shape, and store a valid shape."""
     shape, d = thing.shape, scene.dimensions
     if shape is None and scene.coupling.contact == "unilateral":
         yield (*at, "shape"), "required for unilateral contact (coupling.contact = 'attached' needs none)"
@@ -73,7 +73,7 @@ def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Itera
 
 
 def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
-    """Find faults of how an object is weighed: by its mass, or in space by its density."""
+    """Find faults of an object's mass, or in space of its density."""
     if thing.density is None:
         if thing.mass is None:
             yield (*at, "mass"), "required, but not given" + (" (or density)" if scene.dimensions == 3 else "")
@@ -81,26 +81,26 @@ def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding
     if thing.mass is not None:
         yield (*at, "density"), "expected either a mass or a density, not both"
     elif scene.dimensions != 3:
-        yield (*at, "density"), "only what is in space has a volume (dimensions = 3): give the mass"
+        yield (*at, "density"), "a density needs a volume (dimensions = 3): give the mass"
     elif thing.shape is None:
-        yield (*at, "density"), "there is no shape to take it times: give the mass"
+        yield (*at, "density"), "a density needs a shape: give the mass"
     elif thing.shape.kind in ENDLESS:
-        yield (*at, "density"), f"a {thing.shape.kind} has no end: give the mass"
+        yield (*at, "density"), f"a {thing.shape.kind} is unbounded: give the mass"
     elif thing.shape.kind == "mesh" and thing.shape.shell:
         yield (*at, "density"), "a shell has no volume: give the mass"
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Tell whether a rotation of an object is free, as far as `free` has the right length to tell."""
+    """Tell whether an object is free to rotate, if `free` has a valid length."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
 def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
-    """Find viscosities that explicit and semi-implicit integration does not stand."""
+    """Find viscosities for which explicit or semi-implicit integration is unstable."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
-    with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault
+    with suppress(GraspFXError):  # an invalid mass or shape has its own fault
         if any(scene.free(thing)[: scene.dimensions]):
             mass = bodies.mass(thing, stock.solid(at, thing))
             yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", mass)
@@ -127,12 +127,12 @@ def _slowed(
 
 
 FLAT = ("half-space", "plane")
-STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
-DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
+STIFFEST = 1e4  # largest k T^2/m of a native contact point; from 1e5 on, rounding throws up a box at rest
+DEEP = 1e-5  # largest initial depth in an obstacle [m]; more is due neither to rounding nor to sinking under its weight
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
-    """Find what objects cannot meet with these dynamics; nothing where an object or obstacle has its own fault."""
+    """Find contacts that these dynamics do not support; skip objects and obstacles with faults of their own."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
@@ -155,7 +155,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
         if thing.shape is not None and thing.shape.kind in FLAT and bodies.moves(scene, thing):
             yield (
                 ("object", i, "shape", "kind"),
-                f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
+                f"a {thing.shape.kind} is unbounded: among obstacles lock its freedoms, or make it an [[obstacle]]",
             )
         elif thing.shape is not None and bodies.moves(scene, thing):
             yield from _inside(scene, i, thing, stock)
@@ -164,7 +164,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
 
 
 def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find a mass, or moments of inertia, too small for the program that moves the object."""
+    """Find a mass or moment of inertia too small for the software that moves the object."""
     engine = dynamics_of(thing.dynamics)
     if not engine.least:
         return
@@ -215,7 +215,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
             if thing.shape is not None and sum(map(bool, scene.free(thing)[3:])) not in engine.rotations:
                 yield (
                     ("object", i, "free"),
-                    f"two of three rotations of a body that meets others are no joint of {engine.label}'s: expected "
+                    f"{engine.label} has no joint for two of three rotations of a body with contacts: expected "
                     "none, one or three; dynamics = 'native' takes it on half-spaces and planes",
                 )
             if engine.partial:
@@ -247,12 +247,12 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
         yield (
             ("world", "stiffness"),
             f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m, {STIFFEST:g} m/T^2 of "
-            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding throws it off what it rests on",
+            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding throws it off its support",
         )
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Tell whether a shape begins below a half-space or across a plane; other pairs would need a search."""
+    """Find shapes that start below a half-space or across a plane; other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

@@ -1,4 +1,4 @@
-"""Faults between the parts of a scene, in the order in which its tables stand."""
+"""Faults between the parts of a scene, in the order of its tables."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def safety_faults(scene: SceneTable) -> Iterator[Finding]:
 
 
 def host_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find what stands beside a host in a scene, which has the object and its contacts."""
+    """Find parts that a scene with a host must not have, because the host has the object and its contacts."""
     if scene.host is None:
         return
     with suppress(NotValid):
@@ -97,61 +97,61 @@ def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding
 
 
 def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
-    """Find a coefficient of a finger's own beside a coupling which leaves no room for it."""
+    """Find a finger's own coefficient of friction if the coupling does not allow one."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
         yield at, "attached contacts do not slip: leave it out"
     elif scene.coupling.friction == "stick":
-        yield at, "coupling.friction = 'stick' holds every finger; a coefficient there lets each have its own"
+        yield at, "coupling.friction = 'stick' holds every finger; with a number there each finger may have its own"
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find what a soft finger lacks, or what a hard one has of it."""
+    """Find missing settings of soft fingers, and settings of soft fingers at hard ones."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
-            yield at, "only a soft finger has one (model = 'soft')"
+            yield at, "only soft fingers have it (model = 'soft')"
         return
     if scene.dimensions != 3:
         yield (
             ("finger", i, "model"),
-            f"a soft finger in {scene.dimensions} dimension(s) is a hard one: torsion is in space",
+            f"a soft finger in {scene.dimensions} dimension(s) equals a hard one: torsion needs three dimensions",
         )
         return
     if finger.patch is None:
-        yield at, "required for a soft finger: the length that torsion is measured with, the radius of its patch [m]"
+        yield at, "required for a soft finger: the radius of its contact patch, the length unit of torsion [m]"
     coupling = scene.coupling
     parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
     if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):
-        yield ("finger", i, "model"), "soft fingers expect each gain as one number, or as one of the object"
+        yield ("finger", i, "model"), "soft fingers expect each gain as one number, or as one matrix of the object"
     if coupling.contact == "attached":
         if scene.object[scene.finger_objects[i]].shape is None:
             yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
     elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
-        yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
+        yield ("finger", i, "model"), "a soft finger needs friction for torsion: set coupling.friction or its friction"
 
 
 def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find a compliant fingertip where a pad cannot be in series with the coupling."""
+    """Find compliant fingertips with couplings that do not support a pad in series."""
     if finger.pad is None:
         return
     at: Location = ("finger", i, "pad")
     coupling, thing = scene.coupling, scene.object[scene.finger_objects[i]]
     if coupling.contact == "attached":
-        yield at, "expected unilateral contact: a pad only pushes, attached contacts pull too"
+        yield at, "expected unilateral contact: a pad can only push, but attached contacts also pull"
     implicit = thing.dynamics == "native" and thing.integrator == "implicit"
     if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
-        text = "expected no damping beside the integrator 'implicit', which solves it with the motion"
+        text = "expected no damping with the integrator 'implicit', which solves for it together with the motion"
         yield at, f"{text}: a pad's depth follows the elastic force; take another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
-    """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
+    """Find matrices that are not in the form of contact axes: k_n along the normal, one k_t along the surface."""
     coupling, d = scene.coupling, scene.dimensions
     if isinstance(getattr(coupling, share), ObjectImpedance):
         if coupling.axes != "object":
-            yield ("coupling", "axes"), "expected 'object': a stiffness of the object stands in its own axes"
+            yield ("coupling", "axes"), "expected 'object': a stiffness of the object is in its own axes"
         return
     if coupling.axes != "contact":
         return
@@ -167,27 +167,27 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
         if np.array_equal(even, gain) and (gain[..., d - 1, d - 1] == gain[..., 1 % d, 1 % d]).all():
             continue
         form = {1: "[[k_n]]", 2: "[[k_n, 0], [0, k_t]]", 3: "[[k_n, 0, 0], [0, k_t, 0], [0, 0, k_t]]"}[d]
-        yield at, f"contact axes expect {form}, the normal first: along the surface no direction is another's better"
+        yield at, f"contact axes expect {form}, the normal first; all directions along the surface are equal"
     if share == "external" and coupling.contact == "attached" and any(thing.shape is None for thing in scene.object):
         yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
 
 
 def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
-    """Find devices that do not tell the mass that limits the damping which control adds."""
+    """Find devices that do not report the mass that limits the damping of passivity control."""
     if scene.coupling.passivity != "control":
         return
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            text = f"'control' expects every device to tell its mass, which limits damping; that of {where} does not"
+            text = f"'control' expects every device to report its mass, which limits damping; that of {where} does not"
             yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
-    """Find devices that do not tell the mass by which the split would count them, and weights that do not fit."""
+    """Find devices that do not report the mass that the metric needs, and invalid weights."""
     coupling = scene.coupling
     if coupling.metric == "mass" and coupling.split != "mass":
-        yield ("coupling", "metric"), "coupling.split says how fingers count: leave the metric out"
+        yield ("coupling", "metric"), "coupling.split already weights the fingers: leave the metric out"
     weights, n = coupling.weights, len(scene.finger)
     if (weights is not None) != (coupling.split == "weights"):
         wanted = "a number above zero for each finger" if weights is None else "no weights without split = 'weights'"
@@ -200,20 +200,20 @@ def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> It
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            yield ("coupling", key), f"'mass' expects every device to tell its mass; that of {where} does not"
+            yield ("coupling", key), f"'mass' expects every device to report its mass; that of {where} does not"
 
 
-UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
+UNIT = 1e-6  # tolerance of a quaternion's norm; more is a typing error, not rounding
 NAME_KEYS = {"object": "name", "device": "label", "hand": "name"}
 
 
 def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
-    """Find faults between the valid fields of a scene, or of a draft of one."""
+    """Find faults between the valid fields of a scene or of a draft."""
     faults: list[Finding] = []
     for check in _checks(scene, stock, faults):
         with suppress(NotValid):
             for finding in check:
-                faults.append(finding)  # one by one: those before a field that is not valid stay
+                faults.append(finding)  # one by one, to keep those found before an invalid field
     return faults
 
 
@@ -305,7 +305,7 @@ def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
         except NotValid:
             continue
         if name in names:
-            yield (table, i, NAME_KEYS.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
+            yield (table, i, NAME_KEYS.get(table, "name")), f"{name!r} is taken; every {table} needs a different name"
         names.add(name)
 
 
@@ -313,7 +313,7 @@ def _finger_names(scene: SceneTable) -> Iterator[Finding]:
     names = scene.finger_names
     for i, name in enumerate(names):
         if name in names[:i]:
-            yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a name of its own"
+            yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a different name"
 
 
 def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
@@ -372,7 +372,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
-    """Find what the body itself refuses, where there is no other fault."""
+    """Find errors of the body itself, if there is no other fault."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:
@@ -387,7 +387,7 @@ def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding
         if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
             module = plugins.load_blaming("dynamics", thing.dynamics, folder)
             if not callable(getattr(module, "create", None)):
-                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} have no function create(state)"
+                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} has no function create(state)"
     except (UnknownNameError, InputError) as error:
         yield (*at, "dynamics"), reason(error)
     except GraspFXError as error:
@@ -426,7 +426,7 @@ def _channels(scene: SceneTable) -> Iterator[Finding]:
         if not isinstance(key[0], str):
             continue
         if key in users:
-            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is finger {users[key]}'s already"
+            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} already belongs to finger {users[key]}"
         users.setdefault((key[0], key[1]), i)
 
 
@@ -482,7 +482,7 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
         expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
             ("coupling", share, key),
-            f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
+            f"unilateral contact expects {expected}; the smallest is {least:.6g} (contact = 'attached' takes 0)",
         )
 
 

@@ -1,4 +1,4 @@
-"""All faults of a scene at once: what is wrong with it before it runs."""
+"""All faults of a scene, found before it runs."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ DO = "move it there, or say that you trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
-    """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
+    """Find every path outside the folder of the scene's file, and remove it from the tables.
 
-    Of a scene that stands in a recording every path of Python is one: the recording itself says where its folder is.
+    In a scene from a recording, every path of a Python file is a fault, because the recording itself names its folder.
 
-    What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
+    The rest of the scene then names no such file, so later checks cannot import or read it.
     """
     return [] if source.is_trusted else list(_faults((), scene, source))
 
@@ -64,7 +64,7 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
 def _is_foreign(text: str, source: Source) -> bool:
     try:
         return not source.holds(text)
-    except InputError:  # a path that leads nowhere: said by what would read it
+    except InputError:  # a path that does not exist is reported where it is read
         return False
 
 
@@ -84,10 +84,10 @@ EXPECTED = {
     "model_type": "a table",
     "dict_type": "a table",
 }
-FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # all others: tables
-MOST_HINTS = 200  # unknown keys for which one that is near is looked for
+FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # others: tables
+MOST_HINTS = 200  # largest number of unknown keys for which a close match is sought
 VERY_NEAR = 0.75  # 'mss' and 'mass' are at 0.86, 'axis' and 'radius' at 0.6
-# What other programs, and the paper, call by another name or keep in another place: by table and key.
+# Names and places of keys in other programs and in the paper, by table and key.
 ELSEWHERE = {
     ("Coupling", "kep"): "external.stiffness",
     ("Coupling", "ked"): "external.damping",
@@ -97,21 +97,21 @@ ELSEWHERE = {
     ("SharedHand", "damping"): "arm.damping and grip.damping",
     ("Capsule", "height"): "length",
     ("Cylinder", "height"): "length",
-    ("Capsule", "axis"): "the orientation of what has the shape",
-    ("Cylinder", "axis"): "the orientation of what has the shape",
-    ("HalfSpace", "offset"): "the position of what has the shape",
-    ("Plane", "offset"): "the position of what has the shape",
+    ("Capsule", "axis"): "the orientation of the object or obstacle",
+    ("Cylinder", "axis"): "the orientation of the object or obstacle",
+    ("HalfSpace", "offset"): "the position of the object or obstacle",
+    ("Plane", "offset"): "the position of the object or obstacle",
     ("Placement", "position"): "start = [x, y, z], without a table",
 }
-INSTEAD = {("Placement", "position"): "toward"}  # required keys that are not missed where the other is given
+INSTEAD = {("Placement", "position"): "toward"}  # required keys that may be replaced by another one
 
 
 def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
-    """Find the faults of a scene given as nested tables; none means that `SceneTable` takes it.
+    """Find the faults of a scene given as nested tables; a scene without faults is a valid `SceneTable`.
 
     Args:
-        data: as read from a file.
-        source: where it comes from.
+        data: Tables as read from a file.
+        source: Source of the scene.
 
     Returns:
         The faults, and the devices and shapes that were connected and loaded to find them.
@@ -128,17 +128,17 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
         faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
         return as_faults(data, faults), stock
     faults = [*trust_faults(draft, source), *cross_faults(draft, stock)]
-    if faults:  # of values that are valid each: a wrong unit may be behind them
+    if faults:  # faults between valid values may come from a wrong unit
         faults = [*((at, f"given {text}") for at, text in unit_doubts(draft, stock)), *faults]
     return as_faults(data, faults), stock
 
 
 def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, str]]:
-    """Find the faults of fields, each with where it stands in the data.
+    """Find the faults of fields, each with its location in the data.
 
     Args:
-        error: of the validation.
-        draft: what is valid, from a validation with `DRAFT`.
+        error: Error of the validation.
+        draft: Valid part of the data, from a validation with `DRAFT`.
     """
     errors = error.errors(include_url=False)
     likely = _likely_keys(errors, draft)
@@ -155,7 +155,7 @@ def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, st
 
 
 def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
-    """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
+    """Pair every unknown key with a similar known key, so that one typing error is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     parts = {at: part_at(draft, at[:-1]) for at in unknown}
     close = {
@@ -165,7 +165,7 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Find the key that could be meant: one that is there already only where it is very near, as by an override."""
+    """Return the most similar key; a key that is already given only if it is very similar, as for an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -183,7 +183,7 @@ def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
 
 
 def message(error: Any) -> str:
-    """Write one of pydantic's faults in the words of this project."""
+    """Write one of pydantic's errors in the words of this project."""
     kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
@@ -206,7 +206,7 @@ def message(error: Any) -> str:
 
 
 def part_at(draft: Table, location: Sequence[str | int]) -> Any:
-    """Find the table at a validator's location; None where that is not valid."""
+    """Return the table at a validator's location; None if it is not valid."""
     part: Any = draft
     try:
         for step in location:

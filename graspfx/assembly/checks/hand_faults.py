@@ -1,4 +1,4 @@
-"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands of a plug-in's own."""
+"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands from plug-ins."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import AXES, listed
 from graspfx.scene.tables.scene_table import SceneTable
 
-LONGEST = 10_000  # samples of a reaction's delay
-NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
+LONGEST = 10_000  # largest delay of a reaction [samples]
+NEAR = 1e-9  # relative tolerance: a finger's arm below it is rounding of the coordinates
 
 
 def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
-    """Find faults of finger i's own hand."""
+    """Find faults of the hand of finger i."""
     finger, at = scene.finger[i], ("finger", i, "hand")
     hand = finger.hand
     if hand is None or isinstance(hand, str):
@@ -46,8 +46,8 @@ def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding
 
 
 def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Finding]:
-    """Find faults of a hand that several fingers may name."""
-    name = getattr(hand, "name", None)  # none if it has a fault of its own
+    """Find faults of a hand that several fingers may share."""
+    name = getattr(hand, "name", None)  # None if the name has its own fault
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
     if isinstance(hand, MadeHand):
         yield from _plugin_faults(scene, at, hand, fingers, stock)
@@ -88,7 +88,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
 
 
 def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
-    """Find faults of what a hand is besides a spring and a damper."""
+    """Find faults of a hand's operator model beyond spring and damper."""
     if hand.limb is not None:
         yield from _spring(scene, (*at, "limb"), hand.limb)
     tremor, reaction = hand.tremor, hand.reaction
@@ -114,7 +114,7 @@ def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
-    """List the tables of a field that takes one or a list, with where each stands."""
+    """List the tables of a field that accepts one or a list, each with its location."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -143,7 +143,7 @@ def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
 
 def _zero(at: Location, vector: Sequence[float]) -> Iterator[Finding]:
     if not any(vector):
-        yield at, f"expected a direction, of any length but zero; given {abbreviate(list(vector))}"
+        yield at, f"expected a direction of nonzero length; given {abbreviate(list(vector))}"
 
 
 def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
@@ -164,7 +164,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock)
         yield at, "expected a file, or times and positions"
         return
     if len(times) < 2 or min(np.diff(times)) <= 0.0:
-        yield (*at, "times"), "expected at least two times, rising"
+        yield (*at, "times"), "expected at least two times in increasing order"
     if len(times) != len(positions):
         yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
     for i, position in enumerate(positions):
@@ -180,7 +180,7 @@ def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) ->
         return
     yield from _each(_turn_axis(scene, at, turn), length_faults(scene, at, turn, "centre"))
     if turn.centre is None and len({thing.name for thing in _touched(scene, fingers)}) > 1:
-        yield (*at, "centre"), "required where a hand touches several objects"
+        yield (*at, "centre"), "required if a hand touches several objects"
 
 
 def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
@@ -198,16 +198,16 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
     if isinstance(squeeze, int | float):
         return
     if "squeeze_ramp" in hand.model_fields_set:
-        yield (*at, "squeeze_ramp"), "a squeeze in steps has its own times: leave it out"
+        yield (*at, "squeeze_ramp"), "steps of a squeeze have their own times: leave it out"
     steps: tuple[Step, ...] = listed(squeeze)
     if not steps:
-        yield (*at, "squeeze"), "expected a number, or one step at least"
+        yield (*at, "squeeze"), "expected a number, or at least one step"
     for k in range(1, len(steps)):
         before = steps[k - 1]
         if motion.overlap(before.begin, before.duration, steps[k].begin):
             yield (
                 (*at, "squeeze", k, "begin"),
-                f"expected {before.begin + before.duration:.6g} or more, when the step before it ends; "
+                f"expected {before.begin + before.duration:.6g} or more, the end of the previous step; "
                 f"given {abbreviate(steps[k].begin)}",
             )
 
@@ -218,7 +218,7 @@ def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int])
     if bare and hand.closing == "normal" and closes:
         yield (
             (*at, "closing"),
-            f"a direction is required: {bare[0]!r} has no shape, so it has no normals to close along",
+            f"a direction is required: {bare[0]!r} has no shape, so there is no normal for closing",
         )
 
 
@@ -242,7 +242,7 @@ def _closing(
         start = np.array(_starts(scene, fingers, stock), dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
         if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
-            yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
+            yield (*at, "closing"), "a finger starts at the fingers' mean, so its closing direction is undefined"
 
 
 def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
@@ -268,7 +268,7 @@ def _plugin_faults(
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
     clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
-    wrong = [((*at, key), "the scene gives it: leave it out") for key in clashes]
+    wrong = [((*at, key), "the scene sets it: leave it out") for key in clashes]
     wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
     starts = _starts(scene, fingers, stock)
@@ -276,7 +276,7 @@ def _plugin_faults(
     if wrong or not starts or any(len(vector) != scene.dimensions for vector in (*starts, *centres)):
         return
     rest = np.array(starts, dtype=float)
-    # directions to the objects' centres stand in for the normals, which are known once the scene is built
+    # directions to the objects' centres replace the normals, which are known only for a built scene
     arms = np.array(centres, dtype=float) - rest
     inward = arms / np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), np.finfo(float).tiny)
     try:
@@ -284,16 +284,16 @@ def _plugin_faults(
     except InputError as error:
         yield ((*at, error.name), reason(error)) if error.name in settings else (at, str(error))
     except GraspFXError as error:
-        yield at, f"{kind!r} cannot hold: {error}"
+        yield at, f"hand {kind!r} cannot be created: {error}"
 
 
 def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
-    """List where fingers start; NotValid if one has no place, which is a fault of its own."""
+    """List where fingers start; raise NotValid if one has no position, which is a separate fault."""
     starts = []
     for i in fingers:
         try:
             start = start_of(scene, i, stock)
-        except GraspFXError as error:  # of its object's shape
+        except GraspFXError as error:  # error in the shape of its object
             raise NotValid("start") from error
         if start is None:
             raise NotValid("start")
@@ -302,7 +302,7 @@ def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tup
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """List the objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
+    """List the objects that these fingers touch; raise NotValid if one is unknown, which is a separate fault."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

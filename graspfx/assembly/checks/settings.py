@@ -1,4 +1,4 @@
-"""Checks of values by themselves: settings of plug-ins, lengths, recorded paths."""
+"""Checks of single values: settings of plug-ins, lengths of vectors, recorded paths."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Finding = tuple[Location, str]
 
 
 def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Finding]:
-    """Find the fault of a part's vector that has another number of components than d."""
+    """Find a vector with a number of components other than d."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
         yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"
@@ -36,7 +36,7 @@ def numbers(count: int) -> str:
 
 
 def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Find names of columns that no recording of such fingers and objects has, whatever the coupling."""
+    """Find names of columns that recordings of these fingers and objects never have, for any coupling."""
     names = scene.record.columns
     if not names:
         return
@@ -53,7 +53,7 @@ def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], st
         if not columns_of(every, name):
             names_ = [*every.columns, *(column.name for column in every.derived)]
             close = closest(name, names_) if len(name) <= LONGEST_KEY else None
-            hint = f"; did you mean {close!r}?" if close else f" (there are {', '.join(names_)})"
+            hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(names_)})"
             yield ("record", "columns", i), f"expected the name of a column, given {name!r}{hint}"
 
 
@@ -61,7 +61,7 @@ OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
 def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
-    """Find what keeps a device from being connected; one that can be goes to the stock."""
+    """Find why a device cannot be connected, and store a device that can be."""
     try:
         driver = plugins.load_blaming("devices", table.name, stock.folder)
     except (UnknownNameError, InputError) as error:
@@ -77,17 +77,17 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
     twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
     faults += [
-        ((*at, key), f"the former name of {table.former[key]!r}, which is there too: leave it out") for key in twice
+        ((*at, key), f"the former name of {table.former[key]!r}, which is also given: leave it out") for key in twice
     ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
-        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
+        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, the scene's dimensions; leave it out"))
     yield from faults
     if not faults:
         yield from _connection(scene, at, table, driver, stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Write an error's text without the name that it begins with, where the fault's key says that already."""
+    """Return an error's text without its leading name if the fault's key already gives it."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -105,9 +105,9 @@ def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleTy
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
         if not isinstance(features, Features):
-            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
+            yield (*at, "name"), f"connect() of {table.name!r} returns no device: {abbreviate(device)} has no Features"
             return
-        stock.devices[at] = device  # also one that lacks a method: what it tells of itself is checked in the same pass
+        stock.devices[at] = device  # features of a device that lacks a method are checked too
         if missing:
             file = plugins.shown_path(Path(driver.__file__ or driver.__name__))
             names, kind = ", ".join(f"{name}()" for name in missing), type(device).__name__
@@ -125,7 +125,7 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Finding]:
-    """Find settings that a plug-in does not take, and missing ones that it needs; the automatic ones are filled in."""
+    """Find settings that a plug-in does not accept and required settings that are missing; add automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"

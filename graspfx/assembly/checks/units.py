@@ -1,4 +1,4 @@
-"""Doubts about units: values that look as if they were in millimetres, grams, milliseconds or degrees."""
+"""Warnings about units: values that may be in millimetres, grams, milliseconds or degrees."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
-Doubt = tuple[Location, float, str, str]  # key, value, unit, and the probable meaning or nothing
+Doubt = tuple[Location, float, str, str]  # key, value, unit, and the probable meaning or an empty string
 Finding = tuple[Location, str]
 
-FARTHEST = 5.0  # [m]: of a finger from its object at first, and of a reach: more than an arm
-LARGEST = 0.1  # [m]: a fingertip's radius, a squeeze, and a depth
-SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 2.0  # [m]: of an object that fingers hold
+FARTHEST = 5.0  # [m]: initial distance between finger and object, and amplitude of a reach: more than an arm
+LARGEST = 0.1  # [m]: fingertip radius, squeeze and depth
+SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 2.0  # [m]: size of an object that fingers hold
 TURN = 4.0 * np.pi  # [rad]: two whole turns of a wrist
-HEAVIEST = 30.0  # [kg]: of an object, a device's or a limb's mass: more than a person lifts
+HEAVIEST = 30.0  # [kg]: mass of an object, a device or a limb: more than a person lifts
 LIGHTEST_MATTER, HEAVIEST_MATTER = 20.0, 25e3  # [kg/m^3]: a light foam, osmium
 SOFTEST = 1.0  # [N/m]: 1 N moves such a spring by a metre
 SHORTEST, LONGEST = 1e-5, 0.05  # [s]: periods of 100 kHz and 20 Hz
-MOST_MILLISECONDS = 20.0  # a period beyond is rather a rate in Hz
+MOST_MILLISECONDS = 20.0  # a larger period is more likely a rate in Hz
 STRONGEST = 100.0  # [m/s^2]: ten times the earth's gravity
 
 
 def unit_doubts(scene: SceneTable, stock: Stock) -> list[Finding]:
-    """List the values of a scene, or of a draft of one, that are hardly in SI units; each with its probable meaning.
+    """List the values of a scene or of a draft that are implausible in SI units, with their probable meanings.
 
     Args:
-        scene: its tables; what is not valid is left out.
-        stock: the shapes and starts that are there already.
+        scene: Tables of the scene; invalid fields are ignored.
+        stock: Shapes and start positions computed so far.
     """
     found: list[Finding] = []
     for rule in (_period, _gravity, _objects, _world, _gains, _fingers, _hands, _devices):
-        with suppress(NotValid, GraspFXError, KeyError):  # a fault of its own, or a name that is not there
+        with suppress(NotValid, GraspFXError, KeyError):  # invalid fields and unknown names are separate faults
             for at, value, unit, meaning in rule(scene, stock):
                 text = f"{value:g} {unit}: check the unit"
                 found.append((at, f"{text} ({meaning})" if meaning else text))
@@ -53,12 +53,12 @@ def unit_doubts(scene: SceneTable, stock: Stock) -> list[Finding]:
 
 
 def unit_notes(scene: SceneTable, stock: Stock) -> list[str]:
-    """Write `unit_doubts` as a sentence each."""
+    """Return each of `unit_doubts` as a sentence."""
     return [f"{dotted(at)} = {text}" for at, text in unit_doubts(scene, stock)]
 
 
 def _in(value: float, unit: str, factor: float) -> str:
-    """Say what a value would be if it were meant in another unit."""
+    """Return the text for a value if it were in another unit."""
     return f"{value:g} {unit} would be {factor * value:.4g}"
 
 
@@ -96,7 +96,7 @@ def _objects(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
             yield (*at, "shape"), size, "m across", meaning
 
 
-SIZES: dict[str, Callable[[Stock, Location, Any], float]] = {  # largest side of a shape, by its kind
+SIZES: dict[str, Callable[[Stock, Location, Any], float]] = {  # largest side of a shape, by kind
     "box": lambda stock, at, thing: max(thing.shape.size),
     "sphere": lambda stock, at, thing: 2.0 * thing.shape.radius,
     "capsule": lambda stock, at, thing: thing.shape.length + 2.0 * thing.shape.radius,
@@ -107,7 +107,7 @@ SIZES: dict[str, Callable[[Stock, Location, Any], float]] = {  # largest side of
 
 
 def _mesh_size(mesh: Any) -> float:
-    """Give the largest side of a mesh along the axes of its file."""
+    """Return the largest side of a mesh along the axes of its file."""
     return float(np.ptp(mesh.mesh.vertices @ mesh.unit.axes.T, axis=0).max())
 
 
@@ -126,7 +126,7 @@ def _gains(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
 
 
 def _soft(at: Location, stiffness: Any) -> Iterator[Doubt]:
-    """Ask about springs too soft to be felt; one of zero is left out on purpose."""
+    """Find springs too soft to be felt; a stiffness of zero counts as intended."""
     springs = [k for k in np.ravel(stiffness).tolist() if k > 0.0]
     if springs and max(springs) < SOFTEST:
         yield at, max(springs), "N/m", _in(max(springs), "N/mm", 1e3)
@@ -136,7 +136,7 @@ def _fingers(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
     for i, finger in enumerate(scene.finger):
         thing = scene.object[scene.finger_objects[i]]
         toward = getattr(finger.start, "toward", None)
-        is_placed = toward is None or (any(toward) and len(toward) == scene.dimensions)  # else a fault of its own
+        is_placed = toward is None or (any(toward) and len(toward) == scene.dimensions)  # otherwise a separate fault
         start = start_of(scene, i, stock) if is_placed else None
         if start is not None:
             away = float(np.linalg.norm(np.array(start) - np.array(thing.position or 0.0)))
@@ -144,7 +144,7 @@ def _fingers(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
                 yield ("finger", i, "start from its object"), away, "m", _in(away, "mm", 1e-3)
         if finger.radius > LARGEST:
             yield ("finger", i, "radius"), finger.radius, "m", _in(finger.radius, "mm", 1e-3)
-        if finger.pad is not None and finger.pad.stiffness * LARGEST**1.5 < 1.0:  # deeper than that at 1 N
+        if finger.pad is not None and finger.pad.stiffness * LARGEST**1.5 < 1.0:  # the depth at 1 N would be larger
             k = finger.pad.stiffness
             yield ("finger", i, "pad", "stiffness"), k, "N/m^1.5", f"{k:g} N/mm^1.5 would be {k * 1e3**1.5:.4g}"
 

@@ -43,7 +43,7 @@ class Errand:
         live: keys that may change during the run.
         goals: size of the goals of guided hands.
         trust: whether files outside the scene's folder may be read.
-        verbosity: level of messages to pass on; None for none.
+        verbosity: level of messages to pass on, or None.
         path: search path of modules.
         parent: number of the recording process.
     """

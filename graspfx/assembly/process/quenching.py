@@ -20,7 +20,7 @@ from graspfx.loop.parts import DeviceWiring
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
 
-PATIENCE = 2.0  # for all devices [s]
+PATIENCE = 2.0  # time for all devices [s]
 
 
 @dataclass(frozen=True)
@@ -47,23 +47,23 @@ class Quencher:
         except BaseException as error:  # noqa: BLE001 - also SystemExit: the others are quenched, and the end is told
             text = f"{type(error).__name__}: {message(error)}"
             if self.watchdog is not None:
-                return f"the force of {self.name} could not be taken away ({text}); its watchdog drops it"
-            return f"the force of {self.name} could not be taken away, and may still be there: switch it off: {text}"
-        return f"the force of {self.name} was taken away in {1e3 * (time.monotonic() - began):.1f} ms"
+                return f"the force of {self.name} could not be removed ({text}); its watchdog drops it"
+            return f"the force of {self.name} could not be removed and may persist: switch it off: {text}"
+        return f"the force of {self.name} was removed in {1e3 * (time.monotonic() - began):.1f} ms"
 
     @property
     def silence(self) -> str:
-        """Say that `act` has not returned."""
+        """Return the message that `act` has not returned."""
         if self.watchdog is not None:
-            return f"the force of {self.name} could not be taken away within {PATIENCE:g} s; its watchdog drops it"
-        return f"the force of {self.name} is still being taken away, and may be there: switch it off"
+            return f"the force of {self.name} could not be removed within {PATIENCE:g} s; its watchdog drops it"
+        return f"the force of {self.name} is still being removed and may persist: switch it off"
 
 
 def quenchers(parts: Parts) -> list[Quencher]:
-    """Give the hardware of a scene that displays forces, its drivers imported.
+    """Return the hardware of a scene that displays forces, with its drivers imported.
 
     Raises:
-        InputError: hardware that nobody could take the force from: it has no watchdog, and its driver no `quench`.
+        InputError: If the hardware has no watchdog and its driver no `quench`.
     """
     scene, quenchers_ = parts.scene, list[Quencher]()
     for wire in parts.wires:
@@ -81,16 +81,16 @@ def quenchers(parts: Parts) -> list[Quencher]:
         watchdog = wire.features.watchdog
         if quench is None and watchdog is None:
             raise InputError(
-                "features.watchdog", None, "seconds after which the hardware drops its force by itself, or a function "
+                "features.watchdog", None, "time after which the hardware drops its force [s], or a function "
                 f"quench(**settings) in the driver of {name}",
-                "without either the force stays for good where a program is killed: docs/how-to/device.md",
+                "without either the force persists after the program is killed: docs/how-to/device.md",
             )  # fmt: skip
         quenchers_.append(Quencher(name, quench, watchdog))
     return quenchers_
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Quench devices side by side, for `PATIENCE` at most, whatever one of them does; say how each went."""
+    """Quench devices in parallel, within `PATIENCE`; return a report on each."""
     texts = [one.silence for one in each]
 
     def act(i: int) -> None:

@@ -1,4 +1,4 @@
-"""The text of C calls, read: `int dhdGetPosition(out 0, out 1, out 2, i8 id)`."""
+"""Parser of C calls given as text: `int dhdGetPosition(out 0, out 1, out 2, i8 id)`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOKEN = re.compile(
 )
 NUMBER = re.compile(r"0[xX]|[-+]?[\d.]")
 GRAMMAR = "calls such as 'int dhdGetPosition(out 0, out 1, out 2, i8 id)', several with ';' between"
-MOST = 4096  # entries of a buffer
+MOST = 4096  # largest number of entries of a buffer
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Argument:
     """An argument of a C function.
 
     Attributes:
-        kind: "in" or "out" of the block's entries, "setting" by name, "number", or "buffer" by name.
-        type: "double" of a block's entry; else as of TYPES.
-        first: entry of the block.
-        count: entries, behind an address; 0 for a number that is passed by its value.
-        factor: by which entries are multiplied, after `out` and before `in`.
-        name: of a setting or buffer.
-        value: of a number.
+        kind: "in" or "out" for entries of the block, "setting" or "buffer" for a name, or "number".
+        type: "double" for an entry of the block; otherwise one of TYPES.
+        first: First entry of the block.
+        count: Number of entries passed by address; 0 for a number passed by value.
+        factor: Factor on the entries, after `out` and before `in`.
+        name: Name of a setting or buffer.
+        value: Value of a number.
     """
 
     kind: str
@@ -51,10 +51,10 @@ class Argument:
 
 @dataclass(frozen=True)
 class CCall:
-    """One call: what the function returns, its name, and its arguments.
+    """One call: type of the result, name of the function, and arguments.
 
     Attributes:
-        parts: numbers of this type that it returns side by side, as a struct; 1 for a plain number.
+        parts: Number of values of this type in a returned struct; 1 for a plain number.
     """
 
     result: str
@@ -65,7 +65,7 @@ class CCall:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison of what a call returns, or of an entry of a buffer, with a number."""
+    """A comparison of a call's return value, or of an entry of a buffer, with a number."""
 
     sign: str
     number: float
@@ -74,7 +74,7 @@ class Comparison:
 
     @property
     def subject(self) -> str:
-        """The left side of the comparison, as it is written."""
+        """Left side of the comparison, as written."""
         return f"{self.buffer}[{self.entry}]" if self.buffer else ""
 
 
@@ -82,8 +82,8 @@ class Reader:
     """Reads a text token by token.
 
     Args:
-        subject: the argument that the text was given for.
-        text: of the calls, or of the comparisons.
+        subject: Argument for which the text was given.
+        text: Text of the calls or comparisons.
     """
 
     def __init__(self, subject: str, text: object) -> None:
@@ -98,7 +98,7 @@ class Reader:
         while self.text[at:].strip():
             match = TOKEN.match(self.text, at)
             if match is None:
-                raise self.wrong(f"{self.text[at:].strip()[:12]!r} is no part of it")
+                raise self.wrong(f"{self.text[at:].strip()[:12]!r} is not a valid token")
             yield match.group(1)
             at = match.end()
 
@@ -107,11 +107,11 @@ class Reader:
 
     @property
     def next(self) -> str:
-        """The next token; empty at the end."""
+        """Next token; empty at the end."""
         return self.tokens[self.at] if self.at < len(self.tokens) else ""
 
     def take(self, *expected: str) -> str:
-        """Take a token, one of these if any are named."""
+        """Consume a token, which must be one of `expected` if any are given."""
         token = self.next
         if not token or (expected and token not in expected):
             words = " or ".join(map(repr, expected)) if expected else "more"
@@ -120,7 +120,7 @@ class Reader:
         return token
 
     def has(self, token: str) -> bool:
-        """Take a token if it is this one."""
+        """Consume the next token if it equals this one."""
         if self.next != token:
             return False
         self.at += 1
@@ -141,26 +141,26 @@ class Reader:
     def whole(self) -> int:
         number = self.number()
         if number != int(number) or number < 0:
-            raise self.wrong(f"a whole number of zero or more expected, not {number:g}")
+            raise self.wrong(f"a non-negative integer expected, not {number:g}")
         return int(number)
 
     def type(self) -> str:
         token = self.name()
         if token not in TYPES:
-            raise self.wrong(f"unknown type {token!r}; there are {', '.join(TYPES)}")
+            raise self.wrong(f"unknown type {token!r}; known types: {', '.join(TYPES)}")
         return TYPES[token]
 
 
 def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...]:
-    """Read calls.
+    """Parse calls.
 
     Args:
-        subject: the argument that the text was given for, for errors.
-        text: of the calls.
-        size: entries of the block; None for any.
+        subject: Argument for which the text was given, for error messages.
+        text: Text of the calls.
+        size: Number of entries of the block; None for any.
 
     Raises:
-        InputError: no such text, an unknown type, or an entry that the block does not have.
+        InputError: If the text is invalid, a type is unknown, or an entry is outside the block.
     """
     reader, calls = Reader(subject, text), []
     while True:
@@ -181,7 +181,7 @@ def _call(reader: Reader, size: int | None) -> CCall:
         parts = reader.whole()
         reader.take("]")
         if (result != "i32" and result != "u32") or parts not in (2, 3, 4):
-            raise reader.wrong("a struct that is returned has two to four numbers of 32 bits")
+            raise reader.wrong("a returned struct has two to four 32-bit numbers")
     name = reader.name()
     reader.take("(")
     arguments: list[Argument] = []
@@ -197,7 +197,7 @@ def _argument(reader: Reader, size: int | None) -> Argument:
         return _entries(reader, reader.take(), size)
     type_ = reader.type()
     if type_ == "void":
-        raise reader.wrong("no argument is void")
+        raise reader.wrong("an argument cannot be void")
     if reader.has("["):
         count = reader.whole()
         reader.take("]")
@@ -207,7 +207,7 @@ def _argument(reader: Reader, size: int | None) -> Argument:
     if NUMBER.match(reader.next):
         number = reader.number()
         if type_ not in FLOATS and number != int(number):
-            raise reader.wrong(f"{number:g} is no whole number, as {type_} is")
+            raise reader.wrong(f"{number:g} is not an integer, as {type_} requires")
         return Argument("number", type_, value=number)
     return Argument("setting", type_, name=reader.name())
 
@@ -221,15 +221,15 @@ def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
         last = reader.whole()
         count = last - first
         if count < 1:
-            raise reader.wrong(f"entries {first}:{last} are none")
+            raise reader.wrong(f"entries {first}:{last} are an empty range")
     if size is not None and last > size:
-        raise reader.wrong(f"entry {last - 1} is out of range: the block has {size}, from 0 on")
+        raise reader.wrong(f"entry {last - 1} is out of range: the block has {size} entries, counted from 0")
     factor = reader.number() if reader.has("*") else 1.0
     return Argument(kind, first=first, count=count, factor=factor)
 
 
 def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
-    """Require that a buffer's name means one buffer."""
+    """Require that each buffer has one size."""
     buffers: dict[str, tuple[str, int]] = {}
     for call in calls:
         for each in call.arguments:
@@ -240,7 +240,7 @@ def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
 
 
 def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
-    """Read comparisons with `or` between, such as `< 0 or status[5] == 0`; none of an empty text."""
+    """Parse comparisons separated by `or`, such as `< 0 or status[5] == 0`; an empty text has none."""
     reader, comparisons = Reader(subject, text), list[Comparison]()
     while reader.next:
         if comparisons:

@@ -1,15 +1,15 @@
-"""LLVM's text of a turn of a vendor's thread: the loop's own, else an exchange with Python by way of memory."""
+"""LLVM text of a turn of a vendor's thread: a turn of the loop, or an exchange with Python through memory."""
 
 from __future__ import annotations
 
 MAILBOX = "graspfx_mailbox"
 LOOP, CONTEXT, BUSY, TURNS, COUNT, PATIENCE, OVER, FIRST = range(8)  # words of a mailbox; its devices come last
 (ASK, READ, WRITE, STOP, OWN, RAW, FORCES, SAMPLE, ORDERS, ENTRIES, SEQUENCE, NEWS, SEEN, AGE, FAULT) = range(15)
-WORDS = 16  # of a device
+WORDS = 16  # words per device
 
-# unsigned f(void *mailbox). A loop that runs no tick leaves the turn to the mailbox. Orders have two halves, of which
-# `news` says which one holds; without news for more than `patience` turns forces are zero. The first fault of a device
-# stays, and it is stopped from then on.
+# unsigned f(void *mailbox). A loop that runs no tick leaves the turn to the mailbox. Orders have two halves, and `news`
+# tells which one is valid; without news for more than `patience` turns forces are zero. A device keeps its first
+# fault, and is stopped from then on.
 TEXT = f"""
 define internal ptr @at(ptr %table, i64 %i) alwaysinline {{
   %at = getelementptr i64, ptr %table, i64 %i

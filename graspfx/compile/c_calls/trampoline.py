@@ -1,4 +1,4 @@
-"""LLVM's text of functions `i64 f(ptr context, ptr block)`, each some C calls judged one by one."""
+"""LLVM text of functions `i64 f(ptr context, ptr block)`, each a sequence of C calls with fault conditions."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from graspfx.compile.c_calls.c_signature import FLOATS, Argument, CCall, Compari
 
 ORDERS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 BITS = {"double": 64, "float": 32}
-DRAIN = 64  # errors that a library's stack is asked for at most
-FRESH, REPEAT = 0, 1  # what a function returns; less than zero is a fault
+DRAIN = 64  # largest number of errors popped from a library's stack
+FRESH, REPEAT = 0, 1  # return values; a negative value is a fault
 
 
 @dataclass(frozen=True)
 class Estimation:
-    """Velocities that follow from positions, by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
+    """Velocity estimation from positions by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
 
     Args:
-        symbol: of the kernel.
-        count: components, whose positions the block begins with; velocities come after them.
-        stride: entries from one component's state to the next.
+        symbol: Symbol of the kernel.
+        count: Number of components; the block begins with their positions, followed by their velocities.
+        stride: Number of entries per component's state.
     """
 
     symbol: str
@@ -32,11 +32,11 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Role:
-    """One of the functions of a device: its calls, and how they are judged.
+    """One of the functions of a device: its calls, and their fault conditions.
 
     Args:
         name: "ask", "read", "write" or "stop".
-        estimation: of velocities after its calls, if any.
+        estimation: Velocity estimation after its calls, if any.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Role:
 
 @dataclass
 class ContextPlan:
-    """Where the words of a context are: addresses of functions, settings, buffers, and what went wrong.
+    """Layout of a context: addresses of functions, settings, buffers, and values that caused a fault.
 
-    The first word is the address of the count of samples that were missed, the second that of the estimator's state.
+    The first word is the address of the number of missed samples, the second that of the estimator's state.
     """
 
     functions: dict[str, int] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class ContextPlan:
         return self.buffers[name]
 
     def value(self) -> int:
-        """Make room for the number that one more fault is judged by, a float."""
+        """Allocate the float that stores the value of one more fault condition."""
         self.values.append(self._room(1))
         return self.values[-1]
 
@@ -86,16 +86,16 @@ MISSED, STATE = range(2)  # words of every context
 
 
 class Trampolines:
-    """Text of a device's functions, and what their codes mean.
+    """LLVM text of a device's functions, and the meaning of their codes.
 
     Args:
-        roles: the functions.
-        fault, repeat: comparisons that judge each call.
-        errors: a call that pops the newest error of a library's stack, and returns zero where there is none.
+        roles: Functions of the device.
+        fault, repeat: Comparisons applied to each call.
+        errors: Call that pops the newest error from a library's stack and returns zero if there is none.
 
     Attributes:
-        plan: of the context.
-        faults: what a return of -(1 + k) means: the function, and what was compared.
+        plan: Layout of the context.
+        faults: Meaning of a return value -(1 + k): the function and the compared value.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Trampolines:
         symbols = {role.estimation.symbol for role in roles if role.estimation}
         head = [f'declare double @"{symbol}"(ptr, i64, double, i64) nounwind' for symbol in sorted(symbols)]
         for role in roles:
-            for call in role.calls:  # buffers have their room before a comparison names them
+            for call in role.calls:  # buffers are allocated before a comparison refers to them
                 for each in call.arguments:
                     if each.kind == "buffer":
                         self.plan.buffer(each.name, each.type, each.count)
@@ -133,7 +133,7 @@ class Trampolines:
         return self._op(f"getelementptr i64, ptr %context, i64 {word}")
 
     def _role(self, role: Role) -> None:
-        """Write one function: the first call that fails ends it; only `stop` goes on to the others."""
+        """Write one function; the first failed call ends it, except for `stop`, which makes all calls."""
         self._lines.append(f"define i64 @graspfx_{role.name}(ptr %context, ptr %block) nounwind {{")
         self._lines.append("start:")
         verdict = "0"
@@ -162,7 +162,7 @@ class Trampolines:
                     place = self._op(f"getelementptr double, ptr %block, i64 {each.first + k}")
                     value = self._op(f"load double, ptr {place}")
                     self._put(f"store double {self._op(f'fmul double {value}, {_double(each.factor)}')}, ptr {place}")
-        if call.parts > 1:  # its first number alone is looked at
+        if call.parts > 1:  # only its first number is tested
             if call.parts > 2:
                 result = self._op(f"extractvalue {_struct(call)} {result}, 0")
             result = self._op(f"trunc i64 {result} to i32")
@@ -187,7 +187,7 @@ class Trampolines:
         return f"double {value}"
 
     def _scaled(self, argument: Argument) -> str:
-        """Multiply entries into a place of their own."""
+        """Multiply entries and store the products separately."""
         room = self._op(f"alloca [{argument.count} x double]")
         for k in range(argument.count):
             place = self._op(f"getelementptr double, ptr %block, i64 {argument.first + k}")
@@ -196,10 +196,10 @@ class Trampolines:
             self._put(f"store double {value}, ptr {self._op(f'getelementptr double, ptr {room}, i64 {k}')}")
         return room
 
-    # Its verdict --------------------------------------------------------------------------------------------------
+    # Fault conditions ----------------------------------------------------------------------------------------------
 
     def _judged(self, role: Role, call: CCall, result: str, verdict: str) -> str:
-        """Write how a call is judged; give the function's verdict so far."""
+        """Write the fault conditions of a call; return the function's code so far."""
         names = {each.name for each in call.arguments if each.kind == "buffer"}
         faults = [each for each in self._fault if (each.buffer in names if each.buffer else result)]
         for each in faults:
@@ -218,7 +218,7 @@ class Trampolines:
         return verdict
 
     def _compared(self, each: Comparison, call: CCall, result: str) -> tuple[str, str]:
-        """Write a comparison: its number as a double, and whether it is true."""
+        """Write a comparison; return its value as a double, and its result."""
         type_ = call.result
         if each.buffer:
             type_, word = self.plan.buffer(each.buffer)
@@ -233,7 +233,7 @@ class Trampolines:
         return result, self._op(f"fcmp {'u' if order == 'ne' else 'o'}{order} double {result}, {_double(each.number)}")
 
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
-        """Write what a failure comes to: the end of the function, or of `stop` the first code, when all is tried."""
+        """Write the handling of a failure: return its code; `stop` continues and returns the first code at the end."""
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")
@@ -249,11 +249,11 @@ class Trampolines:
         return self._op(f"phi i64 [ {verdict}, %{before} ], [ {code}, %{here} ]")
 
     def _block(self) -> str:
-        """Name the block that is being written."""
+        """Return the name of the current block."""
         return next(line[:-1] for line in reversed(self._lines) if line.endswith(":") and not line.startswith(" "))
 
     def _emptied(self, role: Role, call: CCall, errors: CCall, verdict: str) -> str:
-        """Empty a library's stack of errors; the oldest that is seen of this call is the one that is told."""
+        """Empty a library's stack of errors; report the oldest error of this call."""
         before = self._block()
         loop, more, done = (self._name(kind)[1:] for kind in ("pop", "more", "done"))
         self._put(f"br label %{loop}")
@@ -279,7 +279,7 @@ class Trampolines:
     # Velocity -----------------------------------------------------------------------------------------------------
 
     def _estimate(self, estimation: Estimation, verdict: str) -> None:
-        """Write the estimation of velocities from a new sample; count one that is missed."""
+        """Write the velocity estimation from a new sample; count a missed sample."""
         missed_at = self._op(f"load ptr, ptr {self._at(MISSED)}")
         missed = self._op(f"load i64, ptr {missed_at}")
         state = self._op(f"load ptr, ptr {self._at(STATE)}")
@@ -304,24 +304,24 @@ class Trampolines:
 
 
 def width(type_: str) -> int:
-    """Count the bits of a type."""
+    """Return the number of bits of a type."""
     return BITS.get(type_) or int(type_[1:])
 
 
 def plain(type_: str) -> str:
-    """Write a type in LLVM's language, which has no unsigned ones."""
+    """Return a type in LLVM's language, which has no unsigned types."""
     return type_ if type_ in FLOATS or type_ == "void" else f"i{width(type_)}"
 
 
 def passed(type_: str) -> str:
-    """Write the type of an argument: callers widen what has less than 32 bits."""
+    """Return the type of an argument; callers extend types of less than 32 bits."""
     if type_ in FLOATS or width(type_) >= 32:
         return plain(type_)
     return f"{plain(type_)} {'signext' if type_.startswith('i') else 'zeroext'}"
 
 
 def words_of(type_: str, value: float) -> int:
-    """Give the word of a context that holds a number of a type."""
+    """Return the word of a context that holds a number of a type."""
     if type_ in FLOATS:
         return int.from_bytes(struct.pack("<d" if type_ == "double" else "<f", value), "little", signed=False)
     return int(value) % (1 << width(type_))
@@ -336,7 +336,7 @@ def _result(call: CCall) -> str:
 
 
 def _struct(call: CCall) -> str:
-    """Write the type that a struct of 32-bit numbers is returned as on Linux: registers of 64 bits."""
+    """Return the type of a returned struct of 32-bit numbers on Linux: 64-bit registers."""
     if call.parts == 2:
         return "i64"
     if platform.machine().lower() in ("aarch64", "arm64"):
@@ -351,5 +351,5 @@ def _constant(type_: str, value: float) -> str:
 
 
 def _double(value: float) -> str:
-    """Write a float to the last bit."""
+    """Return the exact text of a float."""
     return f"0x{int.from_bytes(struct.pack('>d', value), 'big'):016X}"

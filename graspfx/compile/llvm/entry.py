@@ -1,4 +1,4 @@
-"""The entry of a program as it is read from its text: the last function, its buffers first and then its numbers."""
+"""The entry function of a program: the last function, whose parameters are buffers, then numbers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from graspfx.errors import InputError
 
 @dataclass(frozen=True)
 class Entry:
-    """A program's functions, of which the last is the entry.
+    """Functions of a program; the last one is the entry.
 
     Attributes:
-        trees: all functions.
-        tree: the entry.
-        names: its parameters.
-        arrays: those of them that are buffers, the first ones.
+        trees: All functions.
+        tree: Entry function.
+        names: Parameters of the entry.
+        arrays: Parameters that are buffers; they come first.
     """
 
     trees: tuple[ast.FunctionDef, ...]
@@ -27,15 +27,15 @@ class Entry:
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """Parameters behind the buffers."""
+        """Parameters after the buffers."""
         return self.names[len(self.arrays) :]
 
 
 def entry_of(source: str) -> Entry:
-    """Read a program's entry.
+    """Parse a program and find its entry.
 
     Raises:
-        InputError: no function, or a number before a buffer.
+        InputError: If there is no function, or a number precedes a buffer.
     """
     trees = tuple(node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
     if not trees:
@@ -49,7 +49,7 @@ def entry_of(source: str) -> Entry:
 
 
 def is_indexed(tree: ast.FunctionDef, name: str, functions: Mapping[str, ast.FunctionDef]) -> bool:
-    """Tell whether a parameter is indexed, here or in a function that is called."""
+    """Tell whether a parameter is indexed in a function or in functions that it calls."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
             return True

@@ -1,4 +1,4 @@
-"""LLVM's text of an exchange with other software: calls of Python's functions, one after another."""
+"""LLVM text of an exchange with other software: a sequence of calls of Python functions."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ CALLED = {
     "PyFloat_FromDouble": "ptr @PyFloat_FromDouble(double)",
     "PyList_SetItem": "i32 @PyList_SetItem(ptr, i64, ptr)",
     "Py_DecRef": "void @Py_DecRef(ptr)",
-}  # Python's stable interface, beside `DECLARED`
-PLAN = ("calls", "call_count")  # words of the plan
+}  # functions of Python's stable ABI, in addition to `DECLARED`
+PLAN = ("calls", "call_count")  # words of a plan
 CALL = (
     "function", "arguments", "keywords", "tested", "first", "second", "mask", "sends", "send_count",
     "receipts", "receipt_count",
 )  # fmt: skip # words of a call
-SEND = ("list", "memory", "count")  # words of what goes into a call
-RECEIPT = ("place", "memory", "count")  # and of what comes back
+SEND = ("list", "memory", "count")  # words of an argument list
+RECEIPT = ("place", "memory", "count")  # words of a result tuple
 
 
 def exchange_text() -> str:
-    """Write the function exchange(buffer, place), which makes the calls of the plan at a place of the buffer.
+    """Return the text of exchange(buffer, place), which makes the calls of the plan at a place of the buffer.
 
-    It gives 0, or 1 where a call has raised. The interpreter's lock is held.
+    It returns 0, or 1 if a call has raised an exception. The caller holds the interpreter's lock.
     """
     names = [*DECLARED.values(), *CALLED.values()]
     return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _EXCHANGE])
 
 
 def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str:
-    """Write the loads of a record's words, into registers of their names."""
+    """Return loads of a record's words into registers with their names."""
     lines = []
     for k, name in enumerate(words):
         lines += [
@@ -40,7 +40,7 @@ def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str
     return "\n".join(lines)
 
 
-# Whether one of the floats at `first` differs, in the bits of the mask, from that at `second`, or none is compared.
+# Whether a float at `first` differs from that at `second` in the bits of the mask; true if no floats are compared.
 _CHANGED = """
 define internal i1 @changed(i64 %count, ptr %first, ptr %second, i64 %mask) nounwind {
 start:
@@ -67,7 +67,7 @@ end:
   ret i1 %result
 }"""
 
-# Fills lists with floats; false if Python has raised. PyList_SetItem takes the float over whether it fails or not.
+# Fills lists with floats; false if Python has raised. PyList_SetItem steals the reference even if it fails.
 _SENT = f"""
 define internal i1 @sent(ptr %sends, i64 %send_count) nounwind {{
 start:
@@ -106,7 +106,7 @@ bad:
   ret i1 false
 }}"""
 
-# Reads floats of a result's tuples, which it owns no part of; false if Python has raised.
+# Reads floats from a result's tuples by borrowed references; false if Python has raised.
 _RECEIVED = f"""
 define internal i1 @received(ptr %result, ptr %receipts, i64 %receipt_count) nounwind {{
 start:

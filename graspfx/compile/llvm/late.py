@@ -1,8 +1,8 @@
-"""Functions that only machine code has, in LLVM's language: calls by address, the clock, words of other threads.
+"""Functions that exist in machine code only, as LLVM text: calls by address, the clock, words of other threads.
 
-Kernels call them by these names; each is a Python function too, marked `bound_late`, which interpreted kernels run. A
-buffer comes first, and *places* count its entries. Addresses are made from the buffer where that can be: what is not
-based on it LLVM may take for other memory.
+Kernels call them by these names. Each is also a Python function marked `bound_late`, used by interpreted kernels. The
+buffer comes first, and *places* count its entries. Addresses are derived from the buffer if possible, because LLVM may
+assume that other addresses do not alias it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 
 class LateFunction(NamedTuple):
-    """A function that a program defines where it is called.
+    """A function that a program defines if it calls it.
 
     Attributes:
-        text: its definition.
-        result: the type that it gives.
-        library: functions of the platform's C library that it calls.
+        text: Definition of the function.
+        result: Type of its result.
+        library: Functions of the platform's C library that it calls.
     """
 
     text: str

@@ -1,4 +1,4 @@
-"""A program as text for LLVM: every function for the types of arguments that it is called with."""
+"""A program as LLVM text, with one function for each combination of argument types."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class LlvmProgram(NamedTuple):
     """A program for LLVM.
 
     Args:
-        text: LLVM's language.
-        arrays: the entry's parameters that are buffers of floats, in their order, the first ones.
-        numbers: the types of its other parameters, INT or FLOAT.
-        libm: functions of the platform's library that it calls, as `graspfx_` and their name.
-        checked: whether an index outside of its buffer is noticed.
+        text: Text in LLVM's language.
+        arrays: Parameters of the entry that are buffers of floats; they come first.
+        numbers: Types of its other parameters, INT or FLOAT.
+        libm: Functions of the platform's library that it calls, with the prefix `graspfx_`.
+        checked: Whether indices are checked.
     """
 
     text: str
@@ -39,7 +39,7 @@ class LlvmProgram(NamedTuple):
 
 
 class Module:
-    """The functions of a program, written as they are called."""
+    """Functions of a program, written when they are first called."""
 
     def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool = False) -> None:
         self.trees = {tree.name: tree for tree in trees}
@@ -59,7 +59,7 @@ class Module:
             late = self.functions[name] = LlvmFunction(name, LATE[name].result)
             return late
         roots = [a.root for a in arguments if isinstance(a, Array)]
-        # which of the buffers are the same; what is checked knows them by their names
+        # which buffers are identical; checked buffers are known by their names
         arrays = tuple(roots if self.checked else map(roots.index, roots))
         key = name, arrays, tuple(None if isinstance(a, Array) else type_of(a) for a in arguments)
         if key not in self.functions:
@@ -84,16 +84,16 @@ def llvm_program(
     checked: bool = False,
     apart: bool = True,
 ) -> LlvmProgram:
-    """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
+    """Write a program as LLVM text; its last function becomes `graspfx_entry`, which returns an integer.
 
     Args:
-        source: the program as Python, such as `Program.source()` gives it.
-        floats: the entry's parameters that are floats; those that are indexed are buffers, the others whole numbers.
-        checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
-        apart: whether no two buffers are the same memory.
+        source: Program in Python, for example from `Program.source()`.
+        floats: Float parameters of the entry. Indexed parameters are buffers, and the others are integers.
+        checked: Whether to check each index; `graspfx_outside` then holds the first index outside its buffer.
+        apart: Whether all buffers are distinct memory.
 
     Raises:
-        InputError: the program holds something that cannot be compiled; it names the function and the line.
+        InputError: If the program contains something that cannot be compiled, with the function and the line.
     """
     entry = entry_of(source)
     tree, names, arrays = entry.tree, list(entry.names), entry.arrays
@@ -123,13 +123,13 @@ def llvm_program(
 
 
 def function_text(source: str, symbol: str, order: Sequence[int], types: Sequence[str]) -> LlvmProgram:
-    """Write the last function of a source as one that other machine code calls by a symbol.
+    """Write the last function of a program for calls from other machine code by a symbol.
 
     Args:
-        source: the program as Python.
-        symbol: that it is called by.
-        order: of the call's arguments, as the function takes them.
-        types: of the call's arguments: `ptr` for a buffer. Two buffers may be the same memory.
+        source: Program in Python.
+        symbol: Name of the symbol.
+        order: Indices of the call's arguments in the order of the function's parameters.
+        types: Types of the call's arguments, `ptr` for a buffer. Two buffers may be the same memory.
     """
     trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
     module, name = Module(trees), trees[-1].name
@@ -168,12 +168,12 @@ def _entry(function: LlvmFunction, values: Sequence[Array | Number], alone: str)
         case "i1":
             body = [f"  %result = {call}", "  %whole = zext i1 %result to i64", "  ret i64 %whole"]
         case _:
-            raise InputError(function.name, function.result, "an entry that returns a whole number or nothing")
+            raise InputError(function.name, function.result, "an entry that returns an integer or nothing")
     return "\n".join([f"define i64 @{ENTRY}({parameters}) nounwind {{", *body, "}"])
 
 
 def _checking(arrays: Sequence[str]) -> str:
-    """Write the buffers' lengths, and a function that gives 0 for an index outside."""
+    """Write the lengths of the buffers, and a function that replaces an index outside by 0."""
     lengths = [f'@"length.{name}" = global i64 0' for name in arrays]
     return "\n".join([*lengths, _INSIDE])
 

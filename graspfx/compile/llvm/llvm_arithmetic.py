@@ -1,4 +1,4 @@
-"""Python's numbers in LLVM: types, conversions and operators that give the bits that CPython gives."""
+"""Python's numbers in LLVM: types, conversions and operators, bit-identical to CPython."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 BOOL, INT, FLOAT = "i1", "i64", "double"
-WIDTH = {BOOL: 0, INT: 1, FLOAT: 2}  # what two numbers are joined to: the wider one
-Type = str | tuple[str, ...] | None  # of a number, of a tuple, of a function that returns nothing
+WIDTH = {BOOL: 0, INT: 1, FLOAT: 2}  # two numbers are converted to the wider type
+Type = str | tuple[str, ...] | None  # of a number, a tuple, or a function that returns nothing
 LIBM = (
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cos", "cosh", "exp", "expm1", "fmod", "log", "log10",
     "log1p", "log2", "pow", "sin", "sinh", "tan", "tanh",
 )  # fmt: skip
 BINARY_LIBM = ("atan2", "fmod", "pow")
-EXACT = {"sqrt": "sqrt", "fabs": "fabs", "copysign": "copysign"}  # one right answer: an instruction gives it
+EXACT = {"sqrt": "sqrt", "fabs": "fabs", "copysign": "copysign"}  # correctly rounded functions with instructions
 ROUNDED = {"floor": "floor", "ceil": "ceil", "trunc": "trunc"}
 FLOATS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul"}
 INTS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
@@ -23,21 +23,21 @@ ORDERS = {ast.Eq: "eq", ast.NotEq: "ne", ast.Lt: "lt", ast.LtE: "le", ast.Gt: "g
 
 
 class Number(NamedTuple):
-    """A number: its LLVM type, and the constant or the name that holds it."""
+    """A number: its LLVM type, and the constant or the register that holds it."""
 
     type: str
     text: str
 
 
 class LlvmFunction(NamedTuple):
-    """A function for some types of arguments: its name and what it returns."""
+    """A function for given argument types: its name and the type of its result."""
 
     name: str
     result: Type
 
 
 class Code:
-    """The text of one function while it is written."""
+    """The text of a function while it is being written."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -73,7 +73,7 @@ class Code:
         return self.op(FLOAT, f"call double @llvm.{name}.f64({operands})")
 
     def libm(self, name: str, *arguments: Number) -> Number:
-        """Call the platform's own function under a name that LLVM does not know: it would fold and rewrite `pow`."""
+        """Call the platform's function under a name unknown to LLVM, which would fold and rewrite `pow`."""
         self.used.add(name)
         operands = ", ".join(f"double {a.text}" for a in arguments)
         return self.op(FLOAT, f"call double @graspfx_{name}({operands})")
@@ -94,7 +94,7 @@ def widest(types: Sequence[str]) -> str:
 
 
 def convert(code: Code, number: Number, to: str) -> Number:
-    """Convert a number to a type that is as wide or wider."""
+    """Convert a number to a type of the same or greater width."""
     if number.type == to:
         return number
     if number.type == BOOL:
@@ -111,7 +111,7 @@ def truncated(code: Code, number: Number) -> Number:
     """Write int(x)."""
     if number.type == FLOAT:
         raw = code.op(INT, f"fptosi double {number.text} to i64")
-        return code.op(INT, f"freeze i64 {raw.text}")  # what does not fit is some number, not the right to misbehave
+        return code.op(INT, f"freeze i64 {raw.text}")  # out of range: an arbitrary number, not undefined behaviour
     return convert(code, number, INT)
 
 
@@ -124,7 +124,7 @@ def truth(code: Code, number: Number) -> Number:
 
 
 def _alike(code: Code, left: Number, right: Number) -> tuple[Number, Number]:
-    """Convert two numbers to two whole numbers or two floats."""
+    """Convert two numbers to two integers or two floats."""
     to = widest((left.type, right.type, INT))
     return convert(code, left, to), convert(code, right, to)
 
@@ -145,7 +145,7 @@ def select(code: Code, test: Number, one: Number, other: Number) -> Number:
 
 
 def extreme(code: Code, name: str, numbers: Sequence[Number]) -> Number:
-    """Write min or max as Python finds them: the first of equals, and Python's outcome of a comparison with nan."""
+    """Write min or max with Python's rules: the first of equal arguments, and Python's comparisons with NaN."""
     to = widest([n.type for n in numbers] + [INT])
     best, *others = (convert(code, n, to) for n in numbers)
     order = ast.Lt() if name == "min" else ast.Gt()
@@ -189,7 +189,7 @@ def binary(code: Code, op: ast.operator, left: Number, right: Number) -> Number:
 
 
 def _power(code: Code, a: Number, b: Number) -> Number:
-    if a.type == INT and b.text.isdigit():  # a whole number to a known whole power stays whole
+    if a.type == INT and b.text.isdigit():  # an integer to a constant integer power stays an integer
         result = Number(INT, "1")
         for _ in range(int(b.text)):
             result = code.op(INT, f"mul i64 {result.text}, {a.text}")
@@ -198,10 +198,10 @@ def _power(code: Code, a: Number, b: Number) -> Number:
 
 
 def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Divide, rounding down; by zero, where CPython raises, quotient and remainder are 0."""
+    """Write floor division; if the divisor is zero, where CPython raises, quotient and remainder are 0."""
     divisor = b
     odd = Number(BOOL, "false")
-    if not b.text.isdigit() or b.text == "0":  # the processor traps on these two
+    if not b.text.isdigit() or b.text == "0":  # the processor traps on a divisor of 0 or -1
         odd = code.op(BOOL, f"icmp eq i64 {b.text}, 0")
         minus = code.op(BOOL, f"icmp eq i64 {b.text}, -1")
         unsafe = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
@@ -222,7 +222,7 @@ def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Numbe
 
 
 def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Write // and % of floats: CPython's float_divmod, step by step."""
+    """Write // and % of floats by the steps of CPython's float_divmod."""
     zero = floating(0.0)
     rest = code.libm("fmod", a, b)
     some = code.op(BOOL, f"fcmp une double {rest.text}, 0.0")
@@ -246,7 +246,7 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
 
 
 def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
-    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite numbers give themselves and 0."""
+    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite numbers return themselves and 0."""
     size = code.intrinsic("fabs", x)
     tiny = code.op(BOOL, f"fcmp olt double {size.text}, {floating(2.0**-1022).text}")
     scaled = code.op(FLOAT, f"fmul double {x.text}, {floating(2.0**54).text}")
@@ -265,7 +265,7 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
 def _scaled(code: Code, x: Number, exponent: Number) -> Number:
     """Write math.ldexp: x 2^e, rounded once; a result that overflows is infinite, where CPython raises.
 
-    Powers of two that multiply x before the last one leave it exact: those downwards end above 2^-1022.
+    All multiplications by powers of two before the last are exact; for negative exponents they end above 2^-1022.
     """
     left = extreme(code, "max", [constant(-2200), extreme(code, "min", [constant(2200), exponent])])
     for least, most in ((-969, 1023), (-969, 1023), (-1022, 1023)):

@@ -1,4 +1,4 @@
-"""Expressions of a program in LLVM: values, tests that branch, entries of arrays and calls."""
+"""Expressions of a program in LLVM: values, branching tests, entries of arrays and calls."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NAMES = {"inf": math.inf, "nan": math.nan}
 
 
 class Array(NamedTuple):
-    """A buffer of floats: the parameter of the entry that it came in by, and the name that holds its address."""
+    """A buffer of floats: its parameter of the entry, and the register with its address."""
 
     root: str
     text: str
@@ -54,7 +54,7 @@ Variables = dict[str, Type | Array]
 
 
 class Functions(Protocol):
-    """Where called functions come from."""
+    """Source of called functions."""
 
     checked: bool
 
@@ -66,24 +66,24 @@ class Functions(Protocol):
 
 
 class Expressions:
-    """The expressions of one function."""
+    """Expressions of one function."""
 
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         self.functions, self.tree = functions, node
         self.code = Code()
         self.assigned = assigned(node.body)
-        self.unset: set[str] = set()  # read before anything was assigned to them: in a loop, perhaps, on a later turn
+        self.unset: set[str] = set()  # variables read before an assignment, possibly assigned by a loop
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
         text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return InputError(f"{self.tree.name}, line {line}", text, "what a compiled kernel may hold", why)
+        return InputError(f"{self.tree.name}, line {line}", text, "a construct supported in compiled kernels", why)
 
     def number(self, node: ast.expr, scope: Variables) -> Number:
         value = self.value(node, scope)
         if isinstance(value, Number):
             return value
-        raise self.cannot(node, "is no number")
+        raise self.cannot(node, "is not a number")
 
     def value(self, node: ast.expr, scope: Variables) -> Value:
         code = self.code
@@ -122,7 +122,7 @@ class Expressions:
                 if result is None:
                     raise self.cannot(node, "returns nothing")
                 return result
-        raise self.cannot(node, "is no expression that can be compiled")
+        raise self.cannot(node, "is not an expression that can be compiled")
 
     def variable(self, node: ast.Name, scope: Variables) -> Value:
         kind = scope.get(node.id)
@@ -135,9 +135,9 @@ class Expressions:
         if node.id in NAMES:
             return floating(NAMES[node.id])
         if node.id in scope:
-            raise self.cannot(node, "is a tuple on one way to here and a number on another")
+            raise self.cannot(node, "is a tuple on one path and a number on another")
         if node.id not in self.assigned:
-            raise self.cannot(node, "is nothing known here")
+            raise self.cannot(node, "is undefined here")
         self.unset.add(node.id)
         return Number(BOOL, "undef")
 
@@ -157,10 +157,10 @@ class Expressions:
             return self.entry_of_tuple(owner, self.number(node.slice, scope))
         if owner.text == "undef":
             return owner
-        raise self.cannot(node, "is no entry of a buffer")
+        raise self.cannot(node, "is not an entry of a buffer")
 
     def entry_of_tuple(self, items: Tuple, index: Number) -> Number:
-        """Select an entry of a tuple, the last one for an index outside."""
+        """Select an entry of a tuple; the last one for an index out of range."""
         *first, value = items.parts
         if index.text.isdigit() and int(index.text) < len(items.parts):
             return items.parts[int(index.text)]
@@ -172,7 +172,7 @@ class Expressions:
         """Compute the address of an entry."""
         number = self.number(index, scope)
         if number.type == FLOAT:
-            raise self.cannot(index, "is no whole number, as an index must be")
+            raise self.cannot(index, "is not an integer, as an index must be")
         number = convert(self.code, number, INT)
         if self.functions.checked:
             number = self.code.op(INT, f'call i64 @inside(i64 {number.text}, ptr @"length.{array.root}")')
@@ -188,7 +188,7 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """Leave room for the jump at the end of a block; it is written once all branches have a common type."""
+        """Reserve the jump at the end of a block, which is written when all branches have a common type."""
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number
 
@@ -204,7 +204,7 @@ class Expressions:
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
     def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """Collect the lines that `write` writes instead of leaving them in the text."""
+        """Collect the lines that `write` writes, instead of leaving them in the text."""
         mark = len(self.code.lines)
         number = write()
         text = self.code.lines[mark:]
@@ -212,7 +212,7 @@ class Expressions:
         return number, text
 
     def logic(self, node: ast.BoolOp, scope: Variables) -> Number:
-        """Write `and`, `or`: the value of the operand that settles it, later operands not evaluated."""
+        """Write `and` or `or`: the value of the deciding operand, without evaluating later operands."""
         code, end = self.code, self.code.name("b")
         stops = isinstance(node.op, ast.Or)
         number = self.number(node.values[0], scope)
@@ -237,7 +237,7 @@ class Expressions:
         outcome = Number(BOOL, "true")
         for k, (op, part) in enumerate(zip(node.ops, node.comparators, strict=True)):
             if isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn):
-                raise self.cannot(node, "is no comparison of numbers")
+                raise self.cannot(node, "is not a comparison of numbers")
             if k > 0 and not _harmless(part):
                 no, on = code.name("b"), code.name("b")
                 code.choose(outcome, on, no)
@@ -252,7 +252,7 @@ class Expressions:
         return self.meet(end, [*edges, self.edge(outcome)]) if edges else outcome
 
     def test(self, node: ast.expr, one: str, other: str, scope: Variables) -> None:
-        """Jump to block `one` if the expression is true, else to the other."""
+        """Jump to block `one` if the expression is true, else to `other`."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             self.test(node.operand, other, one, scope)
         elif isinstance(node, ast.BoolOp) and not all(map(_harmless, node.values)):
@@ -269,9 +269,9 @@ class Expressions:
             self.code.choose(truth(self.code, self.number(node, scope)), one, other)
 
     def call(self, node: ast.Call, scope: Variables) -> Number | Tuple | None:
-        """Write a call and give its value; None if the function returns nothing."""
+        """Write a call and return its value; None if the function returns nothing."""
         if node.keywords:
-            raise self.cannot(node, "names an argument")
+            raise self.cannot(node, "has a keyword argument")
         arguments = [self.value(a, scope) for a in node.args]
         if isinstance(node.func, ast.Name) and self.functions.has(node.func.id):
             return self.own(node, node.func.id, arguments)
@@ -286,7 +286,7 @@ class Expressions:
                 number = mathematical(self.code, node.func.attr, numbers)
             if number is not None:
                 return number
-        raise self.cannot(node, "calls what cannot be compiled, or with other arguments than it can be")
+        raise self.cannot(node, "calls a function that cannot be compiled with these arguments")
 
     def builtin(self, name: str, numbers: Sequence[Number]) -> Number | None:
         code = self.code
@@ -307,7 +307,7 @@ class Expressions:
         return None
 
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
-        """Call another function of the program."""
+        """Write a call of another function of the program."""
         function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
         operands = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in flat(arguments))
         text = f'call {result_type(function.result)} @"{function.name}"({operands})'
@@ -322,7 +322,7 @@ class Expressions:
 
 
 def result_type(result: Type) -> str:
-    """Write the type of a result in LLVM's language."""
+    """Return the type of a result in LLVM's language."""
     if result is None:
         return "void"
     return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
@@ -333,7 +333,7 @@ def flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Tell whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
+    """Tell whether an expression may be evaluated speculatively: it neither reads memory nor calls functions."""
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

@@ -1,4 +1,4 @@
-"""Statements of a program in LLVM: every variable has a slot for each type that it has somewhere on its way."""
+"""Statements of a program in LLVM: every variable has one slot for each of its types."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.compile.llvm.llvm_expressions import (
 
 @dataclass
 class Join:
-    """Where several ways meet: their ends, each with the place of its jump in the text and what it knows."""
+    """A point where several paths join: their ends, each with the place of its jump and its variables."""
 
     label: str
     edges: list[tuple[int, Variables]] = field(default_factory=list)
@@ -28,21 +28,21 @@ class Join:
 
 @dataclass
 class Loop:
-    """Where `continue` and `break` go to."""
+    """Targets of `continue` and `break`."""
 
     again: Join
     after: Join
 
 
 class Statements(Expressions):
-    """One function for some types of its arguments."""
+    """One function for given types of its arguments."""
 
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         super().__init__(functions, node)
         self.returns: list[tuple[int, Number | Tuple | None]] = []
 
     def function_text(self, name: str, arguments: Sequence[Value]) -> tuple[LlvmFunction, str]:
-        """Write the function; return its name with its result's type, and its text."""
+        """Write the function; return its name with the type of its result, and its text."""
         scope: Variables = {}
         parameters = []
         roots = [a.root for a in arguments if isinstance(a, Array)]
@@ -65,21 +65,21 @@ class Statements(Expressions):
         head = f'define internal {result_type(result)} @"{name}"({", ".join(parameters)}) nounwind {{'
         return LlvmFunction(name, result), "\n".join([head, "start:", *slots, *self.code.lines, "}"])
 
-    # What is returned ---------------------------------------------------------------------------------------------
+    # Results ---------------------------------------------------------------------------------------------------------
 
     def give(self, value: Number | Tuple | None) -> None:
         self.code.lines.append("")
         self.returns.append((len(self.code.lines) - 1, value))
 
     def returned(self) -> Type:
-        """Find the common type of all results; a branch that returns nothing gives zeros, which nobody reads."""
+        """Return the common type of all results; a path that returns nothing gives unused zeros."""
         result: Type = None
         for _, value in self.returns:
             if value is not None:
                 type_ = type_of(value)
                 result = type_ if result is None else joined(result, type_)
                 if result is None:
-                    raise self.cannot(self.tree, "returns a tuple on one way and something else on another")
+                    raise self.cannot(self.tree, "returns a tuple on one path and another type on another")
         return result
 
     def exit(self, value: Number | Tuple | None, result: Type) -> str:
@@ -103,14 +103,14 @@ class Statements(Expressions):
         number, text = self.detached(write)
         return "\n".join([*text, f"  ret {result_type(result)} {number.text}"])
 
-    # Where ways meet ----------------------------------------------------------------------------------------------
+    # Joins -----------------------------------------------------------------------------------------------------------
 
     def leave(self, join: Join, scope: Variables) -> None:
         self.code.lines.append("")
         join.edges.append((len(self.code.lines) - 1, dict(scope)))
 
     def seal(self, join: Join, to: Variables) -> None:
-        """Write the jumps to a join, each after converting its variables to the types from there on."""
+        """Write the jumps to a join, each after converting its variables to the types after the join."""
         for place, scope in join.edges:
             _, text = self.detached(lambda variables=scope: self.adapt(variables, to))  # type: ignore[misc]
             self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
@@ -133,7 +133,7 @@ class Statements(Expressions):
         return Number(BOOL, "true")
 
     def meet_here(self, join: Join, scope: Variables) -> bool:
-        """Continue where branches join; return whether none came."""
+        """Continue at a join of branches; return whether no branch reaches it."""
         if not join.edges:
             return True
         to = together(variables for _, variables in join.edges)
@@ -146,7 +146,7 @@ class Statements(Expressions):
     # Statements ---------------------------------------------------------------------------------------------------
 
     def block(self, statements: Sequence[ast.stmt], scope: Variables, loop: Loop | None) -> bool:
-        """Write statements one after another; return whether their end is never reached."""
+        """Write statements in order; return whether their end is unreachable."""
         return any(self.statement(statement, scope, loop) for statement in statements)
 
     def statement(self, node: ast.stmt, scope: Variables, loop: Loop | None) -> bool:
@@ -177,29 +177,29 @@ class Statements(Expressions):
             case ast.Expr(value=ast.Call() as call):
                 self.call(call, scope)
                 return False
-            case ast.Expr(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp() as tested):  # a test, for its calls
+            case ast.Expr(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp() as tested):  # evaluated for its calls
                 self.value(tested, scope)
                 return False
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 return False
-        raise self.cannot(node, "is no statement that can be compiled")
+        raise self.cannot(node, "is not a statement that can be compiled")
 
     def put(self, target: ast.expr, value: Value, scope: Variables) -> None:
         if isinstance(value, Array):
-            raise self.cannot(target, "would be a buffer")
+            raise self.cannot(target, "cannot be a buffer")
         match target:
             case ast.Name(id=name):
                 self.assign(name, value, scope)
             case ast.Subscript():
                 array = self.value(target.value, scope)
                 if not isinstance(array, Array) or not isinstance(value, Number):
-                    raise self.cannot(target, "is no entry of a buffer, or is given no number")
+                    raise self.cannot(target, "is not an entry of a buffer, or its new value is not a number")
                 self.write(self.entry(array, target.slice, scope), value)
             case ast.Tuple(elts=targets):
                 if isinstance(value, Number) and value.text == "undef":
                     value = Tuple((value,) * len(targets))
                 if not isinstance(value, Tuple) or len(value.parts) != len(targets):
-                    raise self.cannot(target, "takes another number of values than are given")
+                    raise self.cannot(target, "has a different number of targets and values")
                 for part, item in zip(targets, value.parts, strict=True):
                     self.put(part, item, scope)
             case _:
@@ -226,7 +226,7 @@ class Statements(Expressions):
             return
         array = self.value(node.target.value, scope)
         if not isinstance(node.target, ast.Subscript) or not isinstance(array, Array):
-            raise self.cannot(node, "changes what is no entry of a buffer")
+            raise self.cannot(node, "changes something other than a variable or an entry of a buffer")
         address = self.entry(array, node.target.slice, scope)
         old = self.code.op(FLOAT, f"load double, ptr {address}")
         self.write(address, binary(self.code, node.op, old, self.number(node.value, scope)))
@@ -257,7 +257,7 @@ class Statements(Expressions):
         target = node.target.id
         bounds = [self.number(a, scope) for a in node.iter.args]
         if not 1 <= len(bounds) <= 3 or any(b.type == FLOAT for b in bounds):
-            raise self.cannot(node, "takes one to three whole numbers")
+            raise self.cannot(node, "must have one to three integer arguments")
         bounds = [convert(code, b, INT) for b in bounds]
         start, stop = (Number(INT, "0"), bounds[0]) if len(bounds) == 1 else bounds[:2]
         step = bounds[2] if len(bounds) == 3 else Number(INT, "1")
@@ -295,7 +295,7 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop, again until the types at its head are those at the end of its turns."""
+        """Write a loop, repeatedly until the types at its head equal those at the end of its body."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)
@@ -334,7 +334,7 @@ def type_of(value: Number | Tuple) -> str | tuple[str, ...]:
 
 
 def joined(one: Type | Array, other: Type | Array) -> Type | Array:
-    """Find the common type of a variable that two branches leave with different types; None if it cannot be read."""
+    """Return the common type of a variable after two branches with different types; None if it cannot be read."""
     if one == other:
         return one
     if isinstance(one, str) and isinstance(other, str):
@@ -347,7 +347,7 @@ def joined(one: Type | Array, other: Type | Array) -> Type | Array:
 
 
 def together(scopes: Iterable[Variables]) -> Variables:
-    """Merge the variables of several branches; one that some do not set is read only after it has been set."""
+    """Merge the variables of several branches; a variable that only some set may be read only after assignment."""
     out: Variables = {}
     for scope in scopes:
         for name, type_ in scope.items():

@@ -1,4 +1,4 @@
-"""Expressions of a kernel, lowered: fields become entries, operators of values the arithmetic of their class."""
+"""Lowering of a kernel's expressions: fields become entries, operators of values the arithmetic of their class."""
 
 from __future__ import annotations
 
@@ -83,13 +83,13 @@ class Expressions(Scratch):
             return self.logic(node, frame)
         if isinstance(node, ast.IfExp):
             return self.choice(node, frame)
-        raise self.cannot(node, "is no expression of a kernel")
+        raise self.cannot(node, "is not an expression supported in kernels")
 
     def number(self, node: ast.expr, frame: Frame) -> ast.expr:
         value = self.value(node, frame)
         if isinstance(value, ast.expr):
             return value
-        raise self.cannot(node, "is no number")
+        raise self.cannot(node, "is not a number")
 
     def name(self, node: ast.Name, frame: Frame) -> Lowered:
         if node.id in frame.scope:
@@ -97,7 +97,7 @@ class Expressions(Scratch):
         missing = object()
         item = frame.namespace.get(node.id, getattr(builtins, node.id, missing))
         if item is missing:
-            return load(frame.prefix + node.id)  # assigned to in a branch
+            return load(frame.prefix + node.id)  # assigned in a branch
         return self.constant(item, node.id, frame)
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
@@ -158,14 +158,14 @@ class Expressions(Scratch):
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 if not -len(owner.parts) <= index.value < len(owner.parts):
-                    raise self.cannot(node, f"is no entry of a value of {len(owner.parts)}", KernelError)
+                    raise self.cannot(node, f"is not an entry of a value of {len(owner.parts)}", KernelError)
                 return owner.parts[index.value]
             if isinstance(owner, Bundle) and owner.offset is not None:
                 return ast.Subscript(load(owner.buffer), sum_of(owner.offset, index), ast.Load())
-            raise self.cannot(node, "is an entry that only the running program knows of a value in no record")
+            raise self.cannot(node, "has a variable index into a value outside a record")
         if isinstance(owner, ast.Name):  # a plain buffer
             return ast.Subscript(owner, index, ast.Load())
-        raise self.cannot(node, "is no entry of anything")
+        raise self.cannot(node, "is not an entry of a buffer, a group or a value")
 
     # Arithmetic ---------------------------------------------------------------------------------------------------
 
@@ -181,7 +181,7 @@ class Expressions(Scratch):
             function = getattr(owner.kind, method, None) if isinstance(owner, Bundle) else None
             if isinstance(function, FunctionType):
                 return self.inline(function, [owner, other], node)
-        raise self.cannot(node, "has no such operator")
+        raise self.cannot(node, "has an unsupported operator")
 
     def unary(self, node: ast.UnaryOp, frame: Frame) -> Lowered:
         value = self.value(node.operand, frame)
@@ -189,13 +189,13 @@ class Expressions(Scratch):
             return self.inline(vars(value.kind)["__neg__"], [value], node)
         if isinstance(value, ast.expr):
             return ast.UnaryOp(node.op, value)
-        raise self.cannot(node, "is no number")
+        raise self.cannot(node, "is not a number")
 
     def compare(self, node: ast.Compare, frame: Frame) -> Lowered:
         if len(node.ops) == 1 and isinstance(node.ops[0], ast.Is | ast.IsNot):
             value = self.value(node.left, frame)
             if not (isinstance(node.comparators[0], ast.Constant) and node.comparators[0].value is None):
-                raise self.cannot(node, "compares identities of something else than None")
+                raise self.cannot(node, "compares the identity of something other than None")
             [offset, *_] = offsets(value)
             sign: ast.cmpop = ast.Lt() if isinstance(node.ops[0], ast.Is) else ast.GtE()
             return ast.Compare(offset, [sign], [ast.Constant(0)])
@@ -210,7 +210,7 @@ class Expressions(Scratch):
             out, self.out = self.out, []
             more = self.number(part, frame)
             before, self.out = self.out, out
-            if before:  # only where the first does not settle it
+            if before:  # evaluated only if the first operand does not decide
                 name = self.temporary()
                 test: ast.expr = load(name)
                 if isinstance(node.op, ast.Or):
@@ -239,7 +239,7 @@ class Expressions(Scratch):
             )
             return result
         if kind_of(one) != kind_of(other):
-            raise self.cannot(node, "chooses between two kinds, or records of two buffers")
+            raise self.cannot(node, "chooses between two kinds, or between records of two buffers")
         a, b = offsets(one), offsets(other)
         if len(a) == 1:
             options: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
@@ -257,7 +257,7 @@ class Expressions(Scratch):
                 return bound
         called = self.value(node.func, frame)
         if not isinstance(called, Constant):
-            raise self.cannot(node, "calls something else than a function")
+            raise self.cannot(node, "does not call a function")
         function = called.value
         function = getattr(function, LOWERED, function)
         if isinstance(function, type) and is_value(function):
@@ -273,7 +273,7 @@ class Expressions(Scratch):
         return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """Write out a method of a value, a record or a group; None if the attribute is a module's function."""
+        """Inline a method of a value, a record or a group; return None if the attribute is a module's function."""
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -297,11 +297,11 @@ class Expressions(Scratch):
         return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:
-        """Give a record or an array at an offset of a buffer that the kernel has: `Kind(record.buffer, offset)`."""
+        """Return a record or an array at an offset of a buffer of the kernel: `Kind(record.buffer, offset)`."""
         buffer, *rest = [self.value(a, frame) for a in node.args]
         numbers = [self.atom(number) for number in rest if isinstance(number, ast.expr)]
         if not isinstance(buffer, ast.Name) or node.keywords or len(numbers) != 1 + (kind is Table):
-            raise self.cannot(node, "views something else than a buffer at an offset")
+            raise self.cannot(node, "is not a view of a buffer at an offset")
         if kind is Table:
             return Grid(buffer.id, *numbers)
         return Span(buffer.id, *numbers) if kind is Floats else Place(kind, buffer.id, *numbers)  # type: ignore[arg-type] # a record
@@ -315,7 +315,7 @@ class Expressions(Scratch):
         by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
-        """Call a function that stays a call."""
+        """Call a function that is not inlined."""
         name = self.callee(node.func, called, frame)
         kinds = parameter_kinds(function) if isinstance(function, FunctionType) else {}
         order = list(kinds)
@@ -335,12 +335,12 @@ class Expressions(Scratch):
             return call
         result = variable(kind, self.temporary())
         if any(isinstance(part, Place | Span | Grid | Group) for part in pieces(result)):
-            raise self.cannot(node, "returns a view: return its index, or choose it by a property")
+            raise self.cannot(node, "returns a view: return its index, or use a property")
         self.out.append(ast.Assign([store_of(offsets(result))], call))
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
-        """Pass an argument as its parameter asks for it; None as an offset below zero."""
+        """Pass an argument in the form of its parameter; None becomes a negative offset."""
         if isinstance(value, ast.Constant) and value.value is None and kind is not None:
             inner, _ = optional(kind)
             buffers = [p.buffer for a in arguments for p in pieces(a) if isinstance(p, Place | Span | Grid | Group)]
@@ -353,7 +353,7 @@ class Expressions(Scratch):
     def inline(
         self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """Write out a function of a few assignments and a return."""
+        """Inline a function of a few assignments and a return."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         frame = Frame({}, function.__globals__, f"{self.temporary('i')}_", names_of(tree))
@@ -369,23 +369,23 @@ class Expressions(Scratch):
             elif name in defaults:
                 frame.scope[name] = self.value(defaults[name], frame)
             else:
-                raise self.cannot(node, f"gives no {name} to {function.__name__}")
+                raise self.cannot(node, f"lacks the argument {name} of {function.__name__}")
         for statement in tree.body:
             if isinstance(statement, ast.Return) and statement.value is not None:
                 return self.value(statement.value, frame)
             if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
                 continue
             self.inlined(statement, frame)
-        raise self.cannot(node, f"writes out {function.__name__}, which does not end with a return")
+        raise self.cannot(node, f"inlines {function.__name__}, which does not end with a return")
 
     def inlined(self, statement: ast.stmt, frame: Frame) -> None:
         if not (isinstance(statement, ast.Assign) and len(statement.targets) == 1):
-            raise self.cannot(statement, "is no assignment, which is all that a function written out may hold")
+            raise self.cannot(statement, "is not an assignment, as an inlined function requires")
         target, value = statement.targets[0], self.value(statement.value, frame)
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
         values = value.parts if isinstance(target, ast.Tuple) and isinstance(value, Pack | Bundle) else (value,)
         for t, v in zip(targets, values, strict=True):
             if not isinstance(t, ast.Name):
-                raise self.cannot(statement, "assigns to something else than a variable")
+                raise self.cannot(statement, "does not assign to a variable")
             self.variables(v, t.id, t, frame)
             frame.scope[t.id] = self.atoms(v, f"{frame.prefix}{t.id}")

@@ -1,4 +1,4 @@
-"""Kinds of what a kernel's expression is, while it is lowered; each but a number is several numbers at once."""
+"""Kinds of a kernel's expressions during lowering; all except numbers consist of several numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_val
 
 @dataclass(frozen=True)
 class Bundle:
-    """A value such as a vector; where it stands in memory, if it does."""
+    """A value such as a vector, with its place in memory if it has one."""
 
     kind: type
     parts: tuple[Lowered, ...]
@@ -23,7 +23,7 @@ class Bundle:
 
 @dataclass(frozen=True)
 class Place:
-    """A record: its buffer's name, and the offset of its first entry."""
+    """A record: the name of its buffer, and the offset of its first entry."""
 
     kind: type[Record]
     buffer: str
@@ -32,7 +32,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of records, or of values that stand one in each of some records."""
+    """A group of records, or of values with one in each of several records."""
 
     kind: type
     buffer: str
@@ -41,7 +41,7 @@ class Group:
     count: ast.expr
 
     def member(self, at: ast.expr) -> Lowered:
-        """Give the member that stands at an offset."""
+        """Return the member at an offset."""
         return entries(self.kind, self.buffer, at) if is_value(self.kind) else Place(self.kind, self.buffer, at)
 
 
@@ -71,18 +71,18 @@ class Pack:
 
 @dataclass(frozen=True)
 class Constant:
-    """A function, a class, a module: known before the kernel runs."""
+    """A function, a class or a module, known before the kernel runs."""
 
     value: Any
 
 
 Lowered = ast.expr | Bundle | Place | Group | Span | Grid | Pack | Constant
 
-NOTHING = ast.Constant(-1)  # the offset of an optional record that is not there
+NOTHING = ast.Constant(-1)  # offset of a missing optional record
 
 
 def expressions(value: Lowered) -> Iterator[ast.expr]:
-    """List the numbers and buffers that a value is passed as."""
+    """List the numbers and buffers with which a value is passed."""
     if isinstance(value, ast.expr):
         yield value
     elif isinstance(value, Bundle | Pack):
@@ -95,7 +95,7 @@ def expressions(value: Lowered) -> Iterator[ast.expr]:
     elif isinstance(value, Group):
         yield from (load(value.buffer), value.offset, value.stride, value.count)
     else:
-        raise TypeError(f"{value} is no value that a kernel can be given")
+        raise TypeError(f"{value} cannot be passed to a kernel")
 
 
 def load(name: str) -> ast.Name:
@@ -103,7 +103,7 @@ def load(name: str) -> ast.Name:
 
 
 def variable(kind: Any, name: str) -> Lowered:
-    """Give a value of a kind as the variables that a name stands for."""
+    """Return a value of a kind whose numbers are variables named after `name`."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return Pack(tuple(variable(part, f"{name}_{k}") for k, part in enumerate(get_args(kind))))
@@ -121,7 +121,7 @@ def variable(kind: Any, name: str) -> Lowered:
 
 
 def labels_of(kind: Any) -> list[str]:
-    """Give what each of a parameter's variables is, in order: int, float or bool; nothing of a buffer."""
+    """Return the types of a parameter's variables in order: int, float or bool; nothing for a buffer."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return [label for part in get_args(kind) for label in labels_of(part)]
@@ -137,7 +137,7 @@ def labels_of(kind: Any) -> list[str]:
 
 
 def like(value: Lowered, name: str) -> Lowered:
-    """Give variables of a name for the numbers of a value; its buffers stay."""
+    """Return a copy of a value whose numbers are variables named after `name`; its buffers are unchanged."""
     if isinstance(value, Bundle):
         fields = parts_of(value.kind)
         return Bundle(value.kind, tuple(like(p, f"{name}_{k}") for k, p in zip(fields, value.parts, strict=True)))
@@ -170,7 +170,7 @@ def offsets(value: Lowered) -> list[ast.expr]:
 
 
 def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
-    """Give what a number or a value class that stands at an offset is made of."""
+    """Return a number or a value class at an offset, as its entries."""
     if kind in SCALARS:
         entry = ast.Subscript(load(buffer), at, ast.Load())
         if kind is int:
@@ -184,7 +184,7 @@ def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
 
 
 def plus(offset: ast.expr, k: int) -> ast.expr:
-    """Add a number to an offset, to its constant if it ends with one."""
+    """Add a number to an offset, or to the constant at its end."""
     if isinstance(offset, ast.Constant) and isinstance(offset.value, int):
         return ast.Constant(offset.value + k)
     if isinstance(offset, ast.BinOp) and isinstance(offset.op, ast.Add) and isinstance(offset.right, ast.Constant):

@@ -1,4 +1,4 @@
-"""A kernel on records and values lowered, as a function of Python's own."""
+"""Lowering of a kernel on records and values to a Python function of numbers and entries."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @cache
 def lowered(function: FunctionType) -> FunctionType:
-    """Lower a kernel; its module's other names stay what they are, kernels that it calls are lowered too.
+    """Lower a kernel and, on their first call, the kernels that it calls; other names of its module are unchanged.
 
     Raises:
-        InputError: a statement or an expression that a kernel may not hold, with its file and line.
+        InputError: If a statement or an expression is not supported in kernels, with its file and line.
     """
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
     stored = store().find(function)
@@ -49,7 +49,7 @@ def lowered(function: FunctionType) -> FunctionType:
 
 
 def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
-    """Make a function that stands for a kernel until it is called: most scenes call few of those that they name."""
+    """Return a function that lowers a kernel on its first call; most scenes call few of the kernels that they name."""
     original = getattr(kernel, LOWERED)
 
     def first(*arguments: Any, **keywords: Any) -> Any:
@@ -61,7 +61,7 @@ def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
 
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
-    """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
+    """Return a kernel's lowered text, the functions that it calls by other names, and its source files."""
     import ast  # only for a kernel that is not in the cache
 
     node, body = _lower(function)
@@ -69,7 +69,7 @@ def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str
 
 
 def written_lines(function: FunctionType) -> list[int]:
-    """Give the line of a kernel that each line of its lowered text comes from."""
+    """Return the line of the kernel's source for each line of its lowered text."""
     from graspfx.compile.specialise.syntax import unparsed_statements
 
     lines = [function.__code__.co_firstlineno]

@@ -1,4 +1,4 @@
-"""Pieces of lowered values: taken apart, put together again, added as offsets and assigned."""
+"""Operations on lowered values: split, rebuild, add as offsets, assign."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from graspfx.compile.records import parts_of
 
 @cache
 def indexed(tree: ast.FunctionDef) -> set[str]:
-    """Name the variables of which an entry is asked for by its index."""
+    """Return the names of the variables that are indexed."""
     subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
     return {node.value.id for node in subscripts if isinstance(node.value, ast.Name)}
 
 
 @cache
 def names_of(tree: ast.FunctionDef) -> frozenset[str]:
-    """List all names of a function's variables, parameters and of what it uses of its module."""
+    """Return the names of a function's variables and parameters and of the module's names that it uses."""
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     return frozenset(names | {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)})
 
 
 @cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
-    """Name the variables of which some number is used more than once, or all at once more than once."""
+    """Return the variables with a number that is used more than once, or that are used whole more than once."""
     uses: Counter[tuple[str, str]] = Counter()
     whole: Counter[str] = Counter()
     for node in ast.walk(tree):
@@ -54,14 +54,14 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
 
 
 def value_of(item: Any) -> Lowered:
-    """Write out a value that a module names."""
+    """Convert a value that a module names."""
     if isinstance(item, bool | int | float):
         return ast.Constant(item)
     return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:
-    """Tell what two values of a variable must have in common."""
+    """Return the properties in which two values of a variable must agree."""
     if isinstance(value, ast.expr):
         return ("number",)
     if isinstance(value, Bundle):
@@ -74,14 +74,14 @@ def kind_of(value: Lowered) -> tuple[object, ...]:
 
 
 def pieces(value: Lowered) -> list[Lowered]:
-    """List what a value consists of, values within it opened."""
+    """List the parts of a value, recursively."""
     if isinstance(value, Bundle | Pack):
         return [piece for part in value.parts for piece in pieces(part)]
     return [value]
 
 
 def rebuild(value: Lowered, numbers: Any) -> Lowered:
-    """Put other numbers in the places of a value's own."""
+    """Replace the numbers of a value."""
     if isinstance(value, Bundle):
         return Bundle(value.kind, tuple(rebuild(part, numbers) for part in value.parts))
     if isinstance(value, Pack):
@@ -111,7 +111,7 @@ def replace_buffer(value: Place | Span | Grid | Group, buffer: str) -> Lowered:
 
 
 def sum_of(a: ast.expr, b: ast.expr) -> ast.expr:
-    """Add two offsets, constants as constants."""
+    """Add two offsets; fold constants."""
     if isinstance(b, ast.Constant) and isinstance(b.value, int):
         return plus(a, b.value)
     if isinstance(a, ast.Constant):
@@ -120,7 +120,7 @@ def sum_of(a: ast.expr, b: ast.expr) -> ast.expr:
 
 
 def product_of(a: ast.expr, b: ast.expr) -> ast.expr:
-    """Multiply an index by a stride, constants as constants."""
+    """Multiply an index by a stride; fold constants."""
     if isinstance(a, ast.Constant) and isinstance(b, ast.Constant):
         return ast.Constant(int(a.value) * int(b.value))  # type: ignore[arg-type] # whole numbers
     if isinstance(a, ast.Constant) and a.value == 0:
@@ -137,7 +137,7 @@ def assign(name: str, value: ast.expr) -> ast.stmt:
 
 
 def assign_all(names: Sequence[ast.expr], values: Sequence[ast.expr]) -> ast.stmt:
-    """Assign numbers to variables, all at once."""
+    """Assign numbers to variables simultaneously."""
     return ast.Assign([store_of(names)], values[0] if len(values) == 1 else ast.Tuple(list(values), ast.Load()))
 
 

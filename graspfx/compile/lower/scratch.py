@@ -1,4 +1,4 @@
-"""Scratch space of a lowering: statements, temporary variables, entries of records, errors."""
+"""State of a lowering: statements, temporary variables, entries of records, errors."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from graspfx.errors import InputError, KernelError
 
 @dataclass
 class Frame:
-    """The names of one function: those of its variables, and those of its module."""
+    """Names of one function: its variables, and the names of its module."""
 
     scope: dict[str, Lowered]
     namespace: Mapping[str, Any]
-    prefix: str = ""  # of the variables of a function that is written out
-    written: frozenset[str] = frozenset()  # all names in its source: what a lowering adds must be others
+    prefix: str = ""  # prefix of the variables of an inlined function
+    written: frozenset[str] = frozenset()  # all names in its source, which a lowering must not use
 
 
 class Scratch:
-    """The statements and temporary variables of one kernel; what must come before an expression is put into `out`."""
+    """Statements and temporary variables of one kernel; `out` collects statements that precede an expression."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -53,9 +53,9 @@ class Scratch:
         self.written: frozenset[str] = frozenset()  # all names in the kernel's source
         self.files: set[str] = {file}
         self.callees: dict[str, Callable[..., Any]] = {}
-        self.buffers: list[str] = []  # of the kernel's parameters
-        self.records: set[str] = set()  # offsets of the parameters that are records, none of them optional
-        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # of their fields, worked out at the beginning
+        self.buffers: list[str] = []  # buffers among the kernel's parameters
+        self.records: set[str] = set()  # offsets of parameters that are records and not optional
+        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # sizes of their fields, computed at the beginning
 
     def entry(self, owner: Place, field: Field) -> Lowered:
         """Read a field of a record."""
@@ -80,7 +80,7 @@ class Scratch:
         return entries(kind, owner.buffer, at)
 
     def at(self, owner: Place, field: Field) -> ast.expr:
-        """Express where a field begins."""
+        """Return an expression for the offset of a field."""
         at = owner.offset
         for term, count in field.terms.items():
             size = self.fixed_size(owner, term)
@@ -88,7 +88,7 @@ class Scratch:
         return plus(at, field.start)
 
     def fixed_size(self, owner: Place, text: str) -> ast.expr:
-        """Express a size on which offsets depend: of a parameter's record it is worked out once, at the beginning."""
+        """Return a size on which offsets depend; for a parameter's record it is computed once, at the beginning."""
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
         if (owner.buffer, text) not in self.sizes:
@@ -96,7 +96,7 @@ class Scratch:
         return load(self.sizes[owner.buffer, text][0])
 
     def size(self, owner: Place, text: str) -> ast.expr:
-        """Express a size by the record's entries."""
+        """Return a size as an expression of the record's entries."""
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -110,14 +110,14 @@ class Scratch:
 
     def constant(self, item: Any, name: str, frame: Frame) -> Lowered:
         if isinstance(item, bool | int | float):
-            # the kernel's own module names its numbers in the program; those of others are written out
+            # numbers of the kernel's own module are named in the program; those of other modules become constants
             return load(name) if not frame.prefix and frame.namespace.get(name) is item else ast.Constant(item)
         if is_value(type(item)):
             return value_of(item)
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Name a function that is called: its own name in the module, or one that stands for another module's."""
+        """Return the name of a called function: its name in the module, or a new one for another module's function."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -131,13 +131,13 @@ class Scratch:
     # Names ----------------------------------------------------------------------------------------------------------
 
     def free_name(self, name: str) -> str:
-        """Lengthen a name until the kernel's source does not have it."""
+        """Lengthen a name until it does not occur in the kernel's source."""
         while name in self.written:
             name += "_"
         return name
 
     def temporary(self, letter: str = "t") -> str:
-        """Number a variable such that neither it nor its parts, after an underscore, are in the source."""
+        """Return a new variable; neither its name nor the parts between underscores occur in the source."""
         while True:
             self.temporaries += 1
             name = f"{letter}{self.temporaries}"
@@ -145,21 +145,21 @@ class Scratch:
                 return name
 
     def require_other(self, name: str, value: Lowered, node: ast.AST, frame: Frame) -> None:
-        """Require that the variables which stand for a value of this name have none that the source has too."""
+        """Require that the variables for the numbers of a value have no names that also occur in the source."""
         for number in expressions(value):
             own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
             if own != name and own in frame.written:
-                raise self.cannot(node, f"{name!r} needs {own!r} for itself: give one of the two another name")
+                raise self.cannot(node, f"{name!r} is lowered to {own!r}, which exists already: rename one of them")
 
     def variables(self, value: Lowered, name: str, node: ast.AST, frame: Frame) -> Lowered:
-        """Give variables of a name in the source for the numbers of a value."""
+        """Return variables, named after a name in the source, for the numbers of a value."""
         result = like(value, frame.prefix + name)
         for number in offsets(result):
             self.require_other(name, number, node, frame)
         return result
 
     def atom(self, node: ast.expr) -> ast.expr:
-        """Put a number in a variable, unless it is one or a constant already."""
+        """Assign a number to a variable, unless it is a variable or a constant."""
         if isinstance(node, ast.Name | ast.Constant):
             return node
         name = self.temporary()
@@ -167,7 +167,7 @@ class Scratch:
         return load(name)
 
     def atoms(self, value: Lowered, name: str = "") -> Lowered:
-        """Put all numbers of a value in variables."""
+        """Assign all numbers of a value to variables."""
         if isinstance(value, Constant):
             return value
         numbers = offsets(value)
@@ -180,17 +180,17 @@ class Scratch:
         return result
 
     def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
-        """Require that no index is a negative number: in Python it counts from the end, in a block from elsewhere."""
+        """Require that no index is negative; Python counts it from the end, but in a block it is out of range."""
         for index in indices:
             try:
                 negative = ast.literal_eval(index) < 0
             except ValueError:
                 continue
             if negative:
-                why = "is an entry before the first; of a group or an array the last is entry [count - 1]"
+                why = "is a negative index; the last entry of a group or an array is [count - 1]"
                 raise self.cannot(node, why, KernelError)
 
     def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> InputError:
         line = getattr(node, "lineno", 0)
         text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
-        return kind(f"{self.file}:{line}", text, "what a kernel may hold", why)
+        return kind(f"{self.file}:{line}", text, "a construct supported in kernels", why)

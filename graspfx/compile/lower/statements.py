@@ -1,4 +1,4 @@
-"""Statements of a kernel, lowered; loops over a group of records become loops over their offsets."""
+"""Lowering of a kernel's statements; loops over a group of records become loops over their offsets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from graspfx.compile.specialise.syntax import place
 
 
 class Body(Expressions):
-    """One kernel while it is lowered."""
+    """One kernel during its lowering."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
         self.written = frame.written
@@ -52,7 +52,7 @@ class Body(Expressions):
             if a.arg in fallbacks:
                 default = self.value(fallbacks[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
-                    raise self.cannot(a, "has a default, which only a number can have")
+                    raise self.cannot(a, "has a default value, which is supported for numbers only")
                 defaults.append(default)
         body = self.block(tree.body, frame)
         body = [*(assign(name, size) for name, size in self.sizes.values()), *body]
@@ -66,7 +66,7 @@ class Body(Expressions):
         for statement in statements:
             before = len(self.out)
             self.statement(statement, frame)
-            for line in self.out[before:]:  # an inner block may have said already where a line comes from
+            for line in self.out[before:]:  # an inner block may have set the source line already
                 vars(line).setdefault("origin", statement.lineno)
         lowered, self.out = self.out, outer
         return lowered or [ast.Pass()]
@@ -100,7 +100,7 @@ class Body(Expressions):
         elif isinstance(node, ast.Break | ast.Continue | ast.Pass):
             self.out.append(node)
         else:
-            raise self.cannot(node, "is no statement of a kernel")
+            raise self.cannot(node, "is not a statement supported in kernels")
 
     def give(self, node: ast.Return, frame: Frame) -> None:
         if node.value is None:
@@ -123,7 +123,7 @@ class Body(Expressions):
         elif isinstance(target, ast.Subscript):
             place = self.item(target, frame)
             if not isinstance(place, ast.Subscript) or not isinstance(value, ast.expr):
-                raise self.cannot(target, "is no entry, or is given more than a number")
+                raise self.cannot(target, "is not an entry, or its new value is not a number")
             self.out.append(ast.Assign([store_of([place])], value))
         else:
             raise self.cannot(target, "cannot be assigned to")
@@ -141,13 +141,13 @@ class Body(Expressions):
     def unpack(self, target: ast.Tuple, value: Lowered, frame: Frame) -> None:
         if not isinstance(value, Pack | Bundle) or len(value.parts) != len(target.elts):
             if isinstance(value, ast.expr) and all(isinstance(t, ast.Name) for t in target.elts):
-                # a tuple of numbers from a function that says nothing of what it returns
+                # tuple of numbers from a function without a declared result
                 for t in target.elts:
                     assert isinstance(t, ast.Name)
                     frame.scope[t.id] = load(frame.prefix + t.id)
                 self.out.append(ast.Assign([store_of([frame.scope[t.id] for t in target.elts])], value))  # type: ignore[misc, attr-defined] # names
                 return
-            raise self.cannot(target, "takes another number of values")
+            raise self.cannot(target, "has a different number of targets and values")
         parts = value.parts
         places = [self.target(t, part, frame) for t, part in zip(target.elts, parts, strict=True)]
         names = [name for place in places for name in place]
@@ -155,7 +155,7 @@ class Body(Expressions):
         self.out.append(assign_all(names, values))
 
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
-        """List the numbers of a target; a name is bound to the kind of the value."""
+        """List the numbers of a target; a name takes the kind of the value."""
         if isinstance(node, ast.Name):
             frame.scope[node.id] = self.variables(value, node.id, node, frame)
             return offsets(frame.scope[node.id])
@@ -165,7 +165,7 @@ class Body(Expressions):
     def fill(self, target: ast.Attribute, value: Lowered, frame: Frame) -> None:
         place = self.value(ast.parse(ast.unparse(target), mode="eval").body, frame)
         if isinstance(place, Place | Span | Grid | Group | Pack | Constant):
-            raise self.cannot(target, "stands where it was declared: assign to its fields")
+            raise self.cannot(target, "cannot be replaced: assign to its fields")
         to = [entry_of(number) for number in offsets(place)]
         values = offsets(value)
         if len(to) != len(values) or (isinstance(place, Bundle) and not isinstance(value, Bundle)):
@@ -200,19 +200,19 @@ class Body(Expressions):
             elif b is None or ends[1]:
                 frame.scope[name] = a
             elif kind_of(a) != kind_of(b):
-                raise self.cannot(node, f"gives {name!r} another kind, or a record of another buffer, in each branch")
+                raise self.cannot(node, f"gives {name!r} different kinds, or different buffers, in its branches")
             else:
                 frame.scope[name] = self.joined(name, a, b, frame, node)
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """Join a variable after a branch: both branches have assigned to the same names, or none has."""
+        """Join a variable after a branch: both branches must have assigned the same names."""
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
-                raise self.cannot(node, f"gives {name!r} another function in each branch")
+                raise self.cannot(node, f"gives {name!r} different functions in its branches")
             return a
         if [ast.dump(n) for n in offsets(a)] != [ast.dump(n) for n in offsets(b)]:
-            raise self.cannot(node, f"binds {name!r} in one branch only: assign it before")
+            raise self.cannot(node, f"binds {name!r} in one branch only: assign it before the branch")
         return a
 
     def loop(self, node: ast.For, frame: Frame) -> None:
@@ -225,7 +225,7 @@ class Body(Expressions):
                 body = self.block(node.body, frame)
                 self.out.append(ast.For(self.loop_target(node.target, frame), ast.Tuple(parts, ast.Load()), body, []))  # type: ignore[arg-type] # all are numbers
                 return
-            for part in parts:  # records or values: written out
+            for part in parts:  # unroll a loop over records or values
                 self.store(node.target, part, frame)
                 self.out += self.block(node.body, frame)
             return
@@ -245,7 +245,7 @@ class Body(Expressions):
 
     def bind_target(self, target: ast.expr, frame: Frame) -> None:
         if not isinstance(target, ast.Name):
-            raise self.cannot(target, "is no variable of a loop")
+            raise self.cannot(target, "is not a loop variable")
         frame.scope[target.id] = load(frame.prefix + target.id)
 
     def loop_target(self, target: ast.expr, frame: Frame) -> ast.expr:
@@ -258,11 +258,11 @@ class Body(Expressions):
         target, index = node.target, ""
         if isinstance(call, ast.Call):
             if not (isinstance(target, ast.Tuple) and isinstance(target.elts[0], ast.Name) and len(call.args) == 1):
-                raise self.cannot(node, "numbers no group of records")
+                raise self.cannot(node, "does not enumerate a group of records")
             index, target, call = target.elts[0].id, target.elts[1], call.args[0]
         group = self.value(call, frame)
         if not isinstance(group, Group) or not isinstance(target, ast.Name):
-            raise self.cannot(node, "loops over something else than a range, a tuple or a group of records")
+            raise self.cannot(node, "does not loop over a range, a tuple or a group of records")
         count = self.atom(group.count)
         base = self.atom(group.offset) if not isinstance(group.offset, ast.BinOp) else group.offset
         name, at = frame.prefix + (index or f"{target.id}_i"), f"{frame.prefix}{target.id}_at"
@@ -281,12 +281,12 @@ class Body(Expressions):
         before = len(self.out)
         test = self.number(node.test, frame)
         if len(self.out) > before:
-            raise self.cannot(node.test, "needs more than an expression: compute it before the loop and at its end")
+            raise self.cannot(node.test, "needs statements: compute it before the loop and at its end")
         self.out.append(ast.While(test, self.block(node.body, frame), []))
 
 
 def entry_of(number: ast.expr) -> ast.expr:
-    """Give the entry that a number was read from."""
+    """Return the entry from which a number was read."""
     if isinstance(number, ast.Compare):
         number = number.left
     if isinstance(number, ast.Call):
@@ -299,5 +299,5 @@ def is_float(node: ast.expr) -> bool:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Tell whether the end of a branch is never reached."""
+    """Tell whether the end of a branch is unreachable."""
     return bool(statements) and isinstance(statements[-1], ast.Return | ast.Break | ast.Continue | ast.Raise)

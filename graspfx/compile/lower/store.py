@@ -1,4 +1,4 @@
-"""Disk cache of lowered kernels: one entry for all of ours that were asked for, each with its sources' digest."""
+"""Disk cache of lowered kernels: one entry for all kernels of this package, each with the digest of its sources."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 @dataclass(frozen=True)
 class Lowering:
-    """A kernel's lowered text, the functions that it calls by the names in the text, and its source files."""
+    """A kernel's lowered text, the functions that it calls by their names in the text, and its source files."""
 
     text: str
     code: CodeType
@@ -26,14 +26,14 @@ class Lowering:
 
 @dataclass
 class Store:
-    """Lowerings by the kernels' names; those that are new are written by `save`."""
+    """Lowered kernels by name; `save` writes new ones."""
 
     key: str
     entries: dict[str, Any] = field(default_factory=dict)
     changed: bool = False
 
     def find(self, function: FunctionType) -> Lowering | None:
-        """Look up a kernel of ours."""
+        """Look up a kernel of this package."""
         digest, *entry = self.entries.get(_name(function), ("",))
         if digest != _sources_of(function):
             return None
@@ -41,14 +41,14 @@ class Store:
         return Lowering(text, marshal.loads(code), dict(callees), tuple(files))
 
     def add(self, function: FunctionType, lowering: Lowering) -> None:
-        """Add a kernel, if it is ours: the key says nothing of others' sources."""
+        """Add a kernel of this package; the key does not cover third-party sources."""
         if all(is_own(file) for file in lowering.files):
             parts = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
             self.entries[_name(function)] = _sources_of(function), *parts
             self.changed = True
 
     def save(self) -> None:
-        """Write what is new; a cache that cannot be written costs the next process the lowering again."""
+        """Write new entries; if this fails, the next process lowers the kernels again."""
         if self.changed:
             disk.store(self.key, marshal.dumps(self.entries))
             self.changed = False
@@ -56,7 +56,7 @@ class Store:
 
 @cache
 def store() -> Store:
-    """Open the cache of this installation, under this Python."""
+    """Open the cache of this installation for this Python."""
     digest = hashlib.sha256(repr((sys.version, marshal.version, source_folders())).encode())
     key = f"lowered-{digest.hexdigest()}"
     content = disk.load(key)

@@ -1,4 +1,4 @@
-"""Where the source of a kernel is: each module's file is parsed once."""
+"""Source code of kernels; each module's file is parsed once."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def definition(function: FunctionType) -> ast.FunctionDef:
     """Parse a function.
 
     Raises:
-        InputError: its source is not to be found, or has changed since the function was made from it.
-        KernelError: it gives a value on some ways out only; Python gives None on the others, machine code zero.
+        InputError: If its source is not found, or has changed since the function was created.
+        KernelError: If only some paths return a value; on the others Python returns None, but machine code zero.
     """
     code = function.__code__
     name = f"{function.__module__}.{function.__qualname__}"
@@ -50,12 +50,12 @@ def definition(function: FunctionType) -> ast.FunctionDef:
         code.co_consts,
         code.co_names,
     ):
-        raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed since: start anew")
+        raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed: restart Python")
     line = _lost_end(node)
     if line:
         raise KernelError(
-            f"{code.co_filename}:{line}", f"the end of {function.__name__!r}", "a value on every way out",
-            "return one behind the last branch too",
+            f"{code.co_filename}:{line}", f"the end of {function.__name__!r}", "a value on every path",
+            "also return one after the last branch",
         )  # fmt: skip
     return node
 

@@ -1,9 +1,8 @@
-"""Partial evaluation of kernels: arguments that are known are folded in, and what they never reach is left out.
+"""Partial evaluation of kernels: folds known arguments, and removes unreachable code.
 
-The language is the one that kernels are written in: numbers, flat buffers and their entries, `if`, `while`,
-`for ... in range(...)`, calls of other kernels, of `math` and of a few builtins, tuples that are returned or unpacked.
-Every call is specialised for the arguments that are known where it stands; arithmetic is never reordered, so that a
-program computes the same bits as the kernels that it was made from.
+Kernels may use numbers, flat buffers and their entries, `if`, `while`, `for ... in range(...)`, calls of other kernels,
+of `math` and of a few builtins, and tuples that are returned or unpacked. Every call is specialised for its known
+arguments. Arithmetic is never reordered, so the program computes the same bits as the kernels.
 """
 
 from __future__ import annotations
@@ -22,28 +21,28 @@ from graspfx.compile.specialise.syntax import nodes, place
 from graspfx.compile.specialise.values import Memory, Static, Value
 from graspfx.errors import InputError
 
-DEEPEST = 100  # calls inside calls
+DEEPEST = 100  # largest depth of nested calls
 
 
 @dataclass
 class Program:
-    """Functions in the order in which they are to be defined, the last one the entry; free of what is known.
+    """Functions in the order of their definition, the last one the entry, with known values removed.
 
     Args:
-        unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
+        unroll: Largest number of statements of an unrolled loop, including those of called kernels.
     """
 
     unroll: int = 0
     functions: list[ast.FunctionDef] = field(default_factory=list)
-    files: set[str] = field(default_factory=set)  # that kernels were taken from
+    files: set[str] = field(default_factory=set)  # source files of the kernels
     numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name
     _specialised: dict[Any, SpecialisedKernel | None] = field(default_factory=dict)
-    _first: str = ""  # array, whose name functions of one array have
+    _first: str = ""  # array of the functions that have only one
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
         """Specialise the function for these arguments; dynamic ones become its parameters.
 
-        Where there is one array, all share what is made for the first.
+        Calls with one array share the function made for the first such array.
         """
         function = source_function(function)
         arrays = list(dict.fromkeys(a.array for a in arguments if isinstance(a, Memory)))
@@ -72,11 +71,11 @@ class Program:
         specialised = self._specialised.get(key)
         if specialised is None:
             place = f"{code.co_filename}:{code.co_firstlineno}"
-            raise InputError(place, function.__qualname__, "a kernel that does not call itself")
+            raise InputError(place, function.__qualname__, "a kernel without recursion")
         return specialised
 
     def add_text(self, text: str, namespace: Mapping[str, Any], arguments: Sequence[Value]) -> SpecialisedKernel:
-        """Specialise the function that a text defines; its names are kernels, buffers, modules and numbers."""
+        """Specialise the function that a text defines; its names refer to kernels, buffers, modules and numbers."""
         [tree] = ast.parse(text).body
         assert isinstance(tree, ast.FunctionDef)
         return self._make(Kernel(tree, namespace, f"<{tree.name}>"), arguments, tree.name)
@@ -87,15 +86,15 @@ class Program:
         return specialised
 
     def source(self, entries: Collection[str] = ()) -> str:
-        """Write the program as Python; with entries of these names, of the last function if none is named."""
+        """Return the program as Python text, with the given entries or, by default, the last function."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
         return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions(entries))])
 
     def definitions(self, entries: Collection[str] = ()) -> list[ast.FunctionDef]:
-        """List the functions that the entries need, each before those that call it."""
+        """List the functions that the entries need, each before its callers."""
         called = set(entries) or {self.functions[-1].name}
         reachable = []
-        for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
+        for node in reversed(self.functions):  # without functions only called by a loop that was not unrolled
             if node.name in called:
                 reachable.append(node)
                 called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))

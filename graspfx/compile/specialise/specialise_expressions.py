@@ -1,4 +1,4 @@
-"""Expressions of a kernel, specialised: folded where all is known, else what is left to be computed."""
+"""Specialisation of a kernel's expressions: known values are folded, and the rest remains to be computed."""
 
 from __future__ import annotations
 
@@ -42,33 +42,33 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
-BEFORE = "is an entry before the buffer's first; of a group the last is entry [count - 1]"
+BEFORE = "is a negative index; the last entry of a group is [count - 1]"
 BUILTINS = (abs, min, max, int, float, bool)
 
 
 @dataclass
 class SpecialisedKernel:
-    """A kernel specialised for some arguments: its definition, what it returns, whether it only computes."""
+    """A kernel specialised for given arguments: its definition, its result, and whether it is free of side effects."""
 
     name: str
     arrays: tuple[str, ...]
     node: ast.FunctionDef
     result: Value | None
     pure: bool
-    statements: int  # its own and those of the kernels that it calls, each call anew
+    statements: int  # its own and, per call, those of the kernels that it calls
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function to be specialised: its syntax, what the names in it stand for, where it comes from."""
+    """A function to be specialised: its syntax tree, the meaning of its names, and its origin."""
 
     tree: ast.FunctionDef
     namespace: Mapping[str, Any]
     file: str
-    written: Any = None  # the function whose lowered text it is
+    written: Any = None  # original function if this is its lowered text
 
     def place(self, line: int) -> str:
-        """Say in which file and line a line of it is written."""
+        """Return the file and line of a line of the function."""
         if self.written is None:
             return f"{self.file}:{line}"
         from graspfx.compile.lower.lowering import written_lines
@@ -77,7 +77,7 @@ class Kernel:
 
 
 class Specialiser(Protocol):
-    """The program that a kernel becomes a part of."""
+    """The program that contains the specialised kernels."""
 
     unroll: int
     numbers_of_modules: dict[tuple[str, str], str]
@@ -86,13 +86,13 @@ class Specialiser(Protocol):
 
 
 class Expressions:
-    """The expressions of one kernel while it is specialised."""
+    """Expressions of one kernel during specialisation."""
 
     def __init__(self, program: Specialiser, kernel: Kernel) -> None:
         self.program, self.kernel, self.tree = program, kernel, kernel.tree
         self.arrays: dict[str, None] = {}
         self.pure = True
-        self.called = 0  # statements of the kernels that are called, each call anew
+        self.called = 0  # statements of called kernels, counted per call
 
     def value(self, node: ast.expr, scope: Scope) -> Value:
         if isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
@@ -127,13 +127,13 @@ class Expressions:
             if same(one, other) and not calls(node_of(test)):
                 return one
             return Dynamic(ast.IfExp(node_of(test), node_of(one), node_of(other)))
-        raise self.cannot(node, "is no expression of a kernel")
+        raise self.cannot(node, "is not an expression supported in kernels")
 
     def number(self, node: ast.expr, scope: Scope) -> Static | Dynamic:
         value = self.value(node, scope)
         if isinstance(value, Static | Dynamic):
             return value
-        raise self.cannot(node, "is no number")
+        raise self.cannot(node, "is not a number")
 
     def test(self, node: ast.expr, scope: Scope) -> Static | Dynamic:
         value = self.number(node, scope)
@@ -142,7 +142,7 @@ class Expressions:
         expression = value.node
         if isinstance(expression, ast.BoolOp) and isinstance(expression.values[-1], ast.Constant):
             settles = isinstance(expression.op, ast.Or)
-            if bool(expression.values[-1].value) is not settles:  # x and True is as true as x
+            if bool(expression.values[-1].value) is not settles:  # x and True has the same truth value as x
                 first = expression.values[:-1]
                 return Dynamic(first[0] if len(first) == 1 else ast.BoolOp(expression.op, first))
         return value
@@ -153,7 +153,7 @@ class Expressions:
         missing = object()
         item = self.kernel.namespace.get(node.id, getattr(builtins, node.id, missing))
         if item is missing:
-            raise self.cannot(node, f"names {node.id!r}, which is nothing known here")
+            raise self.cannot(node, f"uses {node.id!r}, which is undefined")
         if node.id in self.kernel.namespace:
             self.note(self.kernel.namespace.get("__name__"), node.id, item)
         return self.constant(node, item)
@@ -161,13 +161,13 @@ class Expressions:
     def attribute(self, node: ast.Attribute, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
         if not (isinstance(owner, Reference) and isinstance(owner.of, ModuleType)):
-            raise self.cannot(node, "is an attribute of something else than a module")
+            raise self.cannot(node, "is not an attribute of a module")
         item = getattr(owner.of, node.attr)
         self.note(owner.of.__name__, node.attr, item)
         return self.constant(node, item)
 
     def note(self, module: Any, name: str, item: Any) -> None:
-        """Record a module's number that is folded in."""
+        """Record a module's number that was folded."""
         if isinstance(item, bool | int | float) and isinstance(module, str):
             self.program.numbers_of_modules[module, name] = repr(item)
 
@@ -193,13 +193,13 @@ class Expressions:
             return Dynamic(ast.Subscript(node_of(owner), node_of(index), ast.Load()))
         if isinstance(owner, Dynamic):
             return Dynamic(ast.Subscript(owner.node, node_of(self.number(node.slice, scope)), ast.Load()))
-        raise self.cannot(node, "is no entry of a buffer")
+        raise self.cannot(node, "is not an entry of a buffer")
 
     def entry(self, node: ast.Subscript, scope: Scope, *, store: bool = False) -> ast.Subscript:
-        """Write an entry of a buffer as one of the program's array."""
+        """Write an entry of a buffer as an entry of the program's array."""
         owner = self.value(node.value, scope)
         if not isinstance(owner, Memory):
-            raise self.cannot(node, "is no entry of a buffer")
+            raise self.cannot(node, "is not an entry of a buffer")
         index = self.number(node.slice, scope)
         if store:
             self.pure = False
@@ -224,7 +224,7 @@ class Expressions:
         return Dynamic(ast.BinOp(node_of(left), node.op, node_of(right)))
 
     def logic(self, node: ast.BoolOp, scope: Scope) -> Value:
-        settles = isinstance(node.op, ast.Or)  # the value that ends it
+        settles = isinstance(node.op, ast.Or)  # the value that decides
         rest: list[ast.expr] = []
         for part in node.values:
             value = self.number(part, scope)
@@ -239,7 +239,7 @@ class Expressions:
                 if not rest:
                     return value
                 if isinstance(value.value, bool) and isinstance(rest[-1], ast.Compare):
-                    continue  # a truth value already
+                    continue  # already a truth value
             rest.append(node_of(value))
         return Dynamic(rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest))
 
@@ -253,10 +253,10 @@ class Expressions:
         return Dynamic(ast.Compare(first, node.ops, others))
 
     def call(self, node: ast.Call, scope: Scope) -> tuple[ast.expr | None, Value | None]:
-        """Specialise a call: the call that remains, None if none does, and what is static of its value."""
+        """Specialise a call; return the remaining call, None if there is none, and the static part of its value."""
         called = self.value(node.func, scope)
         if not isinstance(called, Reference) or isinstance(called.of, ModuleType):
-            raise self.cannot(node, "calls something else than a function")
+            raise self.cannot(node, "does not call a function")
         function = called.of
         if isinstance(function, FunctionType):
             if hasattr(function, BOUND_LATE):
@@ -274,10 +274,10 @@ class Expressions:
             if function not in BUILTINS:
                 name = ast.Attribute(load("math"), function.__name__, ast.Load())
             return ast.Call(name, [node_of(a) for a in arguments], []), None
-        raise self.cannot(node, f"calls {function!r}, which a kernel cannot")
+        raise self.cannot(node, f"calls {function!r}, which kernels do not support")
 
     def by_name(self, node: ast.Call, function: FunctionType, scope: Scope) -> ast.expr:
-        """Write a call of a function that the program defines itself."""
+        """Write a call of a function that the program itself defines."""
         arguments: list[ast.expr] = []
         for argument in node.args:
             value = self.value(argument, scope)
@@ -320,11 +320,11 @@ class Expressions:
     def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
         text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return kind(self.kernel.place(line), text, "what a kernel may hold", why)
+        return kind(self.kernel.place(line), text, "a construct supported in kernels", why)
 
 
 def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
-    """Fold a function of numbers; None where it raises or leaves the reals: that is left to the running program."""
+    """Fold a function of numbers; return None if it raises or the result is not real, and leave it to the program."""
     try:
         result = function(*numbers)
     except (ArithmeticError, ValueError):
@@ -333,7 +333,7 @@ def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
 
 
 def from_call(call: ast.expr | None, result: Value | None) -> Value:
-    """Turn a call into a value; there is no call where its whole result is static."""
+    """Convert a call to a value; no call remains if its whole result is static."""
     if call is None:
         if isinstance(result, TupleValue):
             return TupleValue(result.parts, tuple_of([node_of(part) for part in result.parts]))

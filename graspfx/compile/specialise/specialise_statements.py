@@ -1,4 +1,4 @@
-"""Statements of a kernel, specialised: branches that are never taken are dropped, short loops written out."""
+"""Specialisation of a kernel's statements: branches never taken are removed, and short loops are unrolled."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from graspfx.compile.specialise.values import Dynamic, Memory, Reference, Static
 
 
 class Body(Expressions):
-    """One kernel while it is specialised."""
+    """One kernel during specialisation."""
 
     def __init__(self, program: Specialiser, kernel: Kernel, arguments: Sequence[Value]) -> None:
         super().__init__(program, kernel)
@@ -61,7 +61,7 @@ class Body(Expressions):
             self.returned.append(None)
         for clash in self.arrays.keys() & (assigned(self.tree.body) | set(parameters)):
             raise self.cannot(
-                self.tree, f"has a number named {clash!r}, which is the name of a buffer: call that otherwise"
+                self.tree, f"has a number named {clash!r}, which is also the name of a buffer: rename one of them"
             )
         body = without_unused(body + statements)
         arrays = tuple(self.arrays)
@@ -78,7 +78,7 @@ class Body(Expressions):
         return SpecialisedKernel(name, arrays, node, self.result(), self.pure, self.called + size(body))
 
     def result(self) -> Value | None:
-        """Combine what is static of all returned values."""
+        """Combine the static parts of all returned values."""
         first, *others = self.returned
         if first is None:
             return None
@@ -93,11 +93,11 @@ class Body(Expressions):
         return first if all(same(first, r) for r in others) else Dynamic(load("_"))
 
     def block(self, statements: Iterable[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
-        """Specialise statements; tell whether their end is never reached."""
+        """Specialise statements; return whether their end is unreachable."""
         out: list[ast.stmt] = []
         for statement in statements:
             more, ended = self.statement(statement, scope)
-            for line in more:  # of which an inner block may have said already where it comes from
+            for line in more:  # an inner block may have set the source line already
                 vars(line).setdefault("origin", (self.kernel.file, statement.lineno))
             out += more
             if ended:
@@ -107,12 +107,12 @@ class Body(Expressions):
     def statement(self, node: ast.stmt, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if isinstance(node, ast.Assign):
             first, value = node.targets[0], node.value
-            if isinstance(first, ast.Tuple) and isinstance(value, ast.IfExp):  # a choice of tuples, as a branch
+            if isinstance(first, ast.Tuple) and isinstance(value, ast.IfExp):  # a conditional tuple becomes a branch
                 one: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.body), node)]
                 other: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.orelse), node)]
                 return self.branch(ast.copy_location(ast.If(value.test, one, other), node), scope)
             out = self.assign(node.targets[0], node.value, scope)
-            for target in node.targets[1:]:  # a = b = 0.0: the second takes what the first has got
+            for target in node.targets[1:]:  # a = b = 0.0: the second target receives the value of the first
                 out += self.assign(target, loaded(node.targets[0]), scope)
             return out, False
         if isinstance(node, ast.AnnAssign) and node.value is not None:
@@ -133,7 +133,7 @@ class Body(Expressions):
             return [node], True
         if isinstance(node, ast.Pass):
             return [], False
-        raise self.cannot(node, "is no statement of a kernel")
+        raise self.cannot(node, "is not a statement supported in kernels")
 
     def assign(self, target: ast.expr, value: ast.expr, scope: Scope) -> list[ast.stmt]:
         out: list[ast.stmt] = []
@@ -142,7 +142,7 @@ class Body(Expressions):
             call, static = self.call(value, scope)
             if isinstance(static, Static):
                 result = static
-                if call is not None:  # done for its effect: what it gives is known
+                if call is not None:  # called for its effect; its result is static
                     out.append(ast.Expr(call))
             else:
                 result = from_call(call, static)
@@ -163,7 +163,7 @@ class Body(Expressions):
             if isinstance(t, ast.Name):
                 names.add(t.id)
             elif names & {n.id for n in ast.walk(t) if isinstance(n, ast.Name)}:
-                raise self.cannot(target, "assigns to a number and, by it, to an entry: do that one after the other")
+                raise self.cannot(target, "assigns to a number and to an entry that depends on it: use two statements")
         to = [
             store(t.id) if isinstance(t, ast.Name) else self.entry(self.subscript(t), scope, store=True)
             for t in target.elts
@@ -192,7 +192,7 @@ class Body(Expressions):
             _become(scope, other if ended else one)
         else:
             _become(scope, {name: _joined(name, one[name], other[name]) for name in one.keys() & other.keys()})
-            for name in one.keys() ^ other.keys():  # read only where it has been assigned to
+            for name in one.keys() ^ other.keys():  # may be read only where it has been assigned
                 scope[name] = Dynamic(load(name))
         if not body and not otherwise:
             return ([ast.Expr(node_of(test))] if calls(node_of(test)) else []), False
@@ -208,7 +208,7 @@ class Body(Expressions):
             changed = assigned(node.body) & {part.id for part in parts if isinstance(part, ast.Name)}
             if not changed and not any(
                 isinstance(part, ast.Subscript | ast.Call) for part in parts
-            ):  # else the tuple would not be what it was at the beginning
+            ):  # otherwise the tuple could change during the loop
                 return self.block([statement for turn in turns for statement in turn], scope)
         if not (
             isinstance(node.target, ast.Name)
@@ -217,7 +217,7 @@ class Body(Expressions):
             and isinstance(call.func, ast.Name)
             and call.func.id == "range"
         ):
-            raise self.cannot(node, "loops over something else than a range or a tuple that stays")
+            raise self.cannot(node, "does not loop over a range or a constant tuple")
         bounds = [self.value(a, scope) for a in call.args]
         indices = [int(b.value) for b in bounds if isinstance(b, Static)]
         if len(indices) == len(bounds):
@@ -239,7 +239,7 @@ class Body(Expressions):
         return turned, False
 
     def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
-        """Write out the turns of a loop, and tell whether the end is never reached; None if that is too much."""
+        """Unroll a loop; also return whether its end is unreachable; return None if the loop is too long."""
         assert isinstance(node.target, ast.Name)
         most = self.program.unroll
         if len(turns) * len(node.body) > most or leaves(node.body):
@@ -279,7 +279,7 @@ class Body(Expressions):
         return [ast.While(node_of(test), body or [ast.Pass()], [])], False
 
     def forget(self, statements: Sequence[ast.stmt], scope: Scope) -> None:
-        """Forget what is known of the variables that a loop assigns to."""
+        """Discard the known values of the variables that a loop assigns."""
         for name in assigned(statements):
             if isinstance(scope.get(name), Memory | Reference):
                 raise self.cannot(statements[0], f"changes the buffer {name!r} in a loop")

@@ -1,4 +1,4 @@
-"""Pieces of syntax trees: made, read and searched."""
+"""Construction, inspection and search of syntax trees."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def constant(value: Number) -> ast.expr:
     if isinstance(value, float) and math.isinf(value):
         return load("inf") if value > 0.0 else ast.UnaryOp(ast.USub(), load("inf"))
     if value < 0 or (value == 0 and math.copysign(1.0, value) < 0.0):
-        return ast.UnaryOp(ast.USub(), ast.Constant(-value))  # in a power it must be written in brackets
+        return ast.UnaryOp(ast.USub(), ast.Constant(-value))  # a negative base of a power needs brackets
     return ast.Constant(value)
 
 
@@ -56,7 +56,7 @@ def loaded(target: ast.expr) -> ast.expr:
 
 
 def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """List all nodes of some trees, in no order, in a third of the time that `ast.walk` takes."""
+    """Yield all nodes of some trees in no particular order, in a third of the time of `ast.walk`."""
     left = list(roots)
     while left:
         node = left.pop()
@@ -76,7 +76,7 @@ def inner(statement: ast.stmt) -> list[ast.stmt]:
 
 
 def unparsed_statements(statements: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
-    """Give the statement that each line of some statements belongs to, as `ast.unparse` sets them, one line each."""
+    """Yield the statement of each line of `ast.unparse`'s output."""
     for statement in statements:
         yield statement
         if isinstance(statement, ast.If | ast.For | ast.While):
@@ -88,12 +88,12 @@ def unparsed_statements(statements: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
 
 
 def size(statements: Sequence[ast.stmt]) -> int:
-    """Count statements, inner ones included."""
+    """Count statements, including nested ones."""
     return len(statements) + sum(size(inner(s)) for s in statements if isinstance(s, ast.If | ast.For | ast.While))
 
 
 def place(statement: ast.stmt) -> None:
-    """Give a statement and its inner ones the line numbers that `ast.unparse` needs."""
+    """Set the line numbers that `ast.unparse` needs in a statement and its nested statements."""
     statement.lineno = 0
     for part in inner(statement):
         place(part)
@@ -104,7 +104,7 @@ def calls(node: ast.expr) -> bool:
 
 
 def terms(node: ast.expr) -> tuple[ast.expr | None, int]:
-    """Split a sum of whole numbers into its terms and its constant."""
+    """Split a sum of integers into its variable part and its constant."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int):
         return None, node.value
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
@@ -128,7 +128,7 @@ def assigned(statements: Sequence[ast.stmt]) -> set[str]:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Tell whether a loop's body has a break or continue of its own."""
+    """Tell whether a loop's body has a `break` or `continue` of this loop."""
     for statement in statements:
         if isinstance(statement, ast.Break | ast.Continue):
             return True

@@ -19,7 +19,7 @@ class Static:
 
     @property
     def key(self) -> tuple[str, str]:
-        return type(self.value).__name__, repr(self.value)  # 1 and 1.0, 0.0 and -0.0 are not the same program
+        return type(self.value).__name__, repr(self.value)  # 1 and 1.0, and 0.0 and -0.0, give different programs
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,21 @@ class Memory:
 
 @dataclass(frozen=True)
 class Reference:
-    """A module, or a function of one."""
+    """A module or one of its functions."""
 
     of: ModuleType | Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class Dynamic:
-    """A number of the running program: the expression that computes it."""
+    """A number computed by the running program, as an expression."""
 
     node: ast.expr
 
 
 @dataclass(frozen=True)
 class TupleValue:
-    """A tuple of which some may be known; `node` computes all of it, unless it is None."""
+    """A tuple with possibly known items; `node` computes all of it, unless it is None."""
 
     parts: tuple[Static | Dynamic, ...]
     node: ast.expr | None

@@ -1,4 +1,4 @@
-"""A scene that a page runs by itself: its arena, what a row holds, sliders, handles, and the certificate's margins."""
+"""Data of a page that runs a scene by itself: arena, layout of a row, sliders, handles, and certified limits."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
 
 
 def module() -> bytes:
-    """Give the WebAssembly module of `steps`; see `webassembly.module`."""
+    """Return the WebAssembly module of `steps`; see `webassembly.module`."""
     return webassembly.module(program.program_key(), _program)
 
 
@@ -63,15 +63,15 @@ def _program() -> LlvmProgram:
 
 
 def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-    """Collect what a page needs to run a scene.
+    """Collect the data with which a page runs a scene.
 
     Args:
         scene: Scene whose hands have guides.
-        frames: Ticks from one drawn frame to the next.
-        presets: Values of sliders by the name of a button.
+        frames: Number of ticks per drawn frame.
+        presets: Values of sliders, by the name of a button.
 
     Raises:
-        InputError: A part of the scene is plain Python, other software's or hardware, or a preset has no slider.
+        InputError: If a part of the scene is plain Python, other software or hardware, or a preset has no slider.
     """
     verdict, numbers, margins = _margins(scene)
     parts = resolve(scene)
@@ -98,20 +98,20 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
 
 
 def require_runnable(scene: Scene) -> None:
-    """Require a scene that kernels of the package alone run.
+    """Require a scene that runs with kernels of the package only.
 
     Raises:
-        InputError: It has other parts.
+        InputError: If it has other parts.
     """
     with build(scene, engine="interpreted") as servo:
         _whole(servo)
 
 
 def _whole(servo: Servo) -> Arena:
-    """Give the arena of a scene that kernels of the package alone run.
+    """Return the arena of a scene that runs with kernels of the package only.
 
     Raises:
-        InputError: It has other parts.
+        InputError: If it has other parts.
     """
     arena = servo.arena
     others = {
@@ -125,7 +125,7 @@ def _whole(servo: Servo) -> Arena:
     if found:
         raise InputError(
             "scene", f"a scene with {', '.join(found)}", "a scene of GraspFX's own devices, hands and bodies",
-            'a page runs by itself, without Python: set `dynamics = "native"` and `device = "simulated"` where the '
+            'a page runs without Python: set `dynamics = "native"` and `device = "simulated"` where the '
             "scene allows it, or write the page of a recording: graspfx view RECORDING --html FILE",
         )  # fmt: skip
     return arena
@@ -136,7 +136,7 @@ def _packed(content: bytes) -> str:
 
 
 def _arena(numbers: FloatArray) -> dict[str, str]:
-    """Pack an arena as its different numbers and the place of each among them, by bits: meshes have many twice."""
+    """Pack an arena as its distinct numbers and the index of each entry; meshes have many duplicates."""
     found, places = np.unique(numbers.astype("<f8").view("<u8"), return_inverse=True)
     kind = "<u2" if len(found) < 1 << 16 else "<u4"
     return {"numbers": _packed(found.tobytes()), "places": _packed(places.astype(kind).tobytes()), "kind": kind[1:]}
@@ -146,7 +146,7 @@ def _arena(numbers: FloatArray) -> dict[str, str]:
 
 
 def _row(layout: Layout, header: Header) -> dict[str, Any]:
-    """Say where in a row a frame's quantities stand, as `live.frame` reads them."""
+    """Return the places of a frame's quantities in a row, as `live.frame` reads them."""
     columns = layout.columns
 
     def place(*names: str) -> int:
@@ -167,7 +167,7 @@ def _row(layout: Layout, header: Header) -> dict[str, Any]:
 
 
 def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
-    """Say where the state of each grasp stands, and which fingers and which object it has."""
+    """Return the place of each grasp's state, with its fingers and its object."""
     names = servo.layout.objects
     return [
         {
@@ -179,7 +179,7 @@ def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
 
 
 def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
-    """Say where a tick latches a fault, and what its codes mean."""
+    """Return the places of a tick's fault, and the meaning of its codes."""
     own = arena.place(arena.own)
     counts = {
         STATION: len(servo.parts.stations), OBJECT_: len(servo.objects), MOVER: len(servo.movers),
@@ -208,7 +208,7 @@ def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
         )
     try:
         return kernel_fault(servo.parts, kind, index, code)
-    except (LookupError, AttributeError, ValueError):  # a code that the part does not have
+    except (LookupError, AttributeError, ValueError):  # the part does not have this code
         return None
 
 
@@ -216,10 +216,10 @@ def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
 
 
 def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -> dict[str, Any]:
-    """Say which sliders a button sets.
+    """Return the sliders that a button sets.
 
     Raises:
-        InputError: A key has no slider, or a value is beyond its range.
+        InputError: If a key has no slider, or a value is outside its range.
     """
     places = {each.key: i for i, each in enumerate(numbers)}
     for key, value in values.items():
@@ -234,12 +234,12 @@ def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -
 def _all_sliders(
     numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray, margins: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Say what each slider writes, and what two stiffnesses write together: the gaps of an automatic fade.
+    """Return what each slider writes, and what two stiffnesses write together: the gaps of an automatic fade.
 
-    Such a number is max(floor, p + q c) with c = |1/kep - 1/kip|, as `assembly.grasps.set_fade` has it.
+    Such a number is max(floor, p + q c) with c = |1/kep - 1/kip|, as in `assembly.grasps.set_fade`.
 
     Raises:
-        InputError: Sliders write a number together in another way.
+        InputError: If sliders write a number together in another way.
     """
     found = [_slider(each, numbers, scene, servo, start) for each in numbers]
     owners: dict[int, list[int]] = {}
@@ -248,7 +248,7 @@ def _all_sliders(
             owners.setdefault(k, []).append(i)
     shared = {k: (who[0], who[1]) for k, who in owners.items() if len(who) == 2}
     if any(len(who) > 2 for who in owners.values()):
-        raise InputError("scene", scene.title, "numbers that follow from two values at most")
+        raise InputError("scene", scene.title, "numbers that depend on at most two values")
     together = []
     for a, b in sorted(set(shared.values())):
         entries = [k for k, pair in shared.items() if pair == (a, b)]
@@ -269,14 +269,14 @@ def _all_sliders(
 def _fit(
     numbers: Sequence[Slider], a: int, b: int, entries: list[int], scene: Scene, servo: Servo, start: FloatArray
 ) -> list[list[float]]:
-    """Give an entry, its floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries, compared with it.
+    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries, and verify them.
 
     Raises:
-        InputError: They follow from the two values in another way.
+        InputError: If they depend on the two values in another way.
     """
     one, other = numbers[a], numbers[b]
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
-        raise InputError("scene", scene.title, f"numbers that do not follow from {one.key} and {other.key} together")
+        raise InputError("scene", scene.title, f"numbers that do not depend on {one.key} and {other.key} together")
     places = [
         (one.least, other.most), (1.5 * one.least, other.most), (one.most, 0.999 * other.most),
         (one.most, other.least), (one.value, other.value), (3.0 * one.least, 2.0 * other.least),
@@ -287,14 +287,14 @@ def _fit(
     p, floor = table[0] - q * c[0], table[2]
     guess = np.maximum(floor, p + c[:, None] * q)
     if not np.allclose(guess, table, rtol=AGREEMENT, atol=0.0):
-        raise InputError("scene", scene.title, f"numbers that follow from {one.key} and {other.key} as a fade does")
+        raise InputError("scene", scene.title, f"numbers that depend on {one.key} and {other.key} like a fade")
     return [[k, *map(float, each)] for k, each in zip(entries, zip(floor, p, q, strict=True), strict=True)]
 
 
 def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
-    """Say what a slider writes into the arena: its value itself, or numbers of a table by stops.
+    """Return what a slider writes into the arena: its value itself, or numbers of a table by stops.
 
-    What the page writes is what `Session.set` writes, to the bit.
+    The page writes the same bits as `Session.set`.
     """
     about = {
         "key": slider.live, "label": slider.label, "unit": slider.unit, "least": slider.least, "most": slider.most,
@@ -321,14 +321,14 @@ def _written(
     moved: Sequence[Slider], others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray,
     values: Sequence[float],
 ) -> FloatArray:  # fmt: skip
-    """Give the arena after sliders were moved in a run; the servo is left as it was."""
+    """Return the arena after changes of sliders in a run; the servo is unchanged."""
     own = {each.key: each.value for each in others} | {each.key: v for each, v in zip(moved, values, strict=True)}
     changed: dict[str, Any] = {}
     for each in moved:
         changed |= values_of(each, others, own)
     memory = servo.arena.memory.floats[: start.size]
     steering = Steering(servo, scene, live_keys(others))
-    servo.ticks = 1  # a run has begun: what has moved stays where it is
+    servo.ticks = 1  # the run has begun, so moved parts keep their positions
     try:
         servo.write(steering.update(scene.replace(changed), changed))
         return memory.copy()
@@ -339,10 +339,10 @@ def _written(
 
 
 def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[float]]]]:
-    """Look up over the whole range of each slider where the scene is stable, the others at their values.
+    """Compute the stable range of each slider, with the other sliders at their values.
 
     Returns:
-        The certificate of the scene, its sliders, and by slider the intervals that are not stable.
+        Certificate of the scene, its sliders, and by slider the unstable intervals.
     """
     certifier = Certifier(scene)
     *_, verdict = certifier.stages({})
@@ -354,7 +354,7 @@ def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[f
 
 
 def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) -> list[list[float]] | None:
-    """List the intervals of a slider's range that are not stable; None where a value was not judged."""
+    """List the unstable intervals of a slider's range; None if a value was not judged."""
     values = {each.key: each.value for each in others}
 
     def judge(value: float) -> bool | None:
@@ -387,7 +387,7 @@ def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) ->
 
 
 def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator[dict[str, Any]]:
-    """List the guided hands: where the goals of their fingers and of their squeeze stand."""
+    """List the guided hands: the places of the goals of their fingers and of their squeeze."""
     places = goal_places(servo)
     for keys, place in zip(guide_keys(scene, servo), places, strict=True):
         first = arena.place(place.memory)

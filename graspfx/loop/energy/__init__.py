@@ -1,1 +1,1 @@
-"""Energy of a grasp: its ledger, and the damping that dissipates leaks."""
+"""Energy of a grasp: its ledger, and the damping that dissipates generated energy."""

@@ -1,4 +1,4 @@
-"""The ledger of one object's energy in a block: accounts, the fingers' forces and the report."""
+"""The ledger of one object's energy, as records in a block: accounts, finger forces and report."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ class PartForce(Record):
 
 
 class ForceByMode(Record):
-    """The parts Q_j'f of a force: internal, translation, rotation; they sum to it."""
+    """The components Q_j'f of a force: internal, translation, rotation; their sum is the force."""
 
     parts: Many[PartForce] = many("3")
 
 
 class FingerBooks(Contact):
-    """A finger: its forces over the sample and its steps, in the object's axes unless stated."""
+    """A finger's forces over the sample and its steps, in the object's axes unless stated."""
 
-    place: Vector  # of the fingertip, world [m]
-    arm: Vector  # from the object's centre to where its force acts, world [m]
+    place: Vector  # position of the fingertip, world [m]
+    arm: Vector  # vector from the object's centre to the point of application, world [m]
     twist: Vector  # direction of torsion times rho, world [m]
-    push: Vector  # the held force on the object, world [N]
-    step: Vector4  # d, of the finger against the object [m]
-    tip: Vector4  # the fingertip's own step [m]
-    force: Vector4  # the elastic force now; then the whole one [N]
-    brake: Vector4  # fb now [N]
-    withheld: Vector4  # fw now, minus what the safety chain has taken from the force after the brake [N]
+    push: Vector  # force held on the object, world [N]
+    step: Vector4  # d, step of the finger relative to the object [m]
+    tip: Vector4  # step of the fingertip [m]
+    force: Vector4  # elastic force of this sample, then the whole force [N]
+    brake: Vector4  # brake force fb of this sample [N]
+    withheld: Vector4  # fw of this sample, negative of the force that the safety chain removed after the brake [N]
     held_stretch: Vector4  # h [m]
     stretch: Vector4  # h+ [m]
     held_force: ForceByMode  # f
     held_elastic: ForceByMode  # fe
     held_brake: ForceByMode  # fb
     held_withheld: ForceByMode  # fw
-    elastic: ForceByMode  # fe now
+    elastic: ForceByMode  # fe of this sample
 
 
 class ModeLosses(Record):
-    """Losses of one mode by their causes [J]."""
+    """Losses of one mode by cause [J]."""
 
     damped: Sum
     braked: Sum
@@ -63,7 +63,7 @@ class EnergyReport(Record):
     leaked: Vector
     balance: Vector
     braked: Vector
-    damping: Vector  # as added [N s/m]
+    damping: Vector  # damping added [N s/m]
     fingers: float
     wrench: float
     kinetic: float
@@ -75,23 +75,23 @@ class EnergyReport(Record):
 
 
 class LedgerState(Record):
-    """The ledger of one object, beside its block."""
+    """Ledger of one object, beside its block."""
 
     count: int  # n
-    components: int  # of the forces where gains are matrices with cones: then h = K^-1 fe; else 0
-    control: bool  # modes that leak are braked (`watch`)
-    guarded: bool  # forces pass a safety chain: stiffness is gamma K, and a part may be withheld after the brake
-    gain: float  # gamma of this sample, where there is a chain
-    foreign: bool  # not our integrator: the work of obstacles is the remainder
-    elapsed: float  # periods that the fingers' last steps took, the most: 1 where none is left out or without a reading
-    drag: float  # least friction b_i/w_i of the devices [N s/m]
+    components: int  # components of the forces if gains are matrices with cones, which needs h = K^-1 fe; else 0
+    control: bool  # the passivity controller damps modes that generate energy (`watch`)
+    guarded: bool  # a safety chain scales stiffness to gamma K and may withhold force after the brake
+    gain: float  # gamma of this sample, if there is a chain
+    foreign: bool  # another integrator moves the object: obstacles do the remaining work
+    elapsed: float  # longest of the fingers' last steps [periods]: 1 if no reading was skipped or there is none
+    drag: float  # smallest friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]
     split_entries: int
-    curved: Vector  # a tenth of what the elastic forces of pads make with their depths now, by mode [J]
-    held_curved: Vector  # of the held forces
+    curved: Vector  # a tenth of the elastic forces of pads times their depths now, by mode [J]
+    held_curved: Vector  # the same of the held forces
     started: bool
-    scale: float  # the largest energy so far [J]
+    scale: float  # largest energy so far [J]
     accounts: Accounts
     losses: Many[ModeLosses] = many("3")
     finger_work: Sum
@@ -99,12 +99,12 @@ class LedgerState(Record):
     gravity_work: Sum
     contact_work: Sum
     viscous_loss: Sum
-    defect: Sum  # of the integrator
-    start: SampleStart  # of the body
-    frame: Matrix  # axes that the held forces are in
-    first_energy: float  # kinetic, at the start of the run [J]
+    defect: Sum  # energy defect of the integrator
+    start: SampleStart  # state of the body at the start of the sample
+    frame: Matrix  # axes of the held forces
+    first_energy: float  # kinetic energy at the start of the run [J]
     report: EnergyReport
     fingers: Many[FingerBooks] = many("count")
-    square: Table = table("components", "components")  # K, while h is solved for
-    vector: Floats = floats("components")  # fe, then h
+    square: Table = table("components", "components")  # stiffness K while h is solved for
+    vector: Floats = floats("components")  # right-hand side fe, then the solution h
     split_room: Floats = floats("split_entries")

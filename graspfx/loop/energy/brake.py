@@ -1,4 +1,4 @@
-"""Damping where a grasp leaks energy: the least, in the mode that leaks, within the limits of each finger."""
+"""The passivity controller of a grasp: minimal damping in the mode that generates energy, within finger limits."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from graspfx.loop.energy.books import FingerBooks, LedgerState
 from graspfx.loop.energy.leak import add_damping, balance
 from graspfx.spatial import NOTHING, ZERO, dot, with_torsion
 
-ROUNDING = 1e-12  # of the largest energy so far: a smaller debt is none
+ROUNDING = 1e-12  # fraction of the largest energy so far below which a debt counts as zero
 
 
 @kernel
 def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
-    """Add to the forces of this sample the damping that pays the debt of each mode in one more step like the last.
+    """Add damping to the forces of this sample that repays the debt of each mode if the next step equals the last.
 
-    Damping a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), m the least mass that a step of any mode
-    moves: held for a sample, damping of that size takes the most energy that it can, and of twice that size none.
-    Then each finger's force is brought back into its cone and within the limits.
-    Returns whether any force has changed.
+    The damping is a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), where m is the smallest mass that a step of
+    any mode moves. Held for a sample, this damping dissipates the most energy possible, and twice as much dissipates
+    none. Each finger's force is then brought back into its cone and within the limits. Returns whether any force has
+    changed.
     """
     ledger.report.damping = ZERO
     least = ROUNDING * ledger.scale
@@ -45,7 +45,7 @@ def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
 
 @kernel
 def bound(grasp: GraspState, T: float, mobility: float) -> float:
-    """Compute m/(2 T) [N s/m], 1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I: no mode is moved more easily."""
+    """Compute m/(2 T) [N s/m]; 1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I bounds every mode's mobility."""
     body = grasp.body
     total = squares = 0.0
     for finger in grasp.fingers:
@@ -64,7 +64,7 @@ def bound(grasp: GraspState, T: float, mobility: float) -> float:
 
 @kernel
 def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
-    """Add the brake of a finger to its force, inside its cone; the brake becomes the force so added."""
+    """Add a finger's brake to its force inside the cone, and store the part that was added as the brake."""
     if grasp.attached:
         finger.local = finger.local + books.brake
         return

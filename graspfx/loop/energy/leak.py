@@ -1,14 +1,14 @@
-"""Energy of a grasp while it runs, split into squeezing, shifting and turning, and the least brake where it leaks.
+"""Energy of a grasp during a run, split into internal motion, translation and rotation, and minimal damping of leaks.
 
-Vectors of fingers are those of one frame, with torsion in units of the patch length as the fourth entry of soft
-fingers; w_i is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a share
-beta_k, then the components of q_k on displacements scaled by sqrt(w).
+All fingers' vectors are in one frame; torsion is the fourth entry of soft fingers, in units of the patch length. w_i
+is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a fraction beta_k,
+then the components of q_k on displacements scaled by sqrt(w).
 
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
-The force held over a sample takes exactly f'D of the port that moves by D, so these sums are the energy and no
-estimate of it. What a port is follows from the step: the fingers' own for the device port, the object's motion at the
-contacts for the object port, and the difference, D of e = p - c, for the coupling between them.
+A force held over a sample does exactly the work f'D on a port that moves by D, so these sums are exact. The step D
+selects the port: the fingers' own step for the device port, the object's motion at the contacts for the object port,
+and their difference, the change of e = p - c, for the coupling between them.
 """
 
 from __future__ import annotations
@@ -21,38 +21,38 @@ from graspfx.compile.records import Floats, Many, Record, Table, floats, many, t
 from graspfx.grasp.contact_state import Contact
 from graspfx.spatial import Vector, Vector4
 
-INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # the accounts, in this order wherever three numbers stand for them
+INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # indices of the accounts, in the order of all vectors of three
 
 
 class ModeSplit(Record):
-    """The rigid modes that split the accounts."""
+    """Rigid modes that split the accounts."""
 
     fingers: int  # n
-    width: int  # entries of a finger: 3, or 4 with torsion
-    count: int  # modes
-    shifts: int  # how many of them, the first ones, are translations
+    width: int  # entries per finger: 3, or 4 with torsion
+    count: int  # number of modes
+    shifts: int  # number of translations, which are the first modes
     reach: Floats = floats("6")  # beta_k q_k'W^1/2 D
     modes: Table = table("6", "1 + width * fingers")
 
 
 class Sum(Record):
-    """A sum, and the rounding error left out of it."""
+    """A sum and its accumulated rounding error."""
 
     value: float
     carry: float
 
 
 class Account(Record):
-    """The energy that one part of the motion has taken, spent and stored [J]."""
+    """Energy that one kind of motion has received, dissipated and stored [J]."""
 
-    work: Sum  # taken so far
-    spent: float  # taken by the friction beside it, at least
-    stored: float  # now in the springs, written by the caller
-    opened: float  # in the springs when the ledger was opened
+    work: Sum  # energy received so far
+    spent: float  # lower bound of the energy dissipated by friction
+    stored: float  # energy now in the springs, written by the caller
+    opened: float  # energy in the springs when the ledger was opened
 
 
 class Accounts(Record):
-    """The accounts of internal motion, translation and rotation, and the work of all of it."""
+    """Accounts of internal motion, translation and rotation, and the total work."""
 
     parts: Many[Account] = many("3")
     whole: Sum
@@ -60,7 +60,7 @@ class Accounts(Record):
 
 @dataclass(frozen=True, slots=True)
 class Works:
-    """The work f'D by accounts, and the whole [J]."""
+    """Work f'D by account, and its total [J]."""
 
     internal: float
     translation: float
@@ -83,10 +83,10 @@ def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> No
 
 @kernel
 def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4]) -> Works:
-    """Compute f'(I - Q) D, sum over translations of f'Q_k D, the same over rotations, and f'D [J].
+    """Compute f'(I - Q) D, the sums of f'Q_k D over translations and over rotations, and f'D [J].
 
-    Each is summed by itself: that the first three make the fourth is a check, not a definition. A finger of weight zero
-    is internal.
+    Each is summed independently, so comparing the first three with the fourth is a check. A finger of zero weight is
+    internal.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -118,10 +118,10 @@ def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], step
 
 @kernel
 def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> Vector:
-    """Compute D'W Q D of the internal part, of translations and of rotations [m^2], not negative.
+    """Compute D'W Q D of the internal motion, translations and rotations [m^2], not negative.
 
-    Half the gain times these is what a spring of that gain stores at the displacement e; b/T times these what a
-    friction b w_i at each finger takes on the step D, at least.
+    At a displacement e, a spring of gain k stores k/2 times these. On a step D, friction b w_i at each finger
+    dissipates at least b/T times these.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -149,7 +149,7 @@ def store(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], displacements: Many[Vector4], external: float,
     internal: float,
 ) -> None:  # fmt: skip
-    """Write 1/2 k e'W Q e of each part to the accounts: the energy of springs of eq. (4) with these gains at e [J]."""
+    """Write 1/2 k e'W Q e of each account, the energy [J] of the springs of eq. (4) at e with these gains."""
     square = squares(split, contacts, displacements)
     accounts.parts[INTERNAL].stored = 0.5 * internal * square.x
     accounts.parts[TRANSLATION].stored = 0.5 * external * square.y
@@ -158,7 +158,7 @@ def store(
 
 @kernel
 def open_accounts(accounts: Accounts) -> None:
-    """Start the accounts at zero, the springs' present energy being there from the start."""
+    """Start the accounts at zero; the present energy of the springs counts as initial energy."""
     for account in accounts.parts:
         account.work.value = account.work.carry = account.spent = 0.0
         account.opened = account.stored
@@ -170,9 +170,9 @@ def observe(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
     drag: float,
 ) -> None:  # fmt: skip
-    """Book one sample: the held force's work on the step, and `drag` = b/T [N/m] times the step's squares.
+    """Book one sample: work of the held force on the step, and `drag` = b/T [N/m] times the squares of the step.
 
-    b is friction of the devices, b w_i at finger i [N s/m], and nothing else takes it; 0 books none.
+    Friction of the devices is b w_i at finger i [N s/m]; b = 0 books no friction.
     """
     work = works(split, contacts, forces, steps)
     book(accounts.parts[INTERNAL].work, work.internal)
@@ -185,7 +185,7 @@ def observe(
 
 @kernel
 def spend(accounts: Accounts, drag: float, square: Vector) -> None:
-    """Add the energy that friction of `drag` [N/m] takes on a step of these squares [m^2]."""
+    """Add the energy that friction of `drag` [N/m] dissipates on a step with these squares [m^2]."""
     accounts.parts[INTERNAL].spent += drag * square.x
     accounts.parts[TRANSLATION].spent += drag * square.y
     accounts.parts[ROTATION].spent += drag * square.z
@@ -193,7 +193,7 @@ def spend(accounts: Accounts, drag: float, square: Vector) -> None:
 
 @kernel
 def book(account: Sum, energy: float) -> None:
-    """Add to a sum and store its rounding error (Neumaier 1974), so that long runs close as short ones do."""
+    """Add to a sum and its rounding error (Neumaier 1974), so that long runs stay as accurate as short ones."""
     old = account.value
     new = old + energy
     if abs(old) >= abs(energy):
@@ -205,7 +205,7 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute work and friction's share less the springs' gain [J]: below zero, energy has been generated."""
+    """Compute work and energy dissipated by friction minus the springs' gain [J]; negative if energy was generated."""
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained
@@ -213,7 +213,7 @@ def balance(account: Account) -> float:
 
 @kernel
 def gap(accounts: Accounts) -> float:
-    """Compute by how much the three accounts miss the whole [J]: rounding, or an error of the ledger."""
+    """Compute the difference between the three accounts and the total [J]: rounding, or an error of the ledger."""
     total = -(accounts.whole.value + accounts.whole.carry)
     for account in accounts.parts:
         total += account.work.value + account.work.carry
@@ -225,14 +225,14 @@ def add_damping(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
     T: float, most: float,
 ) -> Vector:  # fmt: skip
-    """Add a W Q_m D/T to the forces of each account m in debt, with the least a that pays it in one such step.
+    """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
 
-    a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode): a leak of squeezing
-    puts no damping on moving the object. What is owed beyond `most` stays in the books. The brake is held over a sample
-    as any damping is, so `most` is what the devices' friction leaves free: b - k T/2 at the largest gain k.
+    a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
+    motion adds no damping to motion of the object. A debt beyond `most` is carried over. The brake is held over a
+    sample like any damping, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
 
     Returns:
-        a of internal, translation, rotation [N s/m].
+        a of internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)
@@ -251,7 +251,7 @@ def add_damping(
 
 
 def damping_for(debt: float, square: float, T: float, most: float) -> float:
-    """Give the damping that takes `debt` [J] on a step of this square [m^2], at most `most` [N s/m]."""
+    """Return the damping that dissipates `debt` [J] on a step with this square [m^2], at most `most` [N s/m]."""
     if debt <= 0.0 or square <= 0.0:
         return 0.0
     if debt * T >= most * square:

@@ -1,4 +1,4 @@
-"""The observer of an object's energy, which books each sample and damps the modes that leak."""
+"""The observer of an object's energy, which books each sample and damps the modes that generate energy."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ MET = start_of(LedgerState, "start") + start_of(SampleStart, "contact_force")
 
 
 class Observer:
-    """The ledger of one object, and its brake.
+    """Ledger of one object and its passivity controller.
 
     Args:
-        grasped: the object and its coupling; from here on it tells elastic forces from damping.
-        body: its body. Of a native one the work of obstacles is computed, of others it is the remainder.
-        period: T [s].
-        control: whether the forces of modes that leak are damped.
-        friction: of each finger's device, (n,) [N s/m]; zero where it is not known.
-        mass: of each finger's device, (n,) [kg]; infinite where it is not known.
-        guarded: whether the forces pass a safety chain.
+        grasped: Object and its coupling; the law then separates elastic from damping forces.
+        body: Body of the object. The work of obstacles is computed for a native body and is the remainder for others.
+        period: Sampling period T [s].
+        control: Whether the forces of modes that generate energy are damped.
+        friction: Viscous friction of each finger's device (n,) [N s/m]; zero if unknown.
+        mass: Mass of each finger's device (n,) [kg]; infinite if unknown.
+        guarded: Whether the forces pass through a safety chain.
 
     Attributes:
-        buffer: beside the object's block; `watch` works on the two.
-        met: of a body on planes, their wrench in the sample that has ended, (6,), to be copied to
-            `buffer[MET : MET + 6]` before `watch`; else None.
-        where: entries of the buffer by the names of a recording.
+        buffer: Memory beside the object's block; `watch` uses both.
+        met: Wrench (6,) of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]` before
+            `watch`; None for a body without planes.
+        where: Entries of the buffer under the names used in recordings.
     """
 
     declaration = LedgerState
@@ -85,7 +85,7 @@ class Observer:
 
     @property
     def structure(self) -> Index:
-        """Entries of `buffer` that never change and select the computation."""
+        """Return the entries of `buffer` that are constant and select the computation."""
         fixed = ["count", "components", "control", "foreign", "guarded", "split"]
         if not self._ledger.drag:
             fixed.append("drag")
@@ -93,7 +93,7 @@ class Observer:
         return np.array([*(start_of(LedgerState, name) for name in fixed), *split], dtype=np.intp)
 
     def sample(self) -> None:
-        """Book the sample that has ended, brake under control, and store the forces of the next one."""
+        """Book the previous sample, apply the passivity controller, and store the forces of the next sample."""
         if self.met is not None:
             self.buffer[MET : MET + 6] = self.met
         watch(self._grasp, self._ledger, self._T)

@@ -1,4 +1,4 @@
-"""An observer's work in a sample, as one function of the object's block and its own."""
+"""The observer's work in a sample, as one function of the object's block and the observer's own."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from graspfx.loop.energy.ledger import hold, observe, report
 
 @kernel
 def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
-    """Book the sample that has ended, brake under control, store the forces of the next one, and report; give 0.
+    """Book the previous sample, apply the passivity controller, store the next sample's forces, and report; return 0.
 
-    The obstacles' wrench on the body in that sample has to stand in the ledger before (`Observer.met`).
+    The ledger must already contain the obstacles' wrench on the body in that sample (`Observer.met`).
     """
     book_sample(grasp, ledger, T)
     store_sample(grasp, ledger)
@@ -22,7 +22,7 @@ def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
 
 @kernel
 def book_sample(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the sample that has ended, and brake under control: the first half of `watch`."""
+    """Book the previous sample and apply the passivity controller if enabled: the first half of `watch`."""
     observe(grasp, ledger, T)
     if ledger.control:
         control(grasp, ledger, T)
@@ -30,6 +30,6 @@ def book_sample(grasp: GraspState, ledger: LedgerState, T: float) -> None:
 
 @kernel
 def store_sample(grasp: GraspState, ledger: LedgerState) -> None:
-    """Store the forces of the next sample, as they are displayed, and report: the second half of `watch`."""
+    """Store the displayed forces for the next sample and report: the second half of `watch`."""
     hold(grasp, ledger)
     report(grasp, ledger)

@@ -9,18 +9,18 @@ SINE, REACH, PATH, LEVELS, OTHER, TREMOR = range(1, 7)  # kinds of parts
 
 
 class Displacement(Record):
-    """A motion at a time, on its first axes."""
+    """A displacement and its rate at one time, on the first axes of a motion."""
 
     value: Vector  # x [m, rad]
     rate: Vector  # x' [m/s, rad/s]
 
 
 class MotionPart(Record):
-    """A term of a motion: what the block of every kind begins with."""
+    """A term of a motion; the block of every kind begins with these fields."""
 
     kind: int
-    entries: int  # of its block
-    count: int  # of points or levels
+    entries: int  # size of its block
+    count: int  # number of points or levels
     dimensions: int  # d
 
 
@@ -61,7 +61,7 @@ class LevelsPart(MotionPart):
 class TremorPart(MotionPart):
     """Sines of random frequencies and phases, `count` on each axis."""
 
-    amplitude: float  # of each sine [m]
+    amplitude: float  # amplitude of each sine [m]
     begin: float  # [s]
     ramp: float  # [s]
     frequency: Table = table("dimensions", "count")  # [rad/s]
@@ -69,7 +69,7 @@ class TremorPart(MotionPart):
 
 
 class OtherPart(MotionPart):
-    """A motion whose values the caller writes for each time."""
+    """A motion whose values are written by the caller for each time."""
 
     now: Displacement
 
@@ -77,19 +77,19 @@ class OtherPart(MotionPart):
 class Course(Record):
     """A motion, the sum of its parts."""
 
-    count: int  # of parts
-    entries: int  # of all parts
+    count: int  # number of parts
+    entries: int  # size of all parts
     parts: Floats = floats("entries")  # `MotionPart`, one after another
 
 
 class Turning(Record):
-    """A turn of all targets about an axis through a point."""
+    """A rotation of all targets about an axis through a point."""
 
     course_entries: int
     centre: Vector  # c [m]
     axis: Vector  # u, of length one
-    now: Displacement  # of the angle
-    angle: Course = room("course_entries")  # in time
+    now: Displacement  # angle now
+    angle: Course = room("course_entries")  # angle over time
 
 
 class HandState(Record):
@@ -99,14 +99,14 @@ class HandState(Record):
     dimensions: int  # d
     squeeze_entries: int
     motion_entries: int
-    turns: int  # how many there are
-    turn_entries: int  # of all turns
-    closing: Displacement  # of the squeeze, at the time
-    shift: Displacement  # of the motion, at the time
+    turns: int  # number of turns
+    turn_entries: int  # size of all turns
+    closing: Displacement  # squeeze now
+    shift: Displacement  # motion now
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
     rest: Floats = floats("fingers * dimensions")  # [m]
-    along: Floats = floats("fingers * dimensions")  # what each finger does of the squeeze
+    along: Floats = floats("fingers * dimensions")  # displacement of each finger per unit of the squeeze
     squeeze: Course = room("squeeze_entries")
     motion: Course = room("motion_entries")
     turning: Floats = floats("turn_entries")  # `Turning`, one after another
@@ -118,13 +118,13 @@ class GuidedHandState(Record):
     fingers: int  # n
     dimensions: int  # d
     hand_entries: int
-    lag: float  # tau of the followers [s]
-    time: float  # of the followers [s]
+    lag: float  # time constant tau of the followers [s]
+    time: float  # time of the followers [s]
     squeeze_goal: float  # [m]
-    squeeze: float  # of its follower [m]
+    squeeze: float  # state of its follower [m]
     squeeze_rate: float  # [m/s]
-    goal: Floats = floats("fingers * dimensions")  # of the offsets [m]
-    lead: Floats = floats("fingers * dimensions")  # offsets, of their followers [m]
+    goal: Floats = floats("fingers * dimensions")  # goal of the offsets [m]
+    lead: Floats = floats("fingers * dimensions")  # offsets, states of their followers [m]
     lead_rate: Floats = floats("fingers * dimensions")  # [m/s]
     hand: HandState = room("hand_entries")
 
@@ -133,9 +133,9 @@ class JoinedHandsState(Record):
     """Several hands as one; their blocks follow."""
 
     hands: int
-    fingers: int  # n, of all
+    fingers: int  # total number n
     dimensions: int  # d
-    starts: Floats = floats("hands")  # of each block, negative if guided; 0 for a hand whose targets the caller writes
+    starts: Floats = floats("hands")  # start of each block, negative if guided; 0 if the caller writes the targets
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
-    sources: Table = table("fingers", "2")  # where each finger's r and r' stand
+    sources: Table = table("fingers", "2")  # places of each finger's r and r'

@@ -1,1 +1,1 @@
-"""Runs on the wall's clock: deadlines, readings of hardware, where its fingers are, and ways out with zero force."""
+"""Real-time runs: deadlines, hardware readings, initial finger positions, and exits with zero force."""

@@ -1,7 +1,7 @@
-"""A turn of a loop without Python: wait, ask, read, compute, write, record; Python's own loop does the same.
+"""One turn of the native loop: wait, ask, read, compute, write, record. The Python loop does the same.
 
-`beat` runs turns of any scene whose devices are C functions: it loops over the records of its `Beat`, whose fields are
-places in the scene's arena, as those of its `World` are. Python's own source of it runs interpreted, too.
+`beat` runs turns of any scene whose devices are C functions. It loops over the records of its `Beat`, whose fields,
+like those of its `World`, are places in the scene's arena. Its Python source also runs interpreted.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from graspfx.loop.world import NATIVE, NONE, ServoState, World, latch
 if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
-# Words of a loop: whether it ends before the next tick, is to stop softly, may bring no force any more, is called for
-# the last time; whether a call of it goes on; and which call of a device has its thread, as `DevicePort.place` counts
-# them, 0 for none.
+# Words of a loop: whether it ends before the next tick, whether it must stop softly, whether forces are no longer
+# allowed, whether this call is the last, whether a call of the loop is in progress, and which device call has its
+# thread, counted as by `DevicePort.place`, 0 for none.
 HALT, STOP, QUIT, OVER, BUSY, CALLED = range(6)
 WORDS = 6
 HEAD, STOPPED, SKIPPED = Word.HEAD.value, Word.STOP.value, Word.SKIPPED.value  # places in the ring's words
@@ -50,32 +50,32 @@ class Port(Record):
     """A device in the loop."""
 
     state: int  # place of its `PortState`
-    functions: Floats = floats("8")  # ask, read, write, stop: bits of an address and a context, no numbers
+    functions: Floats = floats("8")  # ask, read, write, stop: bits of a function's address and context, not numbers
 
 
 class Beat(Record):
-    """What a turn runs over; the other fields are places."""
+    """Memory of a turn; unless stated, the fields are places."""
 
-    tick: int  # that comes next
-    span: int  # ticks of the ring
+    tick: int  # next tick
+    span: int  # ticks that the ring holds
     code: int  # address of `steps`
-    nested: bool  # whether devices are written in the reverse of the order in which they are asked
+    nested: bool  # whether devices are written in the reverse order of asking
     rows: int
     world: int
     clock: int
     end: int
-    times: int  # what is recorded of its time, NONE for nothing
-    own: int  # its words
-    ring: int  # words that it shares with who records
+    times: int  # place of the recorded times, NONE if they are not recorded
+    own: int  # words of the loop
+    ring: int  # words shared with the recorder
     port_count: int
     ports: Many[Port] = many("port_count")
 
 
 @kernel
 def beat(loop: Beat) -> int:
-    """Run turns: one where a device's maker has the clock and calls, else all until the loop ends.
+    """Run one turn if a vendor's thread calls, else all turns until the loop ends.
 
-    Gives 1 to be called again, 0 for the last time.
+    Returns 1 to be called again, 0 after the last turn.
     """
     publish(loop.buffer, loop.own + BUSY, 1)
     again = 1
@@ -96,7 +96,7 @@ def beat(loop: Beat) -> int:
 
 @kernel
 def goes_on(loop: Beat) -> int:
-    """Tell whether another tick is run, 1 or 0."""
+    """Return 1 if another tick is run, else 0."""
     if peek(loop.buffer, loop.own + HALT) != 0:
         return 0
     servo = ServoState(loop.buffer, World(loop.buffer, loop.world).servo)
@@ -113,7 +113,7 @@ def turn(loop: Beat, k: int) -> None:
     world, clock = World(loop.buffer, loop.world), ClockState(loop.buffer, loop.clock)
     servo = ServoState(loop.buffer, world.servo)
     deadline = set_deadline(clock, now(loop.buffer))
-    if deadline > now(loop.buffer):  # to wait for what is past takes tens of microseconds
+    if deadline > now(loop.buffer):  # waiting for a past time takes tens of microseconds
         sleep_until(loop.buffer, deadline)
     began = now(loop.buffer)
     left_out = arrive(clock, began)
@@ -139,7 +139,7 @@ def turn(loop: Beat, k: int) -> None:
     head = peek(loop.buffer, loop.ring + HEAD)
     sound = not servo.faulted
     run_tick(loop, k, head % loop.span)
-    if sound and servo.faulted:  # what has moved cannot go on: its forces end now
+    if sound and servo.faulted:  # a computation that failed cannot continue: its forces end now
         stop_all(loop, k)
     publish(loop.buffer, loop.ring + HEAD, head + 1)
     publish(loop.buffer, loop.ring + SKIPPED, clock.skipped)
@@ -148,18 +148,18 @@ def turn(loop: Beat, k: int) -> None:
 
 @kernel
 def run_tick(loop: Beat, k: int, row: int) -> None:
-    """Run tick k up to its devices' writing, or from there on."""
+    """Run tick k up to the writing of its devices, or from there on."""
     run_steps(loop.buffer, loop.code, loop.rows, loop.world, k, row)
 
 
 @kernel
 def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
-    """Ask all devices, then read them; one that has failed is neither asked nor read again."""
+    """Ask all devices, then read them; a failed device is neither asked nor read again."""
     memory, world = Floats(loop.buffer, 0), World(loop.buffer, loop.world)
     devices, pace = world.devices, Pace(loop.buffer, world.pace)
     misses = pace.misses
     for i, port in enumerate(loop.ports):
-        memory[devices[i].state] = 0.0  # it could not be read
+        memory[devices[i].state] = 0.0  # the device could not be read
         note_fresh(loop, world, i, 0.0)
         if world.pace != NONE:
             pace.elapsed = periods
@@ -187,7 +187,7 @@ def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
 
 @kernel
 def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
-    """Note whether a device's fingers have a new sample."""
+    """Record whether a device's fingers have a new sample."""
     if loop.times != NONE:
         device, entries = world.devices[i], LoopState(loop.buffer, loop.times).fresh
         for c in range(device.first, device.first + device.count):
@@ -196,9 +196,9 @@ def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
 
 @kernel
 def display(loop: Beat, servo: ServoState, k: int) -> None:
-    """Write all forces, up to the first device that fails; once there is a fault stop all.
+    """Write all forces up to the first device that fails; after a fault, stop all devices.
 
-    Where Python has stopped the devices beside a function that did not return, its late return ends in zero, too.
+    If Python has stopped the devices because a function did not return, a late return also ends with zero force.
     """
     if not servo.faulted:
         began = now(loop.buffer)
@@ -215,7 +215,7 @@ def display(loop: Beat, servo: ServoState, k: int) -> None:
 
 @kernel
 def stop_all(loop: Beat, k: int) -> None:
-    """Stop all devices, sound ones first."""
+    """Stop all devices, those without a fault first."""
     for j in range(loop.port_count):
         i = closing(loop, j)
         state = PortState(loop.buffer, loop.ports[i].state)
@@ -235,7 +235,7 @@ def stop_all(loop: Beat, k: int) -> None:
 
 @kernel
 def closing(loop: Beat, j: int) -> int:
-    """Give the device that is written and stopped as number j."""
+    """Return the index of the device that is the j-th to be written and stopped."""
     return loop.port_count - 1 - j if loop.nested else j
 
 
@@ -257,23 +257,23 @@ def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
 
 @kernel
 def call_port(loop: Beat, port: Port, i: int, which: int, block: int) -> int:
-    """Call a device's function, ask, read, write or stop by number, and show which one has the thread."""
+    """Call a device's function (ask, read, write or stop, by number) and record that it has the thread."""
     publish(loop.buffer, loop.own + CALLED, 1 + 4 * i + which)
     return call_device(loop.buffer, port.functions.offset + 2 * which, block)
 
 
-# What only machine code has (graspfx/compile/llvm/late.py) ------------------------------------------------------------
+# Functions that exist as machine code only (graspfx/compile/llvm/late.py) ---------------------------------------------
 
 
 @bound_late
 def now(buffer: Any) -> float:
-    """Tell the time of the clock that never runs back [s]."""
+    """Return the time of the monotonic clock [s]."""
     return time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
 @bound_late
 def sleep_until(buffer: Any, deadline: float) -> int:
-    """Wait for a time of the clock."""
+    """Wait until a time of the clock."""
     while (left := deadline - now(buffer)) > 0.0:
         time.sleep(left)
     return 0
@@ -281,14 +281,14 @@ def sleep_until(buffer: Any, deadline: float) -> int:
 
 @bound_late
 def call_device(buffer: Any, words: int, block: int) -> int:
-    """Call a C function with its context and the address of a block; without one nothing happens, which is 0."""
+    """Call a C function with its context and the address of a block; return 0 without a function."""
     function, context = _bits(buffer[words]), _bits(buffer[words + 1])
     return int(_CALLED(function)(context, buffer.address(block))) if function else 0
 
 
 @bound_late
 def run_steps(buffer: Any, code: int, rows: int, world: int, k: int, row: int) -> int:
-    """Run `steps` for tick k, up to its devices' writing or from there on."""
+    """Run `steps` for tick k, up to the writing of its devices or from there on."""
     return int(buffer.steps(k, 1, row))
 
 
@@ -300,7 +300,7 @@ def peek(buffer: Any, place: int) -> int:
 
 @bound_late
 def publish(buffer: Any, place: int, number: int) -> int:
-    """Write a word: who sees it sees all that was written before."""
+    """Write a word; a thread that reads the new value also sees everything written before it."""
     buffer[place] = struct.unpack("d", struct.pack("q", number))[0]
     return 0
 
@@ -309,7 +309,7 @@ _CALLED = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
 
 def _bits(number: float) -> int:
-    """Read the bits of a float as a whole number."""
+    """Reinterpret the bits of a float as an integer."""
     return int(struct.unpack("q", struct.pack("d", number))[0])
 
 
@@ -317,9 +317,9 @@ class Reach(Scattered):
     """All memory of a loop as one buffer, for kernels that run interpreted.
 
     Args:
-        memory: of the scene.
-        arrays: all that stand apart.
-        steps: runs ticks, as `Engine.run` does.
+        memory: Memory of the scene.
+        arrays: All separate arrays.
+        steps: Function that runs ticks, like `Engine.run`.
     """
 
     def __init__(self, memory: Any, arrays: Any, steps: Any) -> None:
@@ -327,13 +327,13 @@ class Reach(Scattered):
         self._base, self.steps = address_of(memory.floats), steps
 
     def address(self, place: int) -> int:
-        """Give the address of an entry."""
+        """Return the address of an entry."""
         return self._base + 8 * place
 
 
 @cache
 def program() -> Native:
-    """Load the program of all loops, or compile it: once per version and machine."""
+    """Load the program of all loops, or compile it once per version and machine."""
     from graspfx.compile import library
     from graspfx.compile.native import compiled
 
@@ -341,5 +341,5 @@ def program() -> Native:
 
 
 def source() -> str:
-    """Write the program of all loops as Python: run(arena, loop)."""
+    """Return the Python source of the program of all loops: run(arena, loop)."""
     return program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"])

@@ -1,4 +1,4 @@
-"""The life of hardware in a run: which loop it has, how it is opened, how it is known to be at rest, and its end."""
+"""The life cycle of hardware in a run: choice of the loop, opening, check that devices are at rest, and closing."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from graspfx.progress import waiting
 
 FloatArray = NDArray[np.float64]
 
-DURATION = 0.2  # [s], and
-LEAST = 20  # readings
-FRESH = 0.95  # part of the readings that bring a new sample
-STILL = 0.1  # the fastest that a finger at rest is, by its velocity and by its positions [m/s]
-SPAN = 0.01  # from one of these positions to the next, and four new readings at least [s]
-DRIFT = 0.001  # the farthest that one goes while a recording is opened [m]
-SAME = 1e-6  # of a period and a rate
-HAS_NATIVE = sys.platform.startswith("linux")  # whether the system has what the loop without Python asks of it
+DURATION = 0.2  # shortest time for which devices are read before a run [s]
+LEAST = 20  # and smallest number of readings
+FRESH = 0.95  # fraction of the readings that must bring a new sample
+STILL = 0.1  # largest speed of a finger at rest, from its velocity and from its positions [m/s]
+SPAN = 0.01  # time between two of these positions, with at least four new readings between them [s]
+DRIFT = 0.001  # largest displacement while a recording is opened [m]
+SAME = 1e-6  # tolerance of a rate times the period
+HAS_NATIVE = sys.platform.startswith("linux")  # whether the system supports the loop without Python
 DO = "hold the device still within its workspace, and start again"
 
 
 def require_simulations(hardware: Sequence[str]) -> None:
-    """Refuse hardware in a run that is not on the wall's clock.
+    """Reject hardware in a run without real time.
 
     Args:
-        hardware: the scene's devices that are no simulations, by name.
+        hardware: Names of the scene's devices that are not simulations.
 
     Raises:
-        InputError: there is one.
+        InputError: If there is such a device.
     """
     if hardware:
         raise InputError(
-            "real_time", False, "True: this scene has hardware; its clock is the wall's",
+            "real_time", False, "True: this scene has hardware, which needs real time",
             f"run it with graspfx run SCENE --real-time, or gx.run(scene, real_time=True); it is {', '.join(hardware)}",
         )  # fmt: skip
 
@@ -59,20 +59,20 @@ def require_simulations(hardware: Sequence[str]) -> None:
 def why_python(
     stations: Sequence[DeviceWiring], fingers: Sequence[str], engine: str, period: float, arena: Arena | None
 ) -> str:  # fmt: skip
-    """Say why Python runs between two ticks of a scene on the wall's clock; nothing if machine code runs alone.
+    """Return the reason why Python runs between two ticks in real time; empty if machine code runs alone.
 
     Args:
-        stations: the scene's devices.
-        fingers: by name.
-        engine: by name.
-        period: T [s].
-        arena: of the scene; None for what the devices say alone.
+        stations: Devices of the scene.
+        fingers: Names of the fingers.
+        engine: Name of the engine.
+        period: Sampling period T [s].
+        arena: Arena of the scene; None to consider the devices only.
     """
     hardware = [each for each in stations if is_hardware(each.device)]
     if not hardware:
         return "its devices are simulated"
     if not HAS_NATIVE:
-        return f"a loop of machine code alone is for Linux, and this is {sys.platform}"
+        return f"the native loop needs Linux, and this system is {sys.platform}"
     if engine == "interpreted":
         return "the engine is 'interpreted'"
     if find_spec("llvmlite") is None:
@@ -91,14 +91,14 @@ def _why_device(station: DeviceWiring, period: float) -> str:
     if not isinstance(device, CallsDevice):
         return "offers no C functions (`calls`)"
     if isinstance(device, LimitedDevice):
-        return "has a largest force that depends on where it stands, which C functions do not tell"
+        return "has a position-dependent force limit, which C functions cannot report"
     if fitting.deadman is not None or fitting.every > 1:
-        return "has a deadman or a rate in the scene, which C functions do not know"
+        return "has a deadman switch or a rate in the scene, which C functions do not support"
     if isinstance(device, RawDevice) or device.features.switches:
-        return "tells switches or raw numbers, which C functions do not"
+        return "reports switches or raw values, which C functions cannot"
     rate = device.features.rate
     if isinstance(device, DrivingDevice) and (rate is None or abs(rate * period - 1.0) > SAME):
-        return f"has the clock and calls {rate or 0.0:g} times a second, and the scene's period is {period:g} s"
+        return f"calls the loop itself, {rate or 0.0:g} times a second, but the scene's period is {period:g} s"
     return ""
 
 
@@ -117,17 +117,17 @@ def _why_arena(arena: Arena, stations: Sequence[DeviceWiring], fingers: Sequence
 
 
 def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
-    """Say which loop a run on the wall's clock has, and why.
+    """Return a description of the loop of a real-time run and the reason for it.
 
     Args:
-        why: Python runs in it; empty if it does not.
-        stations: the scene's devices.
+        why: Reason why Python runs in the loop; empty if it does not.
+        stations: Devices of the scene.
     """
     if why:
         return f"process: Python runs between two ticks, because {why}"
     if any(isinstance(each.device, DrivingDevice) for each in stations):
-        return "driven: in the thread of a device's maker, which has the clock; every device offers C functions"
-    return "native: machine code alone, because every device offers C functions"
+        return "driven: the thread of a device's vendor calls the loop, because every device offers C functions"
+    return "native: machine code only, because every device offers C functions"
 
 
 # Open -----------------------------------------------------------------------------------------------------------------
@@ -135,12 +135,12 @@ def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
 
 @contextmanager
 def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
-    """Open devices one after another; in the end stop them all, then close them all.
+    """Open devices one after another; at the end stop all of them, then close all of them.
 
-    A device that cannot be closed is told by a warning: what it displayed was zero by then.
+    A device that cannot be closed gives a warning; it displays zero force by then.
 
     Raises:
-        DeviceError: a device that does not open; those before it are closed.
+        DeviceError: If a device does not open; those opened before it are closed.
     """
     begun = DeviceExchange([])
     begun.exits = devices.exits
@@ -172,9 +172,9 @@ class Rest:
     """Hardware at rest.
 
     Attributes:
-        positions: of each finger that hardware moves, by its number in the scene, (d,) [m].
-        round_trip: of a reading and a writing of all devices, the median [s].
-        fresh: part of the readings that brought a new sample, the least of the devices.
+        positions: Positions of each finger that hardware moves, by its index in the scene (d,) [m].
+        round_trip: Median time to read and write all devices [s].
+        fresh: Smallest fraction of readings with a new sample over the devices.
     """
 
     positions: dict[int, FloatArray]
@@ -183,10 +183,10 @@ class Rest:
 
 
 def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
-    """Read devices at zero force until they are known to be at rest.
+    """Read devices at zero force until they are found to be at rest.
 
     Raises:
-        DeviceError: a reading that is a fault, a finger that moves or is outside its workspace, or too few samples.
+        DeviceError: If a reading is a fault, a finger moves or is outside its workspace, or samples are too few.
     """
     pacer, trips = Pacer(period, clock), list[float]()
     count = max(LEAST, math.ceil(DURATION / period))
@@ -219,10 +219,10 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
 
 
 def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, FloatArray]:
-    """Read devices once more, so many periods after they settled; give where their fingers are.
+    """Read devices once more, `periods` after they settled, and return the positions of their fingers.
 
     Raises:
-        DeviceError: a finger has gone elsewhere.
+        DeviceError: If a finger has moved away.
     """
     _require(devices.read(periods))
     _require([_up(each) for each in devices.ports])
@@ -236,7 +236,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
 
 
 def positions(devices: DeviceExchange) -> dict[int, FloatArray]:
-    """Give the last position of each finger, by its number."""
+    """Return the last position of each finger, by its index."""
     return {
         finger: each.places[channel].copy()
         for each in devices.ports
@@ -252,7 +252,7 @@ def _require(faults: list[str]) -> None:
 
 
 def _speed(track: list[tuple[int, FloatArray]], period: float) -> float:
-    """Find the fastest motion along an axis by positions at their periods, whatever velocity a driver tells [m/s]."""
+    """Compute the largest speed along an axis from positions and their periods [m/s], ignoring reported velocities."""
     pairs = zip(track, track[max(4, math.ceil(SPAN / period)) :], strict=False)
     return max((float(np.abs(q - p).max()) / ((m - k) * period) for (k, p), (m, q) in pairs), default=0.0)
 
@@ -267,15 +267,15 @@ def _late(device: DevicePort, fresh: float) -> str:
     if fresh >= FRESH:
         return ""
     return (
-        f"{device.name} had a new sample in {fresh:.0%} of its readings, expected at least {FRESH:.0%}; make the "
-        "period longer, or the device faster"
+        f"{device.name} had a new sample in {fresh:.0%} of its readings, expected at least {FRESH:.0%}; use a "
+        "longer period or a faster device"
     )
 
 
 def _up(device: DevicePort) -> str:
     if not device.is_up:
         return ""
-    return f"{device.name} has its deadman, switch {device.fitting.deadman}, up: keep it down, and start again"
+    return f"{device.name} has its deadman switch {device.fitting.deadman} released: hold it down and start again"
 
 
 def _outside(device: DevicePort) -> str:

@@ -1,4 +1,4 @@
-"""What a run on the wall's clock records of each tick besides its motion: its time, its devices and their samples."""
+"""Columns that a real-time run records for each tick besides the motion: times, device states and fresh samples."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ FloatArray = NDArray[np.float64]
 
 
 class LoopState(Record):
-    """The block that a loop fills in each tick between its reading and the row, into which it is copied.
+    """Block that a loop fills in each tick between its reading and the row, into which it is copied.
 
-    `largest` and `raw` are filled by whoever reads the devices; a device without raw numbers has none of `raws`.
+    The reader of the devices fills `largest` and `raw`; a device without raw values has no entry in `raws`.
     """
 
     fingers: int  # n
     devices: int
-    raws: int  # raw numbers of all devices, one device after another in their order
-    wall: float  # time of the tick since that of the first [s]
-    late: float  # after its deadline [s]
-    io_read: float  # to ask and to read all devices [s]
-    io_write: float  # to write all of them [s]
-    skipped: int  # periods left out before it
+    raws: int  # number of raw values of all devices, in the order of the devices
+    wall: float  # time since the first tick [s]
+    late: float  # time after its deadline [s]
+    io_read: float  # duration of asking and reading all devices [s]
+    io_write: float  # duration of writing all devices [s]
+    skipped: int  # periods skipped before the tick
     fresh: Floats = floats("fingers")  # 1 if the reading brought a new sample
-    largest: Floats = floats("fingers")  # force that the device told it could display there, infinite without [N]
-    switches: Floats = floats("devices")  # bits
+    largest: Floats = floats("fingers")  # force limit that the device reported, infinite without one [N]
+    switches: Floats = floats("devices")  # switches as bits
     raw: Floats = floats("raws")
 
 
 @kernel
 def note_times(loop: LoopState, clock: ClockState) -> None:
-    """Note when a tick is."""
+    """Record the times of a tick."""
     loop.wall = clock.wall
     loop.late = clock.late
     loop.skipped = clock.left_out
@@ -48,26 +48,26 @@ def note_times(loop: LoopState, clock: ClockState) -> None:
 
 
 def loop_memory(layout: Layout) -> FloatArray:
-    """Make the memory of a loop whose ticks are recorded in rows of a layout."""
+    """Allocate the memory of a loop whose ticks are recorded in rows of a layout."""
     whole = {"fingers": len(layout.fingers), "devices": len(layout.devices), "raws": sum(n for _, n, _ in layout.raw)}
     memory = zeros(size_for(LoopState, **whole))
     state = LoopState(memory)
     for name, number in whole.items():
         setattr(state, name, number)
     state.array(LoopState.largest)[:] = np.inf
-    source_function(note_times)(memory.data, 0, np.zeros(size_of(ClockState)).data, 0)  # called first before a run
+    source_function(note_times)(memory.data, 0, np.zeros(size_of(ClockState)).data, 0)  # first call, before a run
     return memory
 
 
 class PortLog:
-    """The pieces of a loop's memory that belong to one device.
+    """The parts of a loop's memory that belong to one device.
 
     Args:
-        memory: of the loop, `LoopState`.
-        layout: of its rows.
-        device: that is read.
-        number: of the device, in the scene's order.
-        fingers: of its channels, -1 for none.
+        memory: Memory of the loop, `LoopState`.
+        layout: Layout of its rows.
+        device: Device that is read.
+        number: Index of the device in the scene.
+        fingers: Fingers of its channels, -1 for none.
     """
 
     def __init__(
@@ -86,12 +86,12 @@ class PortLog:
             first += count
 
     def clear(self) -> None:
-        """Note that there is no new sample, as long as none has come."""
+        """Mark that there is no new sample until one arrives."""
         for each in self._fresh:
             each[0] = 0.0
 
     def take(self, device: Device, *, is_fresh: bool) -> str:
-        """Take over what a device tells beside a reading; return what is wrong with it, or nothing."""
+        """Copy the values that a device reports with a reading; return an error message, or an empty string."""
         for each in self._fresh:
             each[0] = float(is_fresh)
         if self._count:
@@ -104,7 +104,7 @@ class PortLog:
             assert isinstance(device, RawDevice)
             raw = device.raw
             if not self._is_raw(raw):
-                return f"told {abbreviate(raw)} for raw numbers, expected an array {self._raw.shape} of {self._kind}"
+                return f"reported {abbreviate(raw)} as raw values, expected an array {self._raw.shape} of {self._kind}"
             self._raw[...] = raw
         return ""
 

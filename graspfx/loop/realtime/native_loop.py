@@ -1,4 +1,4 @@
-"""The loop without Python: machine code runs the ticks in a thread of its own, and Python looks on."""
+"""The loop without Python: machine code runs the ticks in its own thread, and Python monitors it."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from graspfx.system import scheduling
 
 IntArray = NDArray[np.int64]
 
-POLL = 0.005  # between two looks [s]
-PATIENCE = 0.1  # for a tick that goes on, before devices are stopped beside it [s]
-STALLED = 50  # looks without a tick, and
-STALLED_PERIODS = 20  # periods, after which the loop is taken to stand still where no function of a device has it
+POLL = 0.005  # time between two checks [s]
+PATIENCE = 0.1  # longest wait for a running tick before devices are stopped from outside [s]
+STALLED = 50  # checks without a tick
+STALLED_PERIODS = 20  # and periods after which the loop counts as stalled if no device function has the thread
 ACTIONS = {NO_ASK: "cannot be asked", NO_READ: "cannot be read", NO_WRITE: "cannot be written"}
-_LOST: list[object] = []  # memories of loops that did not end: a vendor's function may still write there
+_LOST: list[object] = []  # memory of loops that did not end: a vendor's function may still write to it
 
 
 @runtime_checkable
 class Writer(Protocol):
-    """A `stop` that writes into the memories of a run now and then."""
+    """A `stop` that sometimes writes into the memory of a run."""
 
     @property
     def has_news(self) -> bool:
@@ -48,19 +48,19 @@ class Writer(Protocol):
 
 
 class NativeLoop:
-    """Ticks of a scene whose every device offers C functions: no Python runs between two of them.
+    """Loop for scenes whose devices all offer C functions: no Python runs between two ticks.
 
     Args:
-        arena: of the scene.
-        code: its program.
-        devices: all of them, in their order.
-        parts: of the scene.
-        guards: of hardware.
+        arena: Arena of the scene.
+        code: Program of the scene.
+        devices: All devices, in their order.
+        parts: Parts of the scene.
+        guards: Guards of hardware.
 
     Attributes:
-        beat: its memory.
-        words: own ones, HALT to CALLED.
-        hang: which call of a device did not return, in words; empty without.
+        beat: Memory of the loop.
+        words: Words of the loop, HALT to CALLED.
+        hang: Description of the device call that did not return; empty without one.
     """
 
     def __init__(
@@ -83,11 +83,11 @@ class NativeLoop:
             port.state = self._place(device.readings.memory)
         self._program = program()
         self._bound = self._program.bind(arena.memory.floats)
-        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # those of the last run
+        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # of the last run
         self._calls: list[Calls] = []
-        self._noted = [False] * len(self._ports)  # whether a device could not be stopped
+        self._noted = [False] * len(self._ports)  # whether it was recorded that a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has
-        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last look, and looks since one was new
+        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last check, and checks since one was new
         self.hang = ""
 
     def run(
@@ -100,23 +100,23 @@ class NativeLoop:
         look: Callable[[int], None],
         mode: int = PACED,
     ) -> int:
-        """Run ticks from k on, as many if nothing ends them before; give how many there were.
+        """Run ticks from k on and return how many were run.
 
-        A function of a device that does not return ends them (`hang`): whoever runs the loop stops the devices then.
+        If a device function does not return, the loop ends (`hang`); the caller then stops the devices.
 
         Args:
-            k: the first tick.
-            ticks: to run.
-            recorder: of the rows.
-            stop: asked every few milliseconds, whether forces are to decay and the loop to end; one that `Writes` is
-                asked between two ticks.
-            pacer: of the run, which is as if it had waited for each tick.
-            look: called every few milliseconds with the count of ticks so far.
-            mode: PACED, or FREE for ticks that follow one another at once.
+            k: First tick.
+            ticks: Largest number of ticks to run.
+            recorder: Recorder of the rows.
+            stop: Function called every few milliseconds that tells whether forces must decay and the loop must end. One
+                that is a `Writer` is called between two ticks.
+            pacer: Pacer of the run; its state becomes that of a pacer that has waited for each tick.
+            look: Function called every few milliseconds with the number of ticks so far.
+            mode: PACED, or FREE for ticks without waiting.
 
         Raises:
-            DeviceError: a device without functions, or one of an earlier run still has the loop.
-            Interruption: no force may come any more.
+            DeviceError: If a device has no functions, or a device of an earlier run still has the loop.
+            Interruption: If no force is allowed any more.
         """
         ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
         self._begin(k, k + ticks, ring, pacer, DRIVEN if self._driver is not None else mode)
@@ -137,7 +137,7 @@ class NativeLoop:
         finally:
             self.words[HALT] = 1
             if not worker.end(0.0 if self.hang else PATIENCE):
-                self.words[QUIT] = 1  # once the function returns no force follows
+                self.words[QUIT] = 1  # no force follows once the function returns
                 _LOST.append((self, ring, recorder, worker))
             done = self._drain(recorder, ring) - k
             pacer.mode = PACED
@@ -146,7 +146,7 @@ class NativeLoop:
         return done
 
     def _worker(self, k: int) -> _Worker | _Driven:
-        """Make who runs ticks from k on."""
+        """Create the thread that runs ticks from k on."""
         self.beat.tick, place = k, self._place(self.beat.buffer)
         if self._driver is None:
             return _Worker(lambda: self._bound.long(place))
@@ -155,7 +155,7 @@ class NativeLoop:
     def _between_ticks(
         self, worker: _Worker | _Driven, stop: Writer, ring: Ring, look: Callable[[int], None]
     ) -> _Worker | _Driven:  # fmt: skip
-        """Let who stops the loop write into its memories, while it waits; go on with another thread."""
+        """Let `stop` write into the memory of the paused loop, then continue in another thread."""
         self.words[HALT] = 1
         if not worker.pause(PATIENCE):
             self.hang = self._hang_text(PATIENCE)
@@ -169,9 +169,9 @@ class NativeLoop:
         return worker
 
     def _standstill(self, ring: Ring) -> str:
-        """Say what holds the loop up for too long, empty as long as nothing does.
+        """Return what has held the loop up for too long; empty otherwise.
 
-        Looks are counted instead of time, for a machine may stand still as a whole.
+        Checks are counted instead of time, because the whole machine may pause.
         """
         seen = int(ring.words[Word.HEAD]), int(self.words[CALLED])
         self._looks = 0 if seen != self._seen else self._looks + 1
@@ -185,21 +185,21 @@ class NativeLoop:
 
     @property
     def name(self) -> str:
-        """Name of the loop: "driven" where a device's maker has the clock, else "native"."""
+        """Name of the loop: "driven" if a vendor's thread calls it, else "native"."""
         return "native" if self._driver is None else "driven"
 
     @property
     def last(self) -> int:
-        """The tick that the loop ends before."""
+        """The tick before which the loop ends."""
         return self._end.last
 
     @property
     def _exits(self) -> Exits:
-        return self._devices.exits  # those of the run, which come after this was made
+        return self._devices.exits  # exits of the current run, created after this object
 
     @property
     def stop_faults(self) -> list[RunFault]:
-        """Faults of devices that could not be stopped, which were not told before."""
+        """New faults of devices that could not be stopped."""
         faults = []
         for i, port in enumerate(self._ports):
             state = port.readings.state
@@ -209,15 +209,15 @@ class NativeLoop:
         return faults
 
     def why(self, index: int, code: int) -> str:
-        """Say why a device is a fault; the one after the last is the clock."""
+        """Return the cause of a device's fault; the index after the last device means the clock."""
         if index == len(self._ports):
             return self._pacer.late_text
         return port_text(self._ports[index], self._calls[index], code)
 
     def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
-        """Let the loop go on from where Python's own is."""
+        """Let the native loop continue from the state of the Python loop."""
         if self.words[QUIT]:
-            raise DeviceError(self.hang or "a device's C function of the run before has not returned")
+            raise DeviceError(self.hang or "a device's C function has not returned since the previous run")
         self._calls = [_calls(each) for each in self._ports]
         for port, device, calls in zip(self.beat.ports, self._ports, self._calls, strict=True):
             peak = device.device.features.peak_force
@@ -226,7 +226,7 @@ class NativeLoop:
             port.array(Port.functions).view(np.int64)[:] = words
         self._pacer, self._end = pacer, SoftEnd(self._safety, self._period, last)
         pacer.mode, pacer.most = mode, self._guards.late
-        self._running = ring  # which the loop writes to
+        self._running = ring  # ring that the loop writes to
         loop = self.beat
         loop.clock, loop.end = self._place(pacer.buffer), self._place(self._end.buffer)
         loop.code, loop.rows = self._code.entry, self._place(ring.rows)
@@ -238,23 +238,23 @@ class NativeLoop:
         self._seen, self._looks, self.hang = (-1, 0), 0, ""
 
     def _place(self, memory: Any) -> int:
-        """Give the place of a memory in the scene's arena."""
+        """Return the place of an array in the scene's arena."""
         return self._arena.memory.place(np.asarray(memory).reshape(-1).view(np.float64))
 
     def _drain(self, recorder: RowTaker, ring: Ring) -> int:
-        """Hand the recorder the rows that it has not got; give the count of ticks so far."""
+        """Pass new rows to the recorder and return the number of ticks so far."""
         head = int(ring.words[Word.HEAD])
         if isinstance(recorder, RingRecorder):
-            recorder.ticks = head  # whoever reads the ring has them already
+            recorder.ticks = head  # a reader of the ring already has them
             return head
         lost = max(0, head - self._drained - ring.span + ring.every)
         if lost:
-            recorder.fault(self._drained, f"{lost} rows are lost: the recorder was not there for {ring.span} ticks")
+            recorder.fault(self._drained, f"{lost} rows are lost: the recorder did not read for {ring.span} ticks")
         while self._drained < head:
             rows, place, left = recorder.space()
             at = self._drained % ring.span
             count = min(left, head - self._drained, ring.span - at)
-            first = -self._drained % ring.every  # ticks to the first one with a row
+            first = -self._drained % ring.every  # ticks until the first one with a row
             if first < count:
                 n = (count - first - 1) // ring.every + 1
                 to, source = (place + first) // ring.every, (at + first) // ring.every
@@ -291,23 +291,23 @@ class _Worker:
         return self._thread.is_alive()
 
     def end(self, wait: float) -> bool:
-        """Wait for the thread's end, so long [s]; tell whether it has ended."""
+        """Wait up to `wait` seconds for the thread to end; return whether it has ended."""
         if self._thread.ident is not None:
             self._thread.join(wait)
         if self._error is not None:
             raise self._error
         return not self._thread.is_alive()
 
-    pause = end  # another thread goes on
+    pause = end  # another thread continues
 
 
 class _Driven:
-    """A vendor's thread, which calls the loop once a period.
+    """A vendor's thread, which calls the loop once per period.
 
     Args:
-        loop: that it calls.
-        table: of the program's arguments.
-        driver: which has the thread.
+        loop: Loop to be called.
+        table: Table of the program's arguments.
+        driver: Driver with the thread.
     """
 
     def __init__(self, loop: NativeLoop, table: IntArray, driver: DrivingDevice) -> None:
@@ -321,7 +321,7 @@ class _Driven:
         return self._loop.beat.tick < self._loop.last and self._driver.drives
 
     def pause(self, wait: float) -> bool:
-        """Wait until no tick of a loop that halts goes on, so long [s]; tell whether it is so."""
+        """Wait up to `wait` seconds until no tick of a halted loop is running; return whether this is so."""
         end = time.monotonic() + wait
         while self._loop.words[BUSY]:
             if time.monotonic() > end:
@@ -330,7 +330,7 @@ class _Driven:
         return True
 
     def end(self, wait: float) -> bool:
-        """Take the loop back from the thread; tell whether it has let go."""
+        """Take the loop back from the thread; return whether the thread has released it."""
         self._loop.words[OVER] = 1
         return self._driver.release(wait)
 
@@ -338,15 +338,15 @@ class _Driven:
 def _calls(port: DevicePort) -> Calls:
     calls = port.device.calls if isinstance(port.device, CallsDevice) else None
     if calls is None:
-        raise DeviceError(f"{port.name} offers C functions and gives none once it is open")
+        raise DeviceError(f"{port.name} offers C functions, but returns none after opening")
     return calls
 
 
-# Faults in words ------------------------------------------------------------------------------------------------------
+# Fault messages -------------------------------------------------------------------------------------------------------
 
 
 def port_text(port: DevicePort, calls: Calls, why: int) -> str:
-    """Say why a device is a fault."""
+    """Return the cause of a device's fault."""
     state = port.readings.state
     if why in ACTIONS:
         return f"{port.name} {ACTIONS[why]}: {call_text(port, calls, state.code)}; {ZERO}"
@@ -354,7 +354,7 @@ def port_text(port: DevicePort, calls: Calls, why: int) -> str:
 
 
 def stop_text(port: DevicePort, calls: Calls) -> str:
-    """Say that a device cannot be stopped."""
+    """Return the message for a device that cannot be stopped."""
     return (
         f"{port.name} cannot be stopped, and may keep its force: switch it off: "
         f"{call_text(port, calls, port.readings.state.stop_code)}; {ZERO}"
@@ -362,9 +362,9 @@ def stop_text(port: DevicePort, calls: Calls) -> str:
 
 
 def call_text(port: DevicePort, calls: Calls, code: int) -> str:
-    """Say what the code of a failure means: by the device's `fault_text`, by the adapter's, or as it is."""
+    """Return the meaning of an error code: from the device's `fault_text`, from the adapter's, or the code itself."""
     if code > 0:
-        return f"its C function returned {code}, expected {FRESH} (new sample), {REPEAT} (none) or less than 0 (fault)"
+        return f"its C function returned {code}, expected {FRESH} (new sample), {REPEAT} (none) or below 0 (fault)"
     for owner in (port.device, calls.keep):
         text = getattr(owner, "fault_text", None)
         if callable(text):

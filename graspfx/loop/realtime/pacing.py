@@ -1,6 +1,6 @@
-"""Ticks on the wall's clock: absolute deadlines, how late ticks are, and the end of a run in which forces decay.
+"""Real-time ticks: absolute deadlines, lateness, and the decay of forces at the end of a run.
 
-The rules are kernels on records, which Python's own loop and the one of machine code run alike.
+The rules are kernels on records, used by both the Python loop and the native loop.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from graspfx.compile.records import Floats, Record, floats, size_of
 from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
-FREE, PACED, DRIVEN = range(3)  # at once; by absolute deadlines; by the thread that calls
-BINS = 4096  # of a microsecond each; the last one has all that is later
+FREE, PACED, DRIVEN = range(3)  # at once, by absolute deadlines, or by the calling thread
+BINS = 4096  # bins of one microsecond; the last one also counts all later times
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
-SLICE = 0.005  # [s]: a sleep is cut into pieces, between which a run may be stopped
-SLACK = 1e-9  # of a period: by rounding the decay takes no tick more
+SLICE = 0.005  # longest uninterrupted sleep [s]; a run can be stopped between two slices
+SLACK = 1e-9  # tolerance in periods: rounding adds no tick to the decay
 
 
 class Clock(Protocol):
     """A clock that can be waited on."""
 
     def now(self) -> float:
-        """Tell the time, which never runs back [s]."""
+        """Return the time, which never decreases [s]."""
         ...
 
     def sleep(self, duration: float) -> None:
-        """Wait for about so long [s]."""
+        """Wait for about `duration` seconds."""
         ...
 
 
 class WallClock:
-    """The clock of the machine."""
+    """The system's monotonic clock."""
 
     def now(self) -> float:
         return time.perf_counter()
@@ -52,9 +52,9 @@ class WallClock:
 
 
 class Lateness(Record):
-    """A histogram of times, as of how late ticks began after their deadlines; no memory grows with a run."""
+    """A histogram of times, such as the lateness of ticks; its memory does not grow with a run."""
 
-    most: float  # [s]
+    most: float  # maximum [s]
     counts: Floats = floats("4096")
 
     def __init__(self, buffer: Any = None, offset: int = 0) -> None:
@@ -66,9 +66,9 @@ class Lateness(Record):
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """Quantiles and the most [s], by name; nothing before the first tick.
+        """Return quantiles and maximum [s] by name; empty before the first tick.
 
-        A quantile that lies beyond the bins is the most.
+        A quantile beyond the bins is the maximum.
         """
         sums, most = list(accumulate(self.array(Lateness.counts).tolist())), self.most
         if not sums[-1]:
@@ -80,7 +80,7 @@ class Lateness(Record):
 
 @kernel
 def count_in(times: Lateness, time: float) -> None:
-    """Count a time in its bin [s]."""
+    """Count a time [s] in its bin."""
     place = 0
     if time > 0.0:
         place = BINS - 1
@@ -95,33 +95,33 @@ def count_in(times: Lateness, time: float) -> None:
 
 
 class ClockState(Record):
-    """The clock of a loop: each tick has the deadline t_0 + k T, whatever the ones before it took.
+    """The clock of a loop: tick k has the deadline t_0 + k T, whatever earlier ticks took.
 
-    A tick that comes too late leaves out the whole periods that have passed: the next deadlines stay on the grid of the
-    first, so that no lateness adds up.
+    A late tick skips the whole periods that have passed. The next deadlines stay on the grid of the first, so lateness
+    does not accumulate.
     """
 
     mode: int
     is_begun: bool
-    is_early: bool  # whether this tick was there before its deadline
-    most: int  # periods in a row that may be left out
-    period: float  # T [s]
-    deadline: float  # of this tick [s]
-    start: float  # of the first [s]
-    late: float  # this tick after its deadline [s]
-    wall: float  # this tick since the first [s]
-    latest: float  # the most that one was late [s]
-    left_out: int  # periods before this tick
-    skipped: int  # all of them
-    row: int  # those in a row, up to the last tick in time
-    fatal: int  # those in a row that were too many
-    lateness: Lateness  # of all ticks but the first, with the periods that they left out
-    duration: Lateness  # of ticks without Python, from the reading to the row
+    is_early: bool  # whether the loop waited for this tick's deadline
+    most: int  # number of successive periods that may be skipped
+    period: float  # sampling period T [s]
+    deadline: float  # deadline of this tick [s]
+    start: float  # time of the first tick [s]
+    late: float  # time of this tick after its deadline [s]
+    wall: float  # time of this tick since the first [s]
+    latest: float  # largest lateness so far [s]
+    left_out: int  # periods skipped before this tick
+    skipped: int  # total number of periods skipped
+    row: int  # successive periods skipped, up to the last tick in time
+    fatal: int  # number of successive skipped periods that exceeded `most`
+    lateness: Lateness  # lateness of all ticks but the first, including skipped periods
+    duration: Lateness  # duration of ticks in machine code, from reading to row
 
 
 @kernel
 def set_deadline(clock: ClockState, time: float) -> float:
-    """Give the time to wait for: t_0 + k T; at once where nothing is to be waited for."""
+    """Return the time to wait for: t_0 + k T, or now if there is nothing to wait for."""
     if clock.mode != PACED or not clock.is_begun:
         clock.is_early = True
         if clock.is_begun:
@@ -136,7 +136,7 @@ def set_deadline(clock: ClockState, time: float) -> float:
 
 @kernel
 def arrive(clock: ClockState, time: float) -> int:
-    """Begin a tick at this time; give the periods that are left out before it."""
+    """Begin a tick at this time; return the number of periods skipped before it."""
     if not clock.is_begun:
         clock.is_begun = True
         clock.deadline, clock.start = time, time
@@ -163,14 +163,14 @@ def arrive(clock: ClockState, time: float) -> int:
     if clock.late > clock.latest:
         clock.latest = clock.late
     clock.wall = clock.deadline + clock.late - clock.start
-    if clock.mode == DRIVEN:  # the caller's clock is no slave of this one
+    if clock.mode == DRIVEN:  # the caller's clock is independent of this one
         clock.deadline = time
     return skipped
 
 
 @kernel
 def is_late(clock: ClockState) -> int:
-    """Tell whether too many periods in a row were left out, 1 or 0."""
+    """Return 1 if too many successive periods were skipped, else 0."""
     if clock.row <= clock.most:
         return 0
     if clock.fatal == 0:
@@ -179,12 +179,12 @@ def is_late(clock: ClockState) -> int:
 
 
 class Pacer(ClockState):
-    """Waits for the deadline of each tick.
+    """Wait for the deadline of each tick.
 
     Args:
-        period: T [s].
-        clock: to wait on.
-        machine: whether deadlines are worked out by machine code, which is compiled where it is not in the cache.
+        period: Sampling period T [s].
+        clock: Clock to wait on.
+        machine: Whether machine code computes the deadlines; it is compiled unless cached.
     """
 
     def __init__(self, period: float, clock: Clock | None = None, *, machine: bool = False) -> None:
@@ -201,16 +201,16 @@ class Pacer(ClockState):
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: periods left out, and how late ticks began."""
+        """Return entries of the run's `Outcome`: skipped periods and lateness of ticks."""
         return {"skipped": self.skipped, "late": self.lateness.figures}
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
-        """Wait for the next tick's deadline; return how many periods it leaves out.
+        """Wait for the next tick's deadline; return how many periods it skips.
 
-        The first tick is at once, and its time is the grid's.
+        The first tick begins at once and defines the grid.
 
         Args:
-            stop: asked every few milliseconds; where it is True the wait is over.
+            stop: Function called every few milliseconds; the wait ends if it returns True.
         """
         now = self.clock.now()
         if self.is_begun:
@@ -218,30 +218,30 @@ class Pacer(ClockState):
         return int(self._arrive(0, now))
 
     def finish(self) -> None:
-        """Wait for what is left to the deadline, where `stop` ended the wait."""
+        """Wait for the rest of the time to the deadline after `stop` ended the wait."""
         self.late = self._sleep(self.deadline, None) - self.deadline
         self.wall = self.deadline + self.late - self.start
 
     def is_too_late(self) -> bool:
-        """Tell whether more periods in a row were left out than `most`."""
+        """Tell whether more than `most` successive periods were skipped."""
         return bool(source_function(is_late)(self.buffer, self.offset))
 
     @property
     def late_text(self) -> str:
-        """Say that ticks came too late for hardware."""
+        """Return the message that ticks came too late for hardware."""
         return late_text(self.fatal, self.period, self.most)
 
     def _sleep(self, deadline: float, stop: Callable[[], bool] | None) -> float:
-        """Wait for a deadline; give the time then: a sleep may have been as long as the machine was away [s]."""
+        """Wait for a deadline; return the time afterwards [s], which may be much later."""
         clock = self.clock
         while (now := clock.now()) < deadline and not (stop is not None and stop()):
-            clock.sleep(min(max(deadline - clock.now(), 0.0), SLICE))  # as `stop` took its time
+            clock.sleep(min(max(deadline - clock.now(), 0.0), SLICE))  # `stop` may have taken time
         return now
 
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once: what a kernel needs when it is first called is there before any deadline."""
+    """Run the rules once, so that the set-up of a kernel's first call comes before any deadline."""
     clock = ClockState(np.zeros(size_of(ClockState)).data)
     clock.mode, clock.period = PACED, 1.0
     for now in (1.0, 4.5):
@@ -253,16 +253,16 @@ def _rehearse() -> None:
 
 
 def late_text(row: int, period: float, most: int) -> str:
-    """Say that ticks came too late for hardware.
+    """Return the message that ticks came too late for hardware.
 
     Args:
-        row: periods in a row that were left out.
-        period: T [s].
-        most: that may be.
+        row: Number of successive periods skipped.
+        period: Sampling period T [s].
+        most: Largest permitted number.
     """
     return (
-        f"{row} periods of {period:g} s in a row were left out, {most} at most: this machine was too late for the "
-        "hardware; all forces are zero"
+        f"{row} periods of {period:g} s in a row were skipped, expected at most {most}: the machine was too slow for "
+        "the hardware; all forces are zero"
     )
 
 
@@ -270,24 +270,24 @@ def late_text(row: int, period: float, most: int) -> str:
 
 
 class EndState(Record):
-    """How a loop ends."""
+    """State of a loop's end."""
 
-    decay: int  # ticks in which forces decay; 0 for a loop that ends at once
-    last: int  # the tick that it ends before
-    is_stopped: bool  # before its time
+    decay: int  # ticks in which forces decay; 0 if the loop ends at once
+    last: int  # tick before which the loop ends
+    is_stopped: bool  # whether the loop was stopped early
     is_begun: bool  # whether forces decay
-    start: int  # the tick from which on they do
+    start: int  # tick at which the decay began
 
 
 @kernel
 def go_on(end: EndState, k: int, stop: int, faulted: float) -> int:
-    """Tell whether tick k is run, 1 or 0.
+    """Return 1 if tick k is run, else 0.
 
     Args:
-        end: of the loop, where forces begin to decay in time.
-        k: the tick.
-        stop: not zero where the loop is to stop.
-        faulted: not zero after a fault, when there is no force that could decay.
+        end: End of the loop; the decay of forces begins in time for it.
+        k: Tick.
+        stop: Nonzero if the loop must stop.
+        faulted: Nonzero after a fault, when no force is left to decay.
     """
     if stop != 0:
         if end.decay == 0 or faulted != 0.0:
@@ -312,15 +312,15 @@ class Chain(Protocol):
 
 
 class SoftEnd(EndState):
-    """The last ticks of a run with hardware: forces decay through the gain of the safety chain, on both sides.
+    """The last ticks of a run with hardware: the gain of the safety chain, and so the forces on both sides, decay.
 
-    They are those of its duration, or as many more once it is to stop. Where fewer than two ticks would do it, the run
-    ends at once.
+    The decay takes the last ticks of the run's duration, or as many further ticks after a stop. A run that would need
+    fewer than two ticks ends at once.
 
     Args:
-        chain: whose gain decays; None for a run that ends at once, as of simulations.
-        period: T [s].
-        last: number of the tick that the run would end before.
+        chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.
+        period: Sampling period T [s].
+        last: Tick before which the run would end.
     """
 
     def __init__(self, chain: Chain | None, period: float, last: int) -> None:
@@ -335,7 +335,7 @@ class SoftEnd(EndState):
         return bool(source_function(go_on)(self.buffer, self.offset, k, int(stop), float(faulted)))
 
     def tell(self, recorder: RowTaker | None) -> None:
-        """Let forces decay once it is time to, and note from which tick on."""
+        """Start the decay of forces when it is due, and record its first tick."""
         if self.is_begun and not self._is_told:
             assert self._chain is not None
             self._is_told = True
@@ -345,5 +345,5 @@ class SoftEnd(EndState):
 
 
 def decay_ticks(period: float) -> int:
-    """Count the ticks in which forces decay; in the last of them they are zero."""
+    """Return the number of ticks in which forces decay; in the last one they are zero."""
     return max(1, math.ceil(DECAY / period - SLACK))

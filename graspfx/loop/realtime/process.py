@@ -1,4 +1,4 @@
-"""What a process with hardware asks of its system: signals that end it with zero force, priority and still memory."""
+"""Services of the operating system for hardware: signals that end with zero force, priority and locked memory."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from typing import Any
 
 from graspfx.system import scheduling
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # those that a system has
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that may exist on a system
 SERVO, GUARD = 80, 79  # real-time priorities
-SWITCH = 1e-4  # after which Python's threads change [s]
+SWITCH = 1e-4  # switch interval of Python's threads [s]
 GOVERNOR = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
 REMEDY = (
-    "the servo runs without real-time priority, and other programs make it late: add '@realtime - rtprio 80' and "
-    "'@realtime - memlock unlimited' to /etc/security/limits.d/graspfx.conf, and yourself to the group realtime"
+    "the servo runs without real-time priority and may be delayed by other programs: add '@realtime - rtprio 80' and "
+    "'@realtime - memlock unlimited' to /etc/security/limits.d/graspfx.conf, and your user to the group realtime"
 )
 
 
 class Interruption(BaseException):
-    """A signal that came while a driver had the thread: the driver's call is broken off."""
+    """A signal that arrived during a driver's call, which is interrupted."""
 
 
 class Exits:
-    """Signals that ask a run to end, in the order in which they came.
+    """Signals that ask a run to end, in the order of arrival.
 
-    Between the calls of drivers a signal is only noted: forces decay in the ticks that follow. A driver that has the
-    thread may wait for long, and is broken off by an exception.
+    Between calls of drivers a signal is only recorded, and forces decay in the following ticks. A driver's call may
+    block for long, so an exception interrupts it.
 
     Attributes:
-        inside: whether a driver has the thread.
-        heed: called with the number of each signal, at once; None for nobody.
-        at_once: whether no force may come any more: a driver had the thread, or it is the second signal.
+        inside: Whether a driver's call is in progress.
+        heed: Function called at once with the number of each signal, or None.
+        at_once: Whether no force is allowed any more: a signal interrupted a driver's call, or it was the second one.
     """
 
     def __init__(self) -> None:
@@ -47,11 +47,11 @@ class Exits:
 
     @property
     def cause(self) -> str:
-        """The first signal by its name; empty as long as there is none."""
+        """Name of the first signal; empty without one."""
         return signal.Signals(self.numbers[0]).name if self.numbers else ""
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Note a signal, as its handler."""
+        """Record a signal, as its handler."""
         self.numbers.append(number)
         if self.heed is not None:
             self.heed(number)
@@ -62,12 +62,12 @@ class Exits:
 
 @contextmanager
 def signals_end() -> Iterator[Exits]:
-    """Let signals end the block in good order, and pass them on to their own handlers when it is over.
+    """Let signals end the block in an orderly way, and pass them on to their own handlers afterwards.
 
-    Only in the main thread, where Python calls handlers; signals that are ignored stay so.
+    Python calls handlers in the main thread only. Ignored signals remain ignored.
 
     Raises:
-        KeyboardInterrupt: a signal broke off what stands in the block, and its own handler let the process go on.
+        KeyboardInterrupt: If a signal interrupted the block and its own handler let the process continue.
     """
     exits, handlers = Exits(), {}
     if threading.current_thread() is threading.main_thread():
@@ -93,13 +93,13 @@ def signals_end() -> Iterator[Exits]:
 
 
 class RealTimeWarning(UserWarning):
-    """A machine that does not let a run have what real time needs."""
+    """A system that does not grant what real time needs."""
 
 
 def take_priority() -> dict[str, Any]:
-    """Give this thread and process what real time needs, as far as the system lets them; tell what they have.
+    """Request real-time priority and locked memory for this thread and process; return what the system granted.
 
-    Entries are `policy`, `memory`, `slack` [s], `governor`.
+    The entries are `policy`, `memory`, `slack` [s] and `governor`.
     """
     memory = scheduling.lock_memory()
     scheduling.leave_no_core()
@@ -126,7 +126,7 @@ def _governor() -> str:
 
 @contextmanager
 def frozen_memory() -> Iterator[None]:
-    """Keep the collector of cycles from all objects that there are now: to look through them takes tens of ms."""
+    """Exclude all present objects from the garbage collector, whose passes over them would take tens of ms."""
     gc.collect()
     gc.freeze()
     try:

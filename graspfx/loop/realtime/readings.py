@@ -1,6 +1,6 @@
-"""Readings of devices, checked before anything computes with them, and what else is asked of hardware in a run.
+"""Validation of device readings before they are used, and the other checks of hardware during a run.
 
-The rules are kernels on `PortState`, which Python's own loop and the one of machine code run alike.
+The rules are kernels on `PortState`, used by both the Python loop and the native loop.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from graspfx.loop.device_frame import Frame
 
 FloatArray = NDArray[np.float64]
 
-NEAR = 1e-3  # of a position that was zero to the last bit only by chance [m]
-FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = range(1, 11)  # why a device is a fault
+NEAR = 1e-3  # distance from zero within which an all-zero reading is plausible [m]
+FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = range(1, 11)  # causes of a device's fault
 QUANTITIES = ("positions", "velocities")
 
-MOST_STILL = 1.0  # for a loop without a tick, and
-STILL_PERIODS = 20  # periods at least [s]
-HANGS = 0.1  # for a call of a device to return, and
-WATCHDOGS = 3  # times what the scene's watchdog lets a tick be late
+MOST_STILL = 1.0  # longest stall of a loop [s]
+STILL_PERIODS = 20  # and smallest number of periods of a stall
+HANGS = 0.1  # time within which a device's call must return [s]
+WATCHDOGS = 3  # multiple of the scene's watchdog time
 
 
 # Guards ---------------------------------------------------------------------------------------------------------------
@@ -38,13 +38,13 @@ WATCHDOGS = 3  # times what the scene's watchdog lets a tick be late
 
 @dataclass(frozen=True)
 class Guards:
-    """Figures beyond which a run with hardware ends in a fault.
+    """Limits beyond which a run with hardware ends in a fault.
 
     Attributes:
-        speed: the fastest motion of a fingertip along an axis that a reading may tell [m/s]; a hand reaches 5.
-        hold: readings in a row without a new sample.
-        late: periods in a row that may be skipped.
-        soft_start: over which what stands in the way at the start is let in [s].
+        speed: Largest speed of a fingertip along an axis that a reading may give [m/s]; a hand reaches 5.
+        hold: Number of successive readings without a new sample that are tolerated.
+        late: Number of successive periods that may be skipped.
+        soft_start: Time over which penetration at the start takes effect [s].
     """
 
     speed: float = 10.0
@@ -62,13 +62,13 @@ class Guards:
 
 
 def patience(period: float, watchdog: float) -> float:
-    """Give the time in which a call of a device has to return, while forces are there [s].
+    """Return the time within which a call of a device must return while forces are displayed [s].
 
-    It is some times what a tick may be late, and no more than a loop without a tick is given.
+    It is a multiple of the watchdog time, bounded by the longest stall of a loop.
 
     Args:
-        period: T [s].
-        watchdog: time by which a tick may be late [s].
+        period: Sampling period T [s].
+        watchdog: Lateness that the watchdog permits [s].
     """
     return min(max(MOST_STILL, STILL_PERIODS * period), max(HANGS, WATCHDOGS * watchdog))
 
@@ -80,46 +80,46 @@ GUARDS = Guards()
 
 
 class PortState(Record):
-    """A device between its functions and the tick."""
+    """State of a device between its functions and the tick."""
 
     fingers: int  # k
     dimensions: int  # d
     entries: int  # k d
-    hold: int  # readings in a row without a new sample that are let pass
-    period: float  # T [s]
-    speed: float  # the fastest motion of a finger along an axis [m/s]
-    force: float  # the largest force of a finger [N]
+    hold: int  # number of successive readings without a new sample that are tolerated
+    period: float  # sampling period T [s]
+    speed: float  # largest speed of a finger along an axis [m/s]
+    force: float  # largest force of a finger [N]
     is_begun: bool  # whether there has been a sample
-    is_gone: bool  # whether a call has failed: it is not read again
+    is_gone: bool  # whether a call has failed; the device is then not read again
     is_fresh: bool  # whether the last reading brought a sample
     samples: int
-    repeats: int  # readings without one
-    row: int  # those in a row
-    periods: int  # since the last sample
-    why: int  # it is a fault; 0 for none
-    code: int  # that a function returned
-    figure: float  # that was too much
-    bound: float  # it was compared with
-    stop_code: int  # of `stop`, if it failed while the device answered; 0 for none
-    stop_tick: int  # in which it failed
-    ramp: float  # over which the depth at the start is let in [s]
-    ramp_ticks: int  # of it so far
-    step: float  # from one reading to the next [s]
-    is_framed: bool  # whether it stands in axes of its own (`Frame`)
-    scale: float  # metres of the scene for a metre of the device
-    origin: Floats = floats("dimensions")  # of the device, in the scene [m]
-    axes: Table = table("dimensions", "dimensions")  # R, a row for each axis of the scene
-    raw: Floats = floats("2 * entries")  # as it was read: positions [m], then velocities [m/s]
-    sample: Floats = floats("2 * entries")  # the last one
-    placed: Floats = floats("2 * entries")  # the last one as the tick takes it, in the scene's axes
-    depth: Floats = floats("entries")  # depth at the start, of which less and less is taken off [m]
-    orders: Floats = floats("entries")  # forces, in the scene's axes [N]
-    forces: Floats = floats("entries")  # for `write` [N]
+    repeats: int  # readings without a new sample
+    row: int  # successive readings without a new sample
+    periods: int  # periods since the last sample
+    why: int  # cause of the fault, 0 without one
+    code: int  # value returned by a function
+    figure: float  # value that exceeded a bound
+    bound: float  # that bound
+    stop_code: int  # value returned by a `stop` that failed although the device answered; 0 otherwise
+    stop_tick: int  # tick in which `stop` failed
+    ramp: float  # time over which the initial depth takes effect [s]
+    ramp_ticks: int  # ticks of that time so far
+    step: float  # time between readings [s]
+    is_framed: bool  # whether the device has its own axes (`Frame`)
+    scale: float  # metres in the scene per metre of the device
+    origin: Floats = floats("dimensions")  # origin of the device in the scene [m]
+    axes: Table = table("dimensions", "dimensions")  # rotation R, one row for each axis of the scene
+    raw: Floats = floats("2 * entries")  # values as read: positions [m], then velocities [m/s]
+    sample: Floats = floats("2 * entries")  # last sample
+    placed: Floats = floats("2 * entries")  # last sample in the scene's axes, the input of the tick
+    depth: Floats = floats("entries")  # initial depth, of which a decreasing part is subtracted [m]
+    orders: Floats = floats("entries")  # forces in the scene's axes [N]
+    forces: Floats = floats("entries")  # forces for `write` [N]
 
 
 @kernel
 def fail(port: PortState, why: int, code: int) -> int:
-    """Note the first failure of a device, which is gone from then on; give why."""
+    """Record the first failure of a device, which is not read again; return its cause."""
     port.is_gone = True
     if port.why == 0:
         port.why = why
@@ -129,15 +129,15 @@ def fail(port: PortState, why: int, code: int) -> int:
 
 @kernel
 def take_sample(port: PortState, code: int, periods: int) -> int:
-    """Take a reading over, whole or not at all; give why it is a fault, 0 for none.
+    """Accept a reading as a whole or reject it; return the cause of a fault, 0 for none.
 
-    No number leaps: neither a position by more than `speed` T m along an axis, m the periods since the last sample, nor
-    a velocity beyond `speed`. Without a new sample the last one holds, up to `hold` times in a row.
+    A position may change by at most `speed` T m along an axis, where m is the number of periods since the last sample.
+    A velocity may be at most `speed`. Without a new sample the last one is kept, up to `hold` times in a row.
 
     Args:
-        port: whose `raw` has the reading.
-        code: that `read` returned.
-        periods: that have passed since the one before.
+        port: Device with the reading in `raw`.
+        code: Value returned by `read`.
+        periods: Periods since the previous reading.
     """
     if code < 0 or code > REPEAT:
         return fail(port, NO_READ, code)
@@ -185,11 +185,11 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
 
 @kernel
 def enter(port: PortState) -> int:
-    """Put the last sample into the scene's axes, p = o + s R p_device, set off by what is not let in yet.
+    """Transform the last sample into the scene's axes, p = o + s R p_device, minus the depth not yet in effect.
 
-    A finger that is inside an object when a run begins has a depth o_0, which leads from where it would just touch to
-    where it is: p' = p - (1 - s) o_0, v' = v + s' o_0, s = u^2 (3 - 2 u), u = t/T_s. The force of the first tick is
-    zero, and from T_s on all of the depth counts. v' is the rate of p', as damping has it.
+    A finger that is inside an object when a run begins has an initial depth o_0, from the nearest point without
+    contact to its position: p' = p - (1 - s) o_0, v' = v + s' o_0, s = u^2 (3 - 2 u), u = t/T_s. The force of the first
+    tick is zero; from T_s on the whole depth counts. v' is the rate of p', which damping uses.
     """
     last, placed, half, d = port.sample, port.placed, port.entries, port.dimensions
     for i in range(2 * half):
@@ -215,9 +215,9 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Turn `orders` into the device's axes, and limit each finger's force, whole; give why none may be displayed.
+    """Transform `orders` into the device's axes and scale each force to its limit; return the cause if none is allowed.
 
-    0 is no reason.
+    The cause is 0 if the forces may be displayed.
     """
     forces, orders, d = port.forces, port.orders, port.dimensions
     for i in range(port.entries):
@@ -249,25 +249,25 @@ GONE, IS_FRESH, SAMPLES = (start_of(PortState, name) for name in ("is_gone", "is
 
 
 class Readings:
-    """The readings of one device, each taken over whole or not at all.
+    """The readings of one device, each accepted as a whole or rejected.
 
-    A reading is a tuple of two float64 arrays (k, d), finite, and of the time at which they were taken. Numbers are
-    copied before they are checked: a device may change its arrays at any time.
+    A reading is a tuple of two finite float64 arrays (k, d) and the time at which they were taken. The arrays are
+    copied before they are checked, because a device may change them at any time.
 
-    Of hardware also the time is looked at, which goes forward, and no number leaps (`take_sample`). A time that has not
-    moved on says that there is no new sample.
+    For hardware, time must not decrease and values must not jump (`take_sample`). An unchanged time means that there is
+    no new sample.
 
     Args:
-        shape: (k, d).
-        period: T [s].
-        guards: of hardware; None for a simulation, whose clock is the count of ticks.
-        frame: of the device in the scene; None for the scene's own axes.
+        shape: Shape (k, d).
+        period: Sampling period T [s].
+        guards: Guards of hardware; None for a simulation, whose clock is the tick counter.
+        frame: Frame of the device in the scene; None for the scene's axes.
 
     Attributes:
-        memory: `PortState`.
-        position, velocity: of the last sample, (k, d) [m, m/s].
-        placed: the two as the tick takes them, in the scene's axes, (2 k d,).
-        time: of it [s].
+        memory: State of the device, `PortState`.
+        position, velocity: Position [m] and velocity [m/s] of the last sample (k, d).
+        placed: Both in the scene's axes (2 k d,), the input of the tick.
+        time: Time of the last sample [s].
     """
 
     def __init__(
@@ -281,7 +281,7 @@ class Readings:
         _rehearse()
         self._guards = guards
         self.memory: FloatArray = np.zeros(size_for(PortState, entries=k * d, dimensions=d))
-        self._numbers: Any = self.memory.data  # plain floats, where items of an array cost twice as much
+        self._numbers: Any = self.memory.data  # plain floats; items of an array take twice as long
         self.state = state = PortState(self._numbers)
         state.fingers, state.dimensions, state.entries = k, d, k * d
         state.period = state.step = period
@@ -306,12 +306,12 @@ class Readings:
 
     @property
     def samples(self) -> int:
-        """Readings that brought a sample."""
+        """Number of readings that brought a sample."""
         return self.state.samples
 
     @property
     def repeats(self) -> int:
-        """Readings that brought none."""
+        """Number of readings that brought none."""
         return self.state.repeats
 
     @property
@@ -326,28 +326,28 @@ class Readings:
         self.state.is_gone = is_it
 
     def compile(self) -> None:
-        """Check readings by machine code from now on, a third of the time."""
+        """Check readings by machine code from now on, in a third of the time."""
         from graspfx.compile.machine import compiled
 
         self._take = compiled(take_sample).on(self.memory)
 
     def let_in(self, depth: FloatArray, duration: float, step: float) -> None:
-        """Let a depth at the start in gradually (`enter`).
+        """Let the initial depth take effect gradually (`enter`).
 
         Args:
-            depth: of each finger, (k, d) [m].
-            duration: T_s [s].
-            step: from one reading to the next [s].
+            depth: Initial depth of each finger (k, d) [m].
+            duration: Duration T_s [s].
+            step: Time between readings [s].
         """
         self.state.ramp, self.state.ramp_ticks, self.state.step = duration, 0, step
         self.state.array(PortState.depth)[:] = depth.ravel()
 
     def take(self, reading: object, periods: int = 1) -> str:
-        """Take a reading over; return what is wrong with it, or nothing.
+        """Accept or reject a reading; return a description of the error, or an empty string.
 
         Args:
-            reading: as `Device.read` returned it.
-            periods: that have passed since the one before.
+            reading: Reading as returned by `Device.read`.
+            periods: Periods since the previous reading.
         """
         if not isinstance(reading, tuple) or len(reading) != 3:
             return f"gave {abbreviate(reading)} for a reading, expected positions, velocities and a time"
@@ -371,7 +371,7 @@ class Readings:
         return ""
 
     def _simulated(self) -> str:
-        """Take over what a simulation has computed: finite numbers of any size."""
+        """Accept the values of a simulation if they are finite."""
         if not all(map(isfinite, self._flat.tolist())):
             return reading_text(self.state, NOT_FINITE)
         self._numbers[IS_FRESH] = 1.0
@@ -386,7 +386,7 @@ class Readings:
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once: what a kernel needs when it is first called is there before any deadline."""
+    """Run the rules once, so that the set-up of a kernel's first call comes before any deadline."""
     memory = np.zeros(size_for(PortState, entries=1, dimensions=1))
     port = PortState(memory.data)
     port.fingers = port.dimensions = port.entries = 1
@@ -397,27 +397,27 @@ def _rehearse() -> None:
 
 
 def reading_text(state: PortState, why: int, time: float | None = None) -> str:
-    """Say what is wrong with a reading, by the figures in a device's memory.
+    """Return a description of a faulty reading, with the values in the device's memory.
 
     Args:
-        state: of the device.
-        why: as `take_sample` gave it.
-        time: of the reading [s]; None where it has none.
+        state: State of the device.
+        why: Cause given by `take_sample`.
+        time: Time of the reading [s]; None without one.
     """
     if why == NOT_FINITE:
         raw = state.array(PortState.raw).reshape(2, state.fingers, state.dimensions)
         i = int(np.isfinite(raw[0]).all())
-        return f"gave {abbreviate(raw[i].tolist())} for {QUANTITIES[i]}: numbers that are not finite"
+        return f"gave {abbreviate(raw[i].tolist())} for {QUANTITIES[i]}, which are not finite"
     if why == STALE:
         text = f"gave no new sample in {state.code} readings in a row"
-        return text if time is None else f"{text}: each is of {time:.9g} s"
+        return text if time is None else f"{text}: each has the time {time:.9g} s"
     if why == FAST:
         return f"gave a velocity of {state.figure:.4g} m/s, expected at most {state.bound:g} m/s"
     if why == ZEROS:
-        return f"gave zeros for everything, {state.figure:.4g} m from the last position: a reading that failed"
+        return f"gave zeros for everything, {state.figure:.4g} m from the last position: a failed reading"
     if why == FORCE:
         forces = state.array(PortState.forces).reshape(state.fingers, state.dimensions)
-        return f"is to display {forces.tolist()} N, which is not finite"
+        return f"was given {forces.tolist()} N, which is not finite"
     return (
         f"gave a position {state.figure:.4g} m from the last one, expected at most {state.bound:.4g} m "
         f"({state.speed:g} m/s over {state.code} x {state.period:g} s)"
@@ -425,7 +425,7 @@ def reading_text(state: PortState, why: int, time: float | None = None) -> str:
 
 
 def _described(value: object) -> str:
-    """Describe what stands where an array should."""
+    """Describe a value given instead of an array."""
     if isinstance(value, np.ndarray):
         return f"a {type(value).__name__} {value.shape} of {value.dtype}"
     return f"{abbreviate(value)} ({type(value).__name__})"

@@ -1,8 +1,8 @@
-"""Memory that a servo shares with the process that records: rows, notes, letters and goals, and neither ever waits.
+"""Memory shared by a servo and the recording process: rows, notes, letters and goals, without waiting on either side.
 
-The memory begins with whole numbers, a line of the processor's cache each (`Word`); notes and letters follow, then the
-rows, and goals of guided hands. Whoever writes rows publishes `HEAD` after the row, so that a reader who sees it sees
-the row too.
+The memory begins with integers, each in its own cache line (`Word`). Notes and letters follow, then the rows, then
+goals of guided hands. A writer of rows publishes `HEAD` after the row, so a reader who sees the new value also sees the
+row.
 """
 
 from __future__ import annotations
@@ -28,46 +28,46 @@ IntArray = NDArray[np.int64]
 Index = NDArray[np.intp]
 
 SLOTS = 1 << 14  # rows of the ring: 16 s at 1 kHz
-PAGE = 4096  # bytes of the whole numbers
+PAGE = 4096  # bytes of the integers
 NOTES = 1 << 18  # bytes of notes
 LETTERS = 1 << 18  # bytes of each of the two letters
-NOTE_SIZE = 4  # bytes before a note, with its length
-LETTER_HEAD = 3  # numbers of eight bytes before the parts: how many parts, objects and plants
+NOTE_SIZE = 4  # bytes of the length before a note
+LETTER_HEAD = 3  # 8-byte integers before the parts: number of parts, objects and plants
 IN_ORDER = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")  # processors that keep stores in order
 
 
 class Word(IntEnum):
-    """Places of the whole numbers at the beginning of the memory, counted in numbers of 8 bytes."""
+    """Positions of the integers at the start of the memory, in units of 8 bytes."""
 
-    HEAD = 0  # ticks whose rows are there; the servo's
-    TAIL = 8  # ticks whose rows were taken; the recorder's
-    STOP = 16  # not zero: rest; the recorder's side
-    BEAT = 24  # time.monotonic_ns of who recorded last; the recorder's side
-    PHASE = 32  # of the servo, as `Phase`
-    NOTES = 40  # bytes of notes that were ever there; the servo's
-    MAIL = 48  # number of the last letter; the recorder's side
-    SKIPPED = 56  # periods left out; the servo's
-    DONE = 64  # number of the last letter that the servo has taken
-    TICK = 72  # the tick from which on it holds; the servo's
-    HALT = 80  # where it is not zero, one more than the tick before which simulations pause; the recorder's side
-    GOAL = 88  # number of the last goals of guided hands; the recorder's side
-    GOALS = 96  # how often goals were taken; the servo's
-    NOTED = 104  # bytes of notes that were read; the recorder's
-    CALL = 112  # of a device in Python that has the thread, as `DevicePort.place`; 0 for none; the servo's
+    HEAD = 0  # ticks whose rows are written; set by the servo
+    TAIL = 8  # ticks whose rows were read; set by the recorder
+    STOP = 16  # nonzero: let forces decay; set by the recorder's side
+    BEAT = 24  # time.monotonic_ns of the last recording; set by the recorder's side
+    PHASE = 32  # phase of the servo, a `Phase`
+    NOTES = 40  # bytes of notes written so far; set by the servo
+    MAIL = 48  # number of the last letter; set by the recorder's side
+    SKIPPED = 56  # periods skipped; set by the servo
+    DONE = 64  # number of the last letter applied; set by the servo
+    TICK = 72  # tick at which it was applied; set by the servo
+    HALT = 80  # nonzero: 1 + the tick before which simulations pause; set by the recorder's side
+    GOAL = 88  # number of the last goals of guided hands; set by the recorder's side
+    GOALS = 96  # number of times that goals were applied; set by the servo
+    NOTED = 104  # bytes of notes read so far; set by the recorder
+    CALL = 112  # Python device call in progress, as `DevicePort.place`; 0 for none; set by the servo
 
 
 class Phase(IntEnum):
-    """Phases of a servo in a process of its own."""
+    """Phases of a servo in its own process."""
 
     STARTING = 0
-    OPEN = 1  # hardware is being opened, or settles: it is told zero
-    RUNNING = 2  # hardware is told forces
-    RESTED = 3  # every device was told zero, and none is told another force
+    OPEN = 1  # hardware is being opened or settles, at zero force
+    RUNNING = 2  # hardware displays forces
+    RESTED = 3  # every device was set to zero and receives no other force
     CLOSED = 4
 
 
 def fence() -> None:
-    """Let what was stored before be seen by whoever sees what is stored after."""
+    """Make earlier stores visible to every thread that sees a later store."""
     if not IN_ORDER:
         for _ in range(2):
             with _LOCK:
@@ -78,22 +78,22 @@ _LOCK = Lock()
 
 
 class Notes:
-    """Notes one behind the other, each published once all of it is there; one that has no room is left out.
+    """A ring buffer of notes, each published when complete; a note without room is dropped.
 
-    They go round in their buffer: room is what the reader has read, so that a run of days has room for all of them.
+    The bytes that the reader has read become free, so the buffer serves runs of days.
 
     Args:
-        buffer: for the notes.
-        words: shared whole numbers.
-        place: among them, of the count of bytes that were ever there.
-        read: among them, of the count of bytes that the reader has read.
+        buffer: Buffer of the notes.
+        words: Shared integers.
+        place: Position of the count of bytes written so far.
+        read: Position of the count of bytes read so far.
     """
 
     def __init__(self, buffer: memoryview, words: NDArray[np.int64], place: int, read: int) -> None:
         self._buffer, self._words, self._place, self._read = buffer, words, place, read
 
     def add(self, note: Any) -> None:
-        """Add a note, of plain values."""
+        """Add a note, which consists of plain values."""
         text = pickle.dumps(note)
         text = len(text).to_bytes(NOTE_SIZE, "little") + text
         first, size = int(self._words[self._place]), len(self._buffer)
@@ -106,7 +106,7 @@ class Notes:
         self._words[self._place] = first + len(text)
 
     def news(self) -> list[Any]:
-        """Give the notes that came since the last time."""
+        """Return the notes since the last call."""
         first, end, notes = int(self._words[self._read]), int(self._words[self._place]), []
         while first < end:
             size = int.from_bytes(self._bytes(first, NOTE_SIZE), "little")
@@ -124,18 +124,18 @@ class Ring:
     """Memory that a servo and its recorder share.
 
     Args:
-        file: descriptor of the memory, from `create`.
-        width: numbers of a row.
-        every: ticks from one row to the next.
-        goals: G, numbers of the goals of guided hands.
+        file: Descriptor of the memory, from `create`.
+        width: Number of values per row.
+        every: Ticks per row.
+        goals: Number G of values in the goals of guided hands.
 
     Attributes:
-        words: (512,), at the places of `Word`.
-        rows: (SLOTS, width); that of tick k is k / every modulo SLOTS, where `every` divides k.
-        notes: of the servo.
-        letters: the two halves of the mail box, bytes each.
-        goals: (2, G), of which goals number k are row k modulo 2.
-        goal_log: (SLOTS, 1 + G), a row for each time that goals were taken: the tick from which on they hold, and they.
+        words: Integers (512,), at the positions of `Word`.
+        rows: Rows (SLOTS, width). If `every` divides k, tick k has row k / every modulo SLOTS.
+        notes: Notes of the servo.
+        letters: The two halves of the mailbox, as bytes.
+        goals: Goals (2, G); goals number k are in row k modulo 2.
+        goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values.
     """
 
     def __init__(self, file: int, width: int, every: int = 1, goals: int = 0) -> None:
@@ -155,26 +155,26 @@ class Ring:
 
     @property
     def span(self) -> int:
-        """Count the ticks after which a row is written over."""
+        """Return the number of ticks after which a row is overwritten."""
         return SLOTS * self.every
 
 
 def size_of(width: int, goals: int = 0) -> int:
-    """Count the bytes of a ring."""
+    """Return the size of a ring [bytes]."""
     beside = 8 * (2 * goals + SLOTS * (1 + goals)) if goals else 0
     return PAGE + NOTES + 2 * LETTERS + 8 * SLOTS * width + beside
 
 
 def create(width: int, goals: int = 0) -> int:
-    """Make the memory of a ring, which goes with the last process that has it; give its descriptor."""
+    """Allocate the memory of a ring, freed with the last process that uses it; return its descriptor."""
     return shared_memory.create("graspfx-ring", size_of(width, goals))
 
 
 class RingRecorder:
-    """A recorder of ticks into a ring: it never waits, and who does not read in time loses the oldest rows.
+    """A recorder of ticks into a ring. It never waits; a slow reader loses the oldest rows.
 
     Args:
-        ring: to write into.
+        ring: Ring to write into.
     """
 
     def __init__(self, ring: Ring) -> None:
@@ -183,7 +183,7 @@ class RingRecorder:
 
     @property
     def ring(self) -> Ring:
-        """The ring; who writes into it himself sets `ticks`."""
+        """The ring. A caller that writes into it directly must set `ticks`."""
         return self._ring
 
     @property
@@ -193,18 +193,18 @@ class RingRecorder:
         return row
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Give the rows, the place in them of the next tick, and how many ticks there are to the end."""
+        """Return the rows, the index of the next tick's row, and the number of ticks up to the end."""
         place = self.ticks % self._ring.span
         return self._ring.rows, place, self._ring.span - place
 
     def take(self, count: int) -> None:
-        """Publish what that many ticks more have written."""
+        """Publish the rows of `count` further ticks."""
         self.ticks += count
         fence()
         self._words[Word.HEAD] = self.ticks
 
     def drain(self) -> None:
-        """Do nothing: the reader comes by himself."""
+        """Do nothing: the reader fetches the rows."""
 
     def fault(self, k: int, message: str) -> None:
         self._ring.notes.add(("fault", k, message))
@@ -215,18 +215,18 @@ class RingRecorder:
 
 # Letters --------------------------------------------------------------------------------------------------------------
 
-# Each letter is taken whole between two ticks. There are two places for letters, taken in turn; a letter is published
-# by its number once all of it stands there, and the next is written when the servo has taken it. The servo never waits,
-# and finds no half of a letter.
+# Each letter is applied as a whole between two ticks. There are two places for letters, used alternately. A letter is
+# published by its number when it is complete, and the next one is written after the servo has applied it. The servo
+# never waits and never sees an incomplete letter.
 
 
 class Letter(NamedTuple):
-    """New numbers of memories.
+    """New values of memory entries.
 
     Attributes:
-        entries: of each memory, by its number: places, and what is written there.
-        objects: numbers of the objects that take over what follows from them.
-        plants: numbers of the plants that take hold of their hands anew.
+        entries: Entries and values of each memory, by the number of the memory.
+        objects: Numbers of the objects whose derived values must be updated.
+        plants: Numbers of the plants that must reattach their hands.
     """
 
     entries: Sequence[tuple[int, Index, FloatArray]]
@@ -238,7 +238,7 @@ def write_letter(letter: Letter, place: memoryview) -> None:
     """Write a letter to its place.
 
     Raises:
-        InputError: it is longer than there is room.
+        InputError: If the letter is longer than the place.
     """
     head: list[int] = [len(letter.entries), len(letter.objects), len(letter.plants), *letter.objects, *letter.plants]
     for memory, places, _ in letter.entries:
@@ -248,12 +248,12 @@ def write_letter(letter: Letter, place: memoryview) -> None:
     parts += [np.asarray(numbers, np.float64).tobytes() for _, _, numbers in letter.entries]
     text = b"".join(parts)
     if len(text) > len(place):
-        raise InputError("values", len(text), f"new numbers of {len(place)} bytes at most", "change fewer keys at once")
+        raise InputError("values", len(text), f"new values of at most {len(place)} bytes", "change fewer keys at once")
     place[: len(text)] = text
 
 
 def read_letter(place: memoryview) -> Letter:
-    """Read a letter, a copy."""
+    """Read a copy of a letter."""
     whole = np.frombuffer(place, np.int64)
     parts, objects, plants = whole[:LETTER_HEAD].tolist()
     first = LETTER_HEAD + objects
@@ -271,17 +271,17 @@ def read_letter(place: memoryview) -> Letter:
     return Letter(entries, whole[LETTER_HEAD:first].tolist(), whole[first : first + plants].tolist())
 
 
-# Exceptions on their way to another process: the same type, the same words, no traceback ------------------------------
+# Exceptions sent to another process: same type, same message, no traceback --------------------------------------------
 
 
 def pack_error(error: BaseException) -> bytes:
-    """Write an exception so that `unpack_error` makes it again; one that cannot be written leaves its words."""
+    """Pack an exception for `unpack_error`; one that cannot be pickled keeps only its message."""
     error = error.with_traceback(None)
-    with suppress(Exception):  # others' exceptions may hold anything
+    with suppress(Exception):  # exceptions of other libraries may contain anything
         text = _written(error)
         if type(pickle.loads(text)) is type(error):
             return text
-    with suppress(Exception):  # as above
+    with suppress(Exception):  # likewise
         text = pickle.dumps((type(error), error.args, _plain(vars(error))))
         pickle.loads(text)
         return text
@@ -289,11 +289,11 @@ def pack_error(error: BaseException) -> bytes:
 
 
 def unpack_error(text: bytes) -> BaseException:
-    """Make an exception again."""
+    """Restore an exception."""
     try:
         content = pickle.loads(text)
     except Exception as error:  # noqa: BLE001 - a type that is only there in the other process
-        return GraspFXError(f"the servo's process raised what this one does not know: {message(error)}")
+        return GraspFXError(f"the servo's process raised an exception of a type unknown here: {message(error)}")
     if isinstance(content, BaseException):
         return content
     kind, arguments, values = content
@@ -304,7 +304,7 @@ def unpack_error(text: bytes) -> BaseException:
 
 
 def _written(error: BaseException) -> bytes:
-    """Pickle an exception in its own way: packages such as dask register another one, which loses attributes."""
+    """Pickle an exception by its own method; packages such as dask register one that loses attributes."""
     text = BytesIO()
     pickler = pickle.Pickler(text, pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = {}
@@ -313,7 +313,7 @@ def _written(error: BaseException) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Write attributes that are no data by their types alone."""
+    """Replace attributes that are not plain data by the names of their types."""
     plain = {}
     for name, value in values.items():
         try:

@@ -1,1 +1,1 @@
-"""The safety chain between law and devices, whose result the object receives, too."""
+"""The safety chain between law and devices; its reduced forces also act on the object."""

@@ -1,4 +1,4 @@
-"""The ledger and its brake around the end of the safety chain: booked is the force that is displayed."""
+"""The ledger and passivity controller in the safety chain; the ledger books the displayed forces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.loop.safety.tank import refill
 
 @kernel
 def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: float) -> None:
-    """Book the sample that has ended, brake under control, and fill the tank."""
+    """Book the previous sample, apply the passivity controller if enabled, and fill the tank."""
     ledger.gain, ledger.elapsed = safety.gain, safety.elapsed
     book_sample(grasp, ledger, T)
     refill(safety, ledger)
@@ -20,7 +20,7 @@ def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: f
 
 @kernel
 def close_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState) -> None:
-    """Store the forces as they are displayed, with what was withheld after the brake, and report."""
+    """Store the displayed forces and the part withheld after the brake, and write the report."""
     for i, finger in enumerate(ledger.fingers):
         finger.withheld = safety.fingers[i].withheld
     store_sample(grasp, ledger)

@@ -1,4 +1,4 @@
-"""The safety chain of a scene: its limits, its memories, and what its faults say."""
+"""The safety chain of a scene: limits, memory buffers and fault messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "internal_damping")
-CHOICES = ("equal", "damped", "singular", "gradual", "rays")  # that follow from them
+CHOICES = ("equal", "damped", "singular", "gradual", "rays")  # switches that depend on the gains
 MOVES = ("kep_moves", "ked_moves", "kip_moves", "kid_moves")
 
 
@@ -31,12 +31,12 @@ class SafetyLimits:
     """The limits of a scene's fingers.
 
     Attributes:
-        force: largest force of each finger, (n,) [N].
-        rate: largest growth of a force, (n,) [N/s]; infinite where there is none, as of the others.
-        speed: largest speed, (n,) [m/s].
-        lower, upper: corners of the workspaces, (n, d) [m].
-        hold: samples in a row without a new reading that are let pass.
-        soft_start: [s].
+        force: Largest force of each finger (n,) [N].
+        rate: Largest rate of increase of each force (n,) [N/s]. As with the other limits, infinity means no limit.
+        speed: Largest speed of each finger (n,) [m/s].
+        lower, upper: Corners of the workspaces (n, d) [m].
+        hold: Number of successive samples without a new reading that are tolerated.
+        soft_start: Duration of the soft start [s].
     """
 
     force: FloatArray
@@ -49,20 +49,20 @@ class SafetyLimits:
 
 
 class SafetyChain:
-    """The memories of the chain: one of the scene, and one beside the block of each object.
+    """Memory of the chain: one buffer for the scene and one beside the block of each object.
 
     Args:
-        limits: of all fingers.
-        grasped: the objects, each with the numbers of its fingers; their blocks say from here on that there is a chain.
-        devices: how many there are.
-        period: T [s].
-        live: names of fields of `GraspState` that may change in mid-run.
+        limits: Limits of all fingers.
+        grasped: Objects with the indices of their fingers. Their blocks are marked as guarded by a chain.
+        devices: Number of devices.
+        period: Sampling period T [s].
+        live: Names of the fields of `GraspState` that may change during a run.
 
     Attributes:
-        limits: of all fingers.
-        pace: memory of the scene.
-        buffers: of the objects.
-        where: entries of an object's memory by the names of a recording.
+        limits: Limits of all fingers.
+        pace: Memory of the scene.
+        buffers: Memory of each object.
+        where: Entries of an object's memory under the names used in recordings.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SafetyChain:
         live: Collection[str] = (),
     ) -> None:
         self.limits = limits
-        self.silence = 0.0  # of a host after which forces fade [s]
+        self.silence = 0.0  # host's longest silence before forces fade [s]
         self.pace = zeros(size_for(Pace, devices=devices))
         pace = Pace(self.pace)
         pace.devices, pace.hold, pace.trust, pace.elapsed = devices, float(limits.hold), 1.0, 1.0
@@ -109,35 +109,35 @@ class SafetyChain:
         return buffer
 
     def rest(self) -> None:
-        """Let forces decay from the coming tick on, as the run ends."""
+        """Let forces decay from the next tick on, because the run ends."""
         Pace(self.pace).resting = True
 
     def structure(self, i: int) -> Index:
-        """Entries of the memory of object i that never change and select the computation."""
+        """Return the entries of object i's memory that are constant and select the computation."""
         return np.array(entries_of(SafetyState, "count", "posed", "apart", *MOVES), dtype=np.intp)
 
     def is_steered(self, i: int) -> bool:
-        """Tell whether a gain of object i, a number, may change in mid-run."""
+        """Tell whether a scalar gain of object i may change during a run."""
         safety = SafetyState(self.buffers[i])
         return any(getattr(safety, name) for name in MOVES)
 
     def fault_text(self, code: int, fingers: Sequence[str], devices: Sequence[str]) -> str:
-        """Say what a cause of `keep_pace` means to the user."""
+        """Return the message for a cause given by `keep_pace`."""
         number, cause = divmod(code, CAUSES)
         if cause == STALE:
-            return f"no new reading of {devices[number]} in more than {self.limits.hold} samples; all forces are zero"
+            return f"no new reading of {devices[number]} for more than {self.limits.hold} samples; all forces are zero"
         if cause == QUICK:
             most = self.limits.speed[number]
-            return f"{fingers[number]} was quicker than safety.speed, {most:g} m/s; all forces are zero"
+            return f"{fingers[number]} exceeded safety.speed, {most:g} m/s; all forces are zero"
         if cause == HOST:
             return reason(number, self.silence)
         if cause == DEADMAN:
-            return f"the deadman switch of {devices[number]} was let go; all forces are zero"
-        return "a force, or what it is made from, is not finite; all forces are zero"
+            return f"the deadman switch of {devices[number]} was released; all forces are zero"
+        return "a force or one of its inputs is not finite; all forces are zero"
 
 
 def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
-    """Fill the tank with sum L_i^2/(2 k), k the least stiffness above zero: what springs hold at the limits [J]."""
+    """Fill the tank with sum L_i^2/(2 k) [J], the energy of springs at the force limits; k is `least_stiffness`."""
     stiffness = least_stiffness(grasped)
     forces = grasped.array(FingerState.limit)
     forces = np.minimum(forces, safety.fingers.array(FingerLimits.force))
@@ -149,7 +149,7 @@ def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
 
 
 def least_stiffness(grasped: GraspedObject) -> float:
-    """Give the least stiffness above zero of kep and kip in any direction [N/m]; 0 where there is none."""
+    """Return the smallest positive stiffness of kep and kip in any direction [N/m]; 0 without one."""
     values = []
     for part in (grasped.law.external, grasped.law.internal):
         gain = np.asarray(part.stiffness, dtype=float)
@@ -160,17 +160,17 @@ def least_stiffness(grasped: GraspedObject) -> float:
 
 
 def goal_entries() -> list[int]:
-    """List the entries of an object's memory that hold the gains on their way."""
+    """List the entries of an object's memory that hold the gains to be reached."""
     return entries_of(Goal, *GAINS, at=SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset)
 
 
 def changing_entry() -> list[int]:
-    """List the entry of an object's memory that says whether gains are on their way."""
+    """List the entry of an object's memory that tells whether the gains are changing."""
     return entries_of(SafetyState, "changing")
 
 
 def steered_entries(grasped: GraspedObject) -> list[int]:
-    """List the entries of a block that the chain writes itself on the way to other gains that are numbers."""
+    """List the entries of a block that the chain writes while scalar gains change."""
     grasp = grasped.state
     entries = entries_of(GraspState, *GAINS, *CHOICES)
     return [*entries, compliant_entry(grasp.damping_problem)] if has_problems(grasp) else entries

@@ -1,8 +1,8 @@
-"""The end of the safety chain: growth, workspace and size of each finger's force, which is only ever scaled as a whole.
+"""The end of the safety chain: limits rate, workspace and size of each finger's force by scaling the whole force.
 
-A share s_i of the force of finger i is what comes out, so that no finger leaves its cone; the wrench and all accounts
-are those of s_i f_i. Each rule leaves a set of forces that holds, with a force, all shares of it: the least share of
-the rules keeps all of them.
+Finger i exerts s_i f_i with 0 <= s_i <= 1, so no force leaves its cone. The wrench and all accounts use s_i f_i. The
+forces that a rule admits form a set that is star-shaped about zero, so the smallest s_i of all rules satisfies every
+rule.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from graspfx.loop.safety.safety_state import FingerLimits, Pace, SafetyState
 from graspfx.loop.safety.trust import NOT_FINITE
 from graspfx.spatial import NOTHING, ZERO, Vector, dot, total
 
-BAND = 0.005  # before a wall of the workspace, over which the outward part of a force goes to zero [m]
+BAND = 0.005  # distance to a wall of the workspace within which the outward force decreases to zero [m]
 
 
 @kernel
 def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
-    """Bring the finished forces within all limits; give 0, or NOT_FINITE and forces of zero."""
+    """Bring the final forces within all limits; return 0, or NOT_FINITE with zero forces."""
     if not all_finite(grasp, safety):
         for own in safety.fingers:
             own.last = ZERO
@@ -50,7 +50,7 @@ def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
 
 @kernel
 def all_finite(grasp: GraspState, safety: SafetyState) -> bool:
-    """Tell whether all that goes into the forces of a sample, and these, are finite, and the limits are limits."""
+    """Tell whether the forces of a sample and their inputs are finite and the limits are valid."""
     bad = 0.0
     for i, finger in enumerate(grasp.fingers):
         own = safety.fingers[i]
@@ -64,7 +64,7 @@ def all_finite(grasp: GraspState, safety: SafetyState) -> bool:
 
 @kernel
 def share_of(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Give the largest share of a finger's force, at most 1, that keeps growth, workspace and size."""
+    """Return the largest scale of a finger's force, at most 1, that respects the limits on rate, workspace and size."""
     f = finger.force
     size = math.sqrt(dot(f, f))
     if size == 0.0:
@@ -75,10 +75,10 @@ def share_of(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float
 
 @kernel
 def growth_share(f: Vector, last: Vector, growth: float) -> float:
-    """Find the largest share s <= 1 with s f at most `growth` from the segment between the last force and zero.
+    """Find the largest s <= 1 for which s f is at most `growth` from the segment between the last force and zero.
 
-    To let go is free, from there a force grows or turns by so much: a convex set with zero inside, which the ray along
-    f leaves once, through the side of the segment or through the cap around the last force.
+    A force may decrease without limit; from there it may grow or turn by `growth`. The admitted set is convex and
+    contains zero, so the ray along f leaves it once: through the side of the segment or the cap around the last force.
     """
     a, b, along = dot(f, f), dot(last, last), dot(f, last)
     t = 0.0
@@ -89,9 +89,9 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
         return 1.0
     if along <= 0.0:
         return growth / math.sqrt(a)
-    across = f - (along / b) * last  # of f, at right angles to the last force
+    across = f - (along / b) * last  # component of f perpendicular to the last force
     side = math.sqrt(dot(across, across))
-    if side * b >= growth * along:  # it leaves before the last force's foot
+    if side * b >= growth * along:  # the ray leaves before the foot of the last force
         return growth / side if side > growth else 1.0
     root = along * along - a * (b - growth * growth)
     return (along + math.sqrt(max(root, 0.0))) / a
@@ -99,10 +99,10 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
 
 @kernel
 def wall_share(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Find the largest share s <= 1 of a force that pushes no finger out of its workspace.
+    """Find the largest scale s <= 1 of a force that pushes no finger out of its workspace.
 
-    The operator feels -f. Its part outward along an axis is at most L x/BAND at the distance x from that wall, and
-    nothing beyond.
+    The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND; beyond the
+    wall it is zero.
     """
     share = 1.0
     for a in range(grasp.dimensions):

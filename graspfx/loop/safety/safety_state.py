@@ -1,4 +1,4 @@
-"""The memories of the safety chain: one of the scene, and one beside each object's block."""
+"""Memory of the safety chain: one record for the scene and one beside each object's block."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from graspfx.spatial import Vector, Vector4
 
 
 class Pace(Record):
-    """The chain of the whole scene: its soft start, and the trust in its readings."""
+    """State of the scene's chain: soft start and trust in the readings."""
 
     devices: int
-    ramp: float  # ticks of the soft start
-    hold: float  # samples in a row without a new reading that are let pass
-    fading: float  # of the trust, in one sample
-    soft: float  # of the soft start: 0 at first, then 1
+    ramp: float  # length of the soft start [ticks]
+    hold: float  # number of successive samples without a new reading that are tolerated
+    fading: float  # decrease of the trust per sample
+    soft: float  # factor of the soft start: 0 at first, then 1
     trust: float  # 1, or less while forces decay
-    cause: int  # why they do, 0 for no reason
-    host: int  # 1 more than why another program's forces are to fade, 0 for no reason
-    resting: bool  # they do as the run ends, which is no fault
-    elapsed: float  # periods since the last tick, 1 unless some were left out
-    misses: Floats = floats("devices")  # samples in a row without a new reading
+    cause: int  # cause of the decay, 0 without one
+    host: int  # 1 + reason why the forces of another program fade, 0 without one
+    resting: bool  # forces decay because the run ends, which is no fault
+    elapsed: float  # periods since the last tick, 1 unless ticks were skipped
+    misses: Floats = floats("devices")  # successive samples without a new reading
 
 
 class Tank(Record):
-    """Energy that pays for stiffness: what stiffer springs store at once, nobody has put into them."""
+    """Energy available to increase stiffness: stiffer springs store energy at once that no operator has supplied."""
 
-    level: float  # E [J]
-    most: float  # that it holds [J]
-    booked: float  # taken by damping and brakes so far, as the ledger has it [J]
+    level: float  # energy E [J]
+    most: float  # capacity [J]
+    booked: float  # energy dissipated by damping and brakes so far, from the ledger [J]
 
 
 class Goal(Record):
-    """Gains that are on their way, as numbers."""
+    """Scalar gains to be reached."""
 
     external_stiffness: float  # kep [N/m]
     external_damping: float  # ked [N s/m]
@@ -40,52 +40,52 @@ class Goal(Record):
 
 
 class Scale(Record):
-    """Shares of the law's force that a sample leaves."""
+    """Factors by which a sample scales the law's force."""
 
-    soft: float  # soft start, as far as the tank has paid for it
-    trust: float  # in the readings
-    squeeze: float  # lambda, of what squeezes only
-    outer: float  # of the whole force of a finger, the least
+    soft: float  # soft start, limited by the energy in the tank
+    trust: float  # trust in the readings
+    squeeze: float  # lambda, on the internal force only
+    outer: float  # smallest factor on the whole force of a finger
 
 
 class PastReading(Record):
-    """Where a finger was read, and when."""
+    """A finger's past position and the time of its reading."""
 
     position: Vector  # [m]
-    time: float  # in periods
+    time: float  # [periods]
 
 
 class FingerLimits(Record):
-    """A finger's limits, and its force in the last sample."""
+    """A finger's limits and its last force."""
 
-    number: int  # in the scene
+    number: int  # index of the finger in the scene
     force: float  # largest force [N]
     growth: float  # largest growth of a force in one sample [N]
     speed: float  # largest speed [m/s]
-    stride: float  # the way at that speed in one period [m]
-    lower: Vector  # corners of the box that no force pushes it out of, infinite where there is none [m]
+    stride: float  # distance covered at that speed in one period [m]
+    lower: Vector  # corners of the box out of which no force pushes it, infinite without one [m]
     upper: Vector
-    largest: float  # its force in this sample, by the device too [N]
+    largest: float  # largest force in this sample, including the device's limit [N]
     last: Vector  # force on the object in the last sample, W [N]
-    withheld: Vector4  # minus what was taken from its force after the brake, O [N]
-    time: float  # so far, in periods
-    elapsed: float  # periods that its last step took, 0 without a step
-    track: Many[PastReading] = many("4")  # its last new readings, the latest first
+    withheld: Vector4  # negative of the force removed after the brake, O [N]
+    time: float  # time so far [periods]
+    elapsed: float  # duration of the last step [periods], 0 without a step
+    track: Many[PastReading] = many("4")  # its most recent new readings, latest first
 
 
 class SafetyState(Record):
-    """The chain of one object, beside its block."""
+    """State of one object's chain, beside its block."""
 
     count: int  # n
-    posed: bool  # friction problems stand in the block
-    apart: bool  # fingers may only push, without friction: forces along rays where gains are not equal
-    kep_moves: bool  # may change in mid-run
+    posed: bool  # the block contains friction problems
+    apart: bool  # frictionless fingers can only push: unequal gains give forces along rays
+    kep_moves: bool  # kep may change during a run
     ked_moves: bool
     kip_moves: bool
     kid_moves: bool
-    changing: bool  # gains are on their way to `goal`
-    gain: float  # gamma, of stiffness and damping in this sample
-    elapsed: float  # periods that the fingers' last steps took, the most
+    changing: bool  # gains are changing to `goal`
+    gain: float  # gamma, factor of stiffness and damping in this sample
+    elapsed: float  # longest of the fingers' last steps [periods]
     tank: Tank
     goal: Goal
     scale: Scale

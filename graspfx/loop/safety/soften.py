@@ -1,7 +1,7 @@
-"""Stiffness and damping of a sample scaled by gamma: soft start and trust, on the coupling, so that both sides see it.
+"""Scaling of stiffness and damping by gamma for soft start and trust, applied in the coupling so both sides see it.
 
-Cones are cones: with gamma K and gamma D the law's force is gamma times that of K and D. Cut at |f_i| <= L_i it is
-gamma times that of K and D cut at L_i/gamma, which is what the step `limit` is asked for in between.
+Because cones are invariant to scaling, gains gamma K and gamma D give gamma times the force of K and D. With the cut
+|f_i| <= L_i they give gamma times the force of K and D cut at L_i/gamma, so the step `limit` uses L_i/gamma.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from graspfx.spatial import dot
 
 @kernel
 def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int:
-    """Find gamma of this sample, watch the fingers' speeds, and let `limit` work at L_i/gamma; give `code`."""
+    """Compute gamma of this sample, check the fingers' speeds, and let `limit` use L_i/gamma; return `code`."""
     if code == 0:
         grow(grasp, safety, pace.soft * pace.trust)
     gain = safety.gain
@@ -36,16 +36,16 @@ def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int
 
 @kernel
 def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
-    """Tell whether a finger exceeds its largest speed, by the velocity that its driver tells or by its positions.
+    """Tell whether a finger exceeds its largest speed, from the velocity that its driver reports or from its positions.
 
-    A told velocity may be late, filtered, or always zero. Each new position is therefore also compared with those of
-    two, three and four new readings before: a single step may be the sensor's resolution, and an oscillation that is
-    back at its place over one of these spans is not over the others. A reading is new if its position has changed.
+    A reported velocity may be delayed, filtered or always zero. Each new position is therefore also compared with those
+    two, three and four new readings earlier. A single step may be the sensor's resolution; an oscillation that repeats
+    over one of these spans does not repeat over the others. A reading is new if its position has changed.
     """
     quick = dot(finger.velocity, finger.velocity) > own.speed * own.speed
     track = own.track
     if own.time == 0.0:
-        for a in range(4):  # it begins at rest
+        for a in range(4):  # the track starts at rest
             track[a].position = finger.position
             track[a].time = elapsed - a
     own.time += elapsed
@@ -67,7 +67,7 @@ def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
 
 @kernel
 def apply_gain(grasp: GraspState, safety: SafetyState) -> None:
-    """Scale the limited forces by gamma, the elastic ones and the law's too; limits are L_i again."""
+    """Scale the limited, elastic and law forces by gamma, and restore the limits L_i."""
     gain = safety.gain
     for i, finger in enumerate(grasp.fingers):
         finger.limit = safety.fingers[i].largest

@@ -1,9 +1,9 @@
-"""The tank of energy that pays for stiffness, whose growth under load would else make energy from nothing.
+"""The energy tank that pays for an increase of stiffness; increasing stiffness under load would generate energy.
 
-With the displacement w = e + s = K^-1 f that a spring's force goes with, a change dK costs dV = 1/2 w'dK w: the tank
-loses it, or as much of dK is done as it has. It gains what softer springs release and what damping takes, and holds
-sum L_i^2/(2 k) at most, what springs of the least stiffness k hold at the fingers' limits. Friction of the devices
-is not counted.
+At the displacement w = e + s = K^-1 f of a spring's force, a change dK costs dV = 1/2 w'dK w. The tank loses dV, or
+only the part of dK that it can pay for is applied. The tank gains the energy that softening springs release and
+damping dissipates, and holds at most sum L_i^2/(2 k), the energy of springs of the smallest stiffness k at the force
+limits. Friction of the devices is not counted.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.ledger import total_of
 from graspfx.loop.safety.safety_state import SafetyState, Tank
 
-SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w, by a fifth at most
+SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w by at most a fifth
 
 
 @kernel
 def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
-    """Bring gamma of the stiffness gamma K to its target, or as near as the tank pays for.
+    """Change gamma of the stiffness gamma K towards its target, as far as the energy in the tank allows.
 
-    f = gamma K w costs dV = 1/2 w'K w dgamma. At most 1/2 f'e/gamma stands for w'K w, since slipping only lowers it,
-    and never more than the tank holds, divided by gamma^2: forces end at the limits.
+    f = gamma K w costs dV = 1/2 w'K w dgamma. The bound 1/2 f'e/gamma replaces 1/2 w'K w, because slipping only reduces
+    it, up to the tank's capacity divided by gamma^2, because forces end at the limits.
     """
     gain, tank = safety.gain, safety.tank
     if target > gain:
@@ -44,7 +44,7 @@ def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
 
 @kernel
 def adjust(grasp: GraspState, safety: SafetyState) -> None:
-    """Take as much of a change of the gains as the tank pays for."""
+    """Apply the part of a change of the gains that the tank can pay for."""
     if not safety.changing:
         return
     tank, goal = safety.tank, safety.goal
@@ -67,17 +67,17 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
 
 @inline
 def affordable(tank: Tank, cost: float) -> float:
-    """Give the share of a change that the tank pays for: all where it costs nothing, none of a level below zero."""
+    """Return the part of a change that the tank can pay for: 1 without cost, 0 at a negative level."""
     return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
 @kernel
 def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
-    """Compute dV = gamma/2 w'dK w of the whole change, at the w of the last sample [J].
+    """Compute dV = gamma/2 w'dK w of the whole change, at w of the last sample [J].
 
-    By modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
-    kappa_k = kip + (kep - kip) beta_k. Where gains are equal there are no modes, and where one is zero f does not tell
-    w: then at most max(dkep, dkip) w'W w.
+    In modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
+    kappa_k = kip + (kep - kip) beta_k. Equal gains have no modes, and f does not determine w if a gain is zero; then
+    the bound max(dkep, dkip) w'W w is used.
     """
     if safety.gain <= 0.0:
         return 0.0
@@ -124,7 +124,7 @@ def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) ->
 
 @kernel
 def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, kip: float, kid: float) -> None:
-    """Write the gains that may change."""
+    """Write those gains that may change."""
     if safety.kep_moves:
         grasp.external_stiffness = kep
     if safety.ked_moves:
@@ -137,7 +137,7 @@ def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, 
 
 @kernel
 def write_choices(grasp: GraspState, safety: SafetyState) -> None:
-    """Write the switches that follow from the gains, as a block is filled with them (`graspfx.coupling.fill`)."""
+    """Write the switches that depend on the gains, by the rules of `graspfx.coupling.fill`."""
     kep, ked = grasp.external_stiffness, grasp.external_damping
     kip, kid = grasp.internal_stiffness, grasp.internal_damping
     grasp.pads_known = False
@@ -156,7 +156,7 @@ def write_choices(grasp: GraspState, safety: SafetyState) -> None:
 
 @kernel
 def refill(safety: SafetyState, ledger: LedgerState) -> None:
-    """Fill the tank with what damping and brake have taken since the last sample, by the ledger."""
+    """Add the energy dissipated by damping and brake since the last sample, from the ledger."""
     spent = 0.0
     for losses in ledger.losses:
         spent += total_of(losses.damped) + total_of(losses.braked)

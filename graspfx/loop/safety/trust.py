@@ -1,4 +1,4 @@
-"""The trust in a run: a soft start, and forces that decay where readings stop or a finger is too quick."""
+"""The trust in a run: a soft start, and forces that decay without new readings or if a finger is too fast."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ STALE, QUICK, NOT_FINITE, DEADMAN, HOST = (
     3,
     4,
     5,
-)  # causes; with the number of a device or a finger: cause + CAUSES number
+)  # causes; the code is cause + CAUSES * index of the device or finger
 CAUSES = 8
-DECAY = 0.02  # over which forces decay [s]
+DECAY = 0.02  # time in which forces decay [s]
 
 
 @kernel
 def soft_share(ticks: float, pace: Pace) -> float:
-    """Compute the soft start's share 3 x^2 - 2 x^3, x = ticks/ramp."""
+    """Compute the soft start's factor 3 x^2 - 2 x^3, x = ticks/ramp."""
     x = 1.0
     if ticks < pace.ramp:
         x = ticks / pace.ramp
@@ -27,11 +27,11 @@ def soft_share(ticks: float, pace: Pace) -> float:
 
 @kernel
 def keep_pace(pace: Pace, k: int) -> int:
-    """Compute the soft start's share 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; give 0 or a cause.
+    """Compute the soft start's factor 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; return 0 or a cause.
 
-    The trust falls by T/DECAY a sample where a device has had no new reading for more than `hold` samples, or while
-    there is another cause, and grows as slowly once readings come again. At zero it gives the cause, a fault. At the
-    end of a run it falls without one.
+    The trust decreases by T/DECAY per sample while a device has had no new reading for more than `hold` samples or
+    another cause persists, and increases at the same rate afterwards. At zero the function returns the cause, a fault.
+    At the end of a run the trust decreases without a fault.
     """
     pace.soft = soft_share(k, pace)
     cause = pace.cause
@@ -40,7 +40,7 @@ def keep_pace(pace: Pace, k: int) -> int:
             cause = STALE + CAUSES * i
     if cause == 0 and pace.host != 0:
         cause = HOST + CAUSES * (pace.host - 1)
-    half = 0.5 * pace.fading  # nearer than that to an end is there: rounding adds no sample
+    half = 0.5 * pace.fading  # a trust this close to 0 or 1 has reached it, so rounding adds no sample
     if cause == 0 and not pace.resting:
         pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
         return 0

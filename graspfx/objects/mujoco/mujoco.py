@@ -1,4 +1,4 @@
-"""A rigid body in a MuJoCo world: its joints, the numbers that pass, and a world of its own without contacts."""
+"""A rigid body in a MuJoCo world: joints, transferred values, and a separate world without contacts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from graspfx.objects.mujoco.joints import RANGE, hand_to_joints, take_from_joint
 from graspfx.spatial import Quaternion, Vector, rotate
 
 WHOLE = slice(None)
-SLACK = 1e-9  # of the triangle inequality of moments, which MuJoCo takes to the last bit
+SLACK = 1e-9  # tolerance of the triangle inequality of moments, which MuJoCo checks exactly
 UNUSED = ("SENSOR", "ACTUATION", "EULERDAMP", "GRAVITY", "SPRING", "DAMPER", "AUTORESET", "LIMIT", "EQUALITY")
 
 
@@ -155,7 +155,7 @@ class MujocoCarrier(Carrier):
 
 
 class MujocoBody(BlockBody, MujocoCarrier):
-    """A rigid body in a MuJoCo world of its own, without shape or contacts.
+    """A rigid body in a separate MuJoCo world, without shape or contacts.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
@@ -192,7 +192,7 @@ def new_spec(*disabled: str) -> Any:
 
 
 def mujoco() -> Any:
-    """Import the package; its warnings go to our log, unless somebody else takes them, and to no file.
+    """Import the package; its warnings go to our log, unless another handler is set, and to no file.
 
     Raises:
         MissingPackageError: it is not installed.
@@ -211,7 +211,7 @@ def _log_warning(text: object) -> None:
 
 
 def _places(model: Any, joint: str) -> tuple[int, int]:
-    """Give where a joint's numbers begin in MuJoCo's positions and velocities."""
+    """Return the indices of a joint's values in MuJoCo's positions and velocities."""
     number = model.joint(joint).id
     return int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
 

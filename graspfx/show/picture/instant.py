@@ -232,7 +232,7 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
 def _parts(recording: Recording, k: int, d: int, finite: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray] | None:
     try:
         parts = recording.internal_force, recording.external_force
-    except RecordingError:  # of an earlier format
+    except RecordingError:  # recording of an earlier format
         return None
     seen = recording.touching[k, :, None] & np.isfinite(recording.finger_force[k])
     internal, external = (lifted(np.where(seen, part[k], 0.0), d)[finite] for part in parts)

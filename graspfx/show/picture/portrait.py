@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Forces = Literal["two", "total"]
 
-LONGEST = 0.34  # as a share of the extent
-SHAFT = 0.008  # half its width, as a share of the extent
-HEAD, WIDE = 6.0, 2.5  # length and half the width of a head, in halves of a shaft's width
-MOST_HEAD = 0.6  # of an arrow's length
-SHORTEST = 0.06  # as a share of the longest: below this a force is no arrow
-ALONG = 0.3  # sine of the angle below which two arrows at a finger would lie on one another
-APART = 1.6  # from the middle of the two to either, in halves of a shaft's width
+LONGEST = 0.34  # length of the longest arrow, as a fraction of the extent
+SHAFT = 0.008  # half the width of a shaft, as a fraction of the extent
+HEAD, WIDE = 6.0, 2.5  # length and half the width of a head, in half shaft widths
+MOST_HEAD = 0.6  # largest head, as a fraction of the arrow's length
+SHORTEST = 0.06  # forces below this fraction of the largest are not drawn
+ALONG = 0.3  # sine of the angle below which two arrows of a finger would overlap
+APART = 1.6  # distance of either arrow from their common line, in half shaft widths
 
 
 @dataclass(frozen=True)
@@ -185,12 +185,12 @@ def points(placed: list[Arrow]) -> Iterator[FloatArray]:
             yield arrow.tail + share * (arrow.tip - arrow.tail)
 
 
-MOST_POINTS = 400  # of a path
-SHORT = 0.04  # a path of this share of the extent is none
+MOST_POINTS = 400  # largest number of points of a path
+SHORT = 0.04  # shortest path drawn, as a fraction of the extent
 MOST_NAMES = 8  # with more fingers, numbers
 SCREEN = 5.2  # [inches]
-LOW, HIGH = 0.25, 1.3  # least and greatest height of the picture, in its width
-LETTER = 0.62  # its width, as a share of the size of the text
+LOW, HIGH = 0.25, 1.3  # smallest and largest height of the picture, relative to its width
+LETTER = 0.62  # width of a letter, relative to the size of the text
 RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in half its height
 TURNS = (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6, 2.3, -2.3, 3.1)  # [rad] from the direction of the arrow
 BELOW = -0.02  # where the scales are, as a share of the picture's height
@@ -401,7 +401,7 @@ def _label(
     """Write names beyond the outer ends of arrows, without overlap with arrows or each other."""
     from matplotlib.patheffects import withStroke
 
-    unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # of data in a point
+    unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # data units per point
     height = (text + 8.0) * unit
     occupied: list[FloatArray] = []  # centres and sizes
     busy = np.array([*points(list(placed)), *tips]).reshape(-1, 2)
@@ -444,7 +444,7 @@ def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: floa
     drawing.heights[0] = drawing.width.inches * min(max(height / width, LOW), HIGH)
     time = f"t = {now.time:.3f} s".replace(" ", "\N{NO-BREAK SPACE}")
     drawing.title(", ".join(filter(None, (plain(now.title), time))))
-    share = min(1.0, HIGH * width / height)  # of the panel's width that the drawing has
+    share = min(1.0, HIGH * width / height)  # fraction of the panel's width that the drawing uses
     length = nice(0.3 * now.extent)
     _bar(axes, 0.98, length / width * share, f"{1e3 * length:g} mm", "|-|,widthA=0.25,widthB=0.25", drawing.width.text)
     if longest > 0.0:

@@ -143,7 +143,7 @@ def test_a_force_does_not_stand_while_the_machine_is_away(
     if pause < 0.006:
         calibrate(square(file), pulses=20)
         return
-    with pytest.raises(DeviceError, match=r"periods of 0\.001 s in a row were left out, 5 at most"):
+    with pytest.raises(DeviceError, match=r"periods of 0\.001 s in a row were skipped, expected at most 5"):
         calibrate(square(file), pulses=20)
     log = late_masses(file)[-1].log
     assert log[-2:] == ["stop", "close"]

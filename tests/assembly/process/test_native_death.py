@@ -67,5 +67,5 @@ def test_a_servo_without_python_that_is_killed_leaves_no_force(tmp_path: Path) -
         assert wire.devices[0].owner == 0
         assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
         assert [fault.tick for fault in rec.faults] == [len(rec)]
-        assert "(Delta) was taken away in" in rec.faults[0].message
+        assert "(Delta) was removed in" in rec.faults[0].message
         assert np.linalg.norm(rec.displayed_force[-1]) > 0.05

@@ -145,8 +145,7 @@ def test_a_servo_that_was_killed_leaves_a_whole_recording(tmp_path: Path) -> Non
     rec = Recording.load(run.out)
     assert code == 3
     assert (
-        "the servo's process was ended by SIGKILL; the force of the device of finger0 (Logged) was taken away"
-        in messages
+        "the servo's process was ended by SIGKILL; the force of the device of finger0 (Logged) was removed" in messages
     )
     assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
     assert [fault.tick for fault in rec.faults] == [len(rec)]

@@ -14,7 +14,7 @@ pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux") or compiler() is None, reason="a loop of Linux, and cc"),
 ]
 TOLD = {
-    "not finite": "numbers that are not finite",
+    "not finite": "which are not finite",
     "far away": "from the last one, expected at most",
     "hangs": "has not returned for",
     "killed": "the servo's process was ended by SIGKILL",

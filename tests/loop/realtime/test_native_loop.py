@@ -42,8 +42,8 @@ KINDS: dict[str, tuple[dict[str, Any], str]] = {
     "a read that fails": ({"codes": [0] * 60 + [-3]}, "code -3"),
     "a read that fails at once": ({"codes": [-3]}, "code -3"),
     "a write that fails": ({"refusals": [0] * 60 + [-3]}, "code -3"),
-    "NaN": ({"spoil": (100, np.nan)}, "numbers that are not finite"),
-    "infinity": ({"spoil": (100, [[[np.inf]], [[0.0]]])}, "numbers that are not finite"),
+    "NaN": ({"spoil": (100, np.nan)}, "which are not finite"),
+    "infinity": ({"spoil": (100, [[[np.inf]], [[0.0]]])}, "which are not finite"),
     "a jump": ({"spoil": (100, [[[0.5]], [[0.0]]])}, "gave a position 0.5"),
     "too quick": ({"spoil": (100, [[[-0.0255]], [[40.0]]])}, "gave a velocity of 40 m/s"),
     "zeros": ({"spoil": (100, 0.0)}, "gave zeros for everything"),
@@ -168,7 +168,7 @@ def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch:
 def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(scene(driver(tmp_path), TICKS, native=True))
     monkeypatch.setattr(Scripted, "calls", property(lambda device: None))
-    with pytest.raises(DeviceError, match="offers C functions and gives none once it is open"):
+    with pytest.raises(DeviceError, match="offers C functions, but returns none after opening"):
         session.run(1)
     session.finish()
 
@@ -255,7 +255,7 @@ def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.Monkey
     session.run(SLOTS + 9)
     rec = session.finish()
     [fault] = rec.outcome.faults
-    assert fault.message == f"10 rows are lost: the recorder was not there for {SLOTS} ticks"
+    assert fault.message == f"10 rows are lost: the recorder did not read for {SLOTS} ticks"
 
 
 def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,7 +52,7 @@ def test_nothing_of_a_faulty_reading_is_taken_over() -> None:
     assert readings.take(reading(0.01, 0.2, 1.0)) == ""
     bad = reading(0.011, 0.1, 1.001)
     bad[1][1, 2] = np.nan
-    assert readings.take(bad).startswith("gave [[0.1, 0.1, 0.1], [0.1, 0.1, nan]] for velocities: numbers that are not")
+    assert readings.take(bad).startswith("gave [[0.1, 0.1, 0.1], [0.1, 0.1, nan]] for velocities, which are not")
     assert (readings.position == 0.01).all()
     assert (readings.velocity == 0.2).all()
     assert readings.time == 1.0
@@ -67,7 +67,7 @@ def test_samples_that_are_held() -> None:
         assert not readings.is_fresh
         assert (readings.position == 0.01).all()
         assert (readings.velocity == 0.2).all()
-    assert "no new sample in 4 readings in a row: each is of 1 s" in readings.take(reading(0.01, 0.0, 1.0))
+    assert "no new sample in 4 readings in a row: each has the time 1 s" in readings.take(reading(0.01, 0.0, 1.0))
     fresh = make()
     fresh.take(reading(0.01, 0.0, 1.0))
     for k in range(20):  # every fourth is new
@@ -115,4 +115,4 @@ def test_zeros_for_everything_are_a_reading_that_failed() -> None:
     assert readings.take(reading(0.0009, 0.0, 0.001)) == ""
     assert readings.take(reading(0.0, 0.0, 0.002)) == ""
     assert readings.take(reading(0.005, 0.0, 0.003)) == ""
-    assert "a reading that failed" in readings.take(reading(0.0, 0.0, 0.004))
+    assert "a failed reading" in readings.take(reading(0.0, 0.0, 0.004))

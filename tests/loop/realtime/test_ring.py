@@ -178,7 +178,7 @@ def test_a_letter_is_read_as_it_was_written() -> None:
     assert (letter.objects, letter.plants) == ([1, 0], [2])
     for (memory, places, numbers), (m, p, n) in zip(entries, letter.entries, strict=True):
         assert (memory, places.tolist(), numbers.tobytes()) == (m, p.tolist(), n.tobytes())
-    with pytest.raises(InputError, match="bytes at most"):
+    with pytest.raises(InputError, match="values of at most"):
         write_letter(Letter([(0, np.zeros(999, np.intp), np.zeros(999))], []), place)
 
 

@@ -206,7 +206,7 @@ def test_late_readings_are_let_pass_then_forces_decay_to_a_fault(tmp_path: Path,
     [fault] = rec.faults
     assert fault.tick == 132
     assert fault.message.startswith("no new reading of the device of finger0")
-    assert fault.message.endswith("in more than 3 samples; all forces are zero")
+    assert fault.message.endswith("for more than 3 samples; all forces are zero")
     assert not rec.displayed_force[132:].any()
     assert sizes(rec)[131].any()
 
@@ -242,7 +242,7 @@ def test_too_quick_a_finger_decays_and_is_a_fault() -> None:
     quick = np.linalg.norm(rec.finger_velocity, axis=2)
     first = int(np.flatnonzero((quick > 0.05).any(axis=1))[0])
     name = rec.layout.fingers[int((quick[first] > 0.05).argmax())]
-    assert fault.message == f"{name} was quicker than safety.speed, 0.05 m/s; all forces are zero"
+    assert fault.message == f"{name} exceeded safety.speed, 0.05 m/s; all forces are zero"
     assert fault.tick == first + 10
     np.testing.assert_allclose(scale(rec)[first : first + 10, 1], np.linspace(1.0, 0.1, 10), rtol=1e-12)
     assert not rec.displayed_force[fault.tick :].any()

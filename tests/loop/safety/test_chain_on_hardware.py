@@ -69,7 +69,7 @@ def test_positions_are_believed_before_a_velocity_of_zero(tmp_path: Path, freque
     _, python, _, native = native_runs.both(file, ticks, **changes, **{"finger.0.device.readings": readings.tolist()})
     for rec in (python, native):
         [fault] = rec.faults
-        assert fault.message.startswith("finger0 was quicker than safety.speed, 0.5 m/s")
+        assert fault.message.startswith("finger0 exceeded safety.speed, 0.5 m/s")
         quick = np.abs(np.diff(rec.finger_position[:, 0, 0])) / period > limit
         assert quick[: fault.tick].sum() <= 14
         assert not rec.displayed_force[fault.tick :].any()
