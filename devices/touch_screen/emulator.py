@@ -112,9 +112,10 @@ class ScreenWire(Wire):
         if self._line is not None and self._line.state is State.OPEN:
             return self._line
         host, deadline = f"127.0.0.1:{self._port}", time.monotonic() + PATIENCE
+        own: Any = f"http://{host}"
         while True:
             try:
-                line = connect(f"ws://{host}/socket", origin=f"http://{host}", compression=None, proxy=None)  # type: ignore[arg-type]
+                line = connect(f"ws://{host}/socket", origin=own, compression=None, proxy=None)
                 self._line = line.__enter__()  # left by `leave`
             except (OSError, WebSocketException) as error:
                 if time.monotonic() > deadline:

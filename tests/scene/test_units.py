@@ -10,6 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
+from graspfx.errors import SceneError
 
 REACH = {"kind": "reach", "displacement": [0.0, 0.0, 80.0], "duration": 0.5}
 ANGLE = {"kind": "reach", "angle": -90.0, "axis": "y", "duration": 0.5}
@@ -144,3 +145,8 @@ def test_the_shelf_is_in_si_units() -> None:
     for name, owner in plugins.names("scenes").items():
         if owner.startswith("GraspFX"):
             assert gx.check(name).doubts == (), name
+
+
+def test_a_start_of_another_length_is_told_and_no_unit_is_asked_about() -> None:
+    with pytest.raises(SceneError, match=r"finger.1.start: expected 3 numbers"):
+        gx.load("pick-and-place", {"finger.1.start": [0.041, 0.0, 0.035, 0.0], "object.position": [0.0, 0.0, 0.03]})

@@ -138,7 +138,7 @@ def _fingers(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
         toward = getattr(finger.start, "toward", None)
         is_placed = toward is None or (any(toward) and len(toward) == scene.dimensions)  # otherwise a separate fault
         start = start_of(scene, i, stock) if is_placed else None
-        if start is not None:
+        if start is not None and len(start) == len(thing.position or start):  # another length is a separate fault
             away = float(np.linalg.norm(np.array(start) - np.array(thing.position or 0.0)))
             if away > FARTHEST:
                 yield ("finger", i, "start from its object"), away, "m", _in(away, "mm", 1e-3)
