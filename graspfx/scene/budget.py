@@ -98,13 +98,15 @@ def outline(text: str) -> str:
 
 def too_deep(data: Any) -> Fault | None:
     """Find where tables and lists are nested more than DEEPEST levels deep, or a table contains itself."""
+    holders = [data]
+    for _ in range(DEEPEST + 1):
+        holders = [value for holder in holders for _, value in _parts(holder)]
+        if not holders:
+            return None
     level: list[tuple[str, Any]] = [("", data)]
     for _ in range(DEEPEST + 1):
         level = [(f"{key}.{name}", value) for key, holder in level for name, value in _parts(holder)]
-        if not level:
-            return None
-    text = f"tables or lists nested more than {DEEPEST} levels deep"
-    return Fault(level[0][0].strip("."), text)
+    return Fault(level[0][0].strip("."), f"tables or lists nested more than {DEEPEST} levels deep")
 
 
 def _parts(holder: Any) -> list[tuple[Any, Any]]:

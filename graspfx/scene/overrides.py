@@ -49,11 +49,13 @@ def toml_value(text: str, argument: str) -> Any:
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
     """Copy nested tables with values replaced; list the replaced keys, and a fault for each key that cannot be set.
 
+    Without overrides the copy shares its inner tables with `data`.
+
     In a list, a number selects an item, a name selects the table of that name, and `*` selects all. A single table
     counts as a list of one, whose index may be omitted; its keys take precedence over its name. Missing intermediate
     tables are created; the validation of the scene decides whether a key exists.
     """
-    changed: dict[str, Any] = deepcopy(dict(data))
+    changed: dict[str, Any] = deepcopy(dict(data)) if overrides else dict(data)
     replaced: set[Key] = set()
     faults: list[Fault] = []
     for key, value in overrides.items():
