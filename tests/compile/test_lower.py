@@ -262,9 +262,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (unknown_field, "has no field 'forces'"),
         (test_in_while, "compute it before the loop and at its end"),
         (own_vector, "variable index into a value"),
-        (name_of_a_part, "'v' is lowered to 'v_x'"),
-        (name_of_a_loop, "'finger' is lowered to 'finger_at'"),
-        (name_of_a_parameter, "'grasp' is lowered to 'grasp_'"),
+        (name_of_a_part, "lowers 'v' to 'v_x'"),
+        (name_of_a_loop, "lowers 'finger' to 'finger_at'"),
+        (name_of_a_parameter, "lowers 'grasp' to 'grasp_'"),
     ],
 )
 def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:

@@ -57,7 +57,7 @@ def scene_with(folder: Path, fault: str) -> tuple[gx.Scene, str]:
         ("device.effort[100_000] = 1.0", LINE_OF_FAULT, "entry 1"),
         ("device.effort[device.delay - 90_000] = 1.0", LINE_OF_FAULT, "entry -"),
         ("push = share(device, 50_000 + device.delay)", LINE_OF_SHARE, "entry 5"),
-        ("device.effort[-1] = 1.0", LINE_OF_FAULT, "before the first"),
+        ("device.effort[-1] = 1.0", LINE_OF_FAULT, "negative index"),
         (
             "if device.delay > 3:\n        push = 1.0\n    device.effort[0] = push",
             LINE_OF_FAULT + 2,

@@ -255,7 +255,7 @@ def require_refusal(path: Path, change: Callable[[h5py.File], None], *, is_elsew
     with path.open("r+b") as stream:  # as if it had been written so
         stream.write(seal(stream, path.stat().st_size))
     CHANGED.tried()
-    with pytest.raises(RecordingError, match=r"r\.h5: .*nothing of that is read" if is_elsewhere else r"r\.h5: "):
+    with pytest.raises(RecordingError, match=r"r\.h5: .*which is not read" if is_elsewhere else r"r\.h5: "):
         gx.Recording.load(path)
 
 

@@ -29,6 +29,7 @@ LARGEST = 0.1  # [m]: fingertip radius, squeeze and depth
 SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 2.0  # [m]: size of an object that fingers hold
 TURN = 4.0 * np.pi  # [rad]: two whole turns of a wrist
 HEAVIEST = 30.0  # [kg]: mass of an object, a device or a limb: more than a person lifts
+ABSURD = 1e30  # beyond that a value is no unit mistaken [kg]
 LIGHTEST_MATTER, HEAVIEST_MATTER = 20.0, 25e3  # [kg/m^3]: a light foam, osmium
 SOFTEST = 1.0  # [N/m]: 1 N moves such a spring by a metre
 SHORTEST, LONGEST = 1e-5, 0.05  # [s]: periods of 100 kHz and 20 Hz
@@ -176,5 +177,5 @@ def _devices(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
     own = [(("finger", i, "device"), finger.device) for i, finger in enumerate(scene.finger)]
     for at, table in [*own, *((("device", k), each) for k, each in enumerate(scene.device))]:
         mass = None if isinstance(table, str) else table.settings.get("mass")
-        if isinstance(mass, int | float) and mass > HEAVIEST:
+        if isinstance(mass, int | float) and HEAVIEST < mass < ABSURD:
             yield (*at, "mass"), float(mass), "kg", _in(mass, "g", 1e-3)

@@ -77,7 +77,8 @@ class Expressions:
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
         text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return InputError(f"{self.tree.name}, line {line}", text, "a construct supported in compiled kernels", why)
+        place = f"{self.tree.name}, line {line}"
+        return InputError(place, text, "a construct supported in compiled kernels", f"it {why}")
 
     def number(self, node: ast.expr, scope: Variables) -> Number:
         value = self.value(node, scope)

@@ -149,7 +149,7 @@ class Scratch:
         for number in expressions(value):
             own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
             if own != name and own in frame.written:
-                raise self.cannot(node, f"{name!r} is lowered to {own!r}, which exists already: rename one of them")
+                raise self.cannot(node, f"lowers {name!r} to {own!r}, which exists already: rename one of them")
 
     def variables(self, value: Lowered, name: str, node: ast.AST, frame: Frame) -> Lowered:
         """Return variables, named after a name in the source, for the numbers of a value."""
@@ -193,4 +193,4 @@ class Scratch:
     def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> InputError:
         line = getattr(node, "lineno", 0)
         text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
-        return kind(f"{self.file}:{line}", text, "a construct supported in kernels", why)
+        return kind(f"{self.file}:{line}", text, "a construct supported in kernels", f"it {why}")

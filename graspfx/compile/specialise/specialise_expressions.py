@@ -320,7 +320,7 @@ class Expressions:
     def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
         text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return kind(self.kernel.place(line), text, "a construct supported in kernels", why)
+        return kind(self.kernel.place(line), text, "a construct supported in kernels", f"it {why}")
 
 
 def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
