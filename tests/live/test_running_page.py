@@ -160,6 +160,34 @@ def test_fingers_are_dragged_by_mouse_touch_and_keys(browser: Browser, tmp_path:
     assert page.console_errors == []
 
 
+def test_a_whole_hand_moves_with_its_fingers_as_they_are(browser: Browser, tmp_path: Path) -> None:
+    """By keys and with shift: a finger that has been moved aside stays aside."""
+    page = opened(browser, tmp_path, gx.load("mug"))
+    page.evaluate("graspfx.play(false)")
+    page.wait_for("!graspfx.playing")
+    press = "document.querySelectorAll('#handles button')[{}].focus()"
+    page.evaluate(press.format(2))
+    page.key("ArrowUp", "ArrowUp")
+    page.evaluate(press.format(0))
+    page.key("ArrowUp", "ArrowUp")
+    assert page.evaluate("graspfx.run.goals[0].offsets.map((each) => each[1])") == pytest.approx(
+        [1e-3, 2e-3, *[1e-3] * 3]
+    )
+    x, y = np.add(
+        page.evaluate("(({x, y}) => [x, y])(document.getElementById('space').getBoundingClientRect())"),
+        page.evaluate("graspfx.project(graspfx.frameAt(graspfx.time).fingertips[2]).slice(0, 2)"),
+    )
+    before = np.array(page.evaluate("graspfx.run.goals[0].offsets"))
+    page.mouse("mousePressed", x, y, modifiers=8)
+    page.mouse("mouseMoved", x + 15, y, modifiers=8)
+    page.mouse("mouseReleased", x + 15, y, modifiers=8)
+    moved = np.array(page.evaluate("graspfx.run.goals[0].offsets")) - before
+    assert np.ptp(moved, axis=0).max() < 1e-12 and np.abs(moved).max() > 1e-3
+    page.evaluate(press.format(0))
+    page.key("Home")
+    assert not np.any(page.evaluate("graspfx.run.goals[0].offsets"))
+
+
 def test_a_fault_ends_the_run_with_its_message(browser: Browser, tmp_path: Path) -> None:
     page = opened(browser, tmp_path, gx.load("reference-1dof"))
     page.evaluate("document.getElementById('record').click()")

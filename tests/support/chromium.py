@@ -266,11 +266,15 @@ class Page:
         })  # fmt: skip
         self.send("Emulation.setTouchEmulationEnabled", {"enabled": phone, "maxTouchPoints": 10 if phone else 1})
 
-    def mouse(self, kind: str, x: float, y: float, *, button: str = "left", buttons: int = 1, clicks: int = 1) -> None:
-        """Send an event of the mouse: "mousePressed", "mouseMoved" or "mouseReleased"."""
+    def mouse(
+        self, kind: str, x: float, y: float, *, button: str = "left", buttons: int = 1, clicks: int = 1,
+        modifiers: int = 0,
+    ) -> None:  # fmt: skip
+        """Send an event of the mouse: "mousePressed", "mouseMoved" or "mouseReleased"; `modifiers` 8 is shift."""
         pressed = buttons if kind != "mouseReleased" else 0
         self.send("Input.dispatchMouseEvent", {
-            "type": kind, "x": x, "y": y, "button": button, "buttons": pressed, "clickCount": clicks
+            "type": kind, "x": x, "y": y, "button": button, "buttons": pressed, "clickCount": clicks,
+            "modifiers": modifiers,
         })  # fmt: skip
 
     def click(self, x: float, y: float) -> None:

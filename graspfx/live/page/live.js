@@ -22,7 +22,11 @@ function openSource() {
     tell(act, data) { if (line?.readyState === WebSocket.OPEN) line.send(JSON.stringify({ act, ...data })); },
     restart() { tell("reset"); },
     set(slider, value) { run.values[slider] = value; touched.sliders[slider] = now(); tell("set", { slider, value }); },
-    lead(hand, finger) { touched.hands[hand] = now(); tell("lead", { hand, finger, offset: run.goals[hand].offsets[finger ?? 0] }); },
+    lead(hand, own) {
+      touched.hands[hand] = now();
+      const { offsets } = run.goals[hand], isOne = offsets.every((each) => String(each) === String(offsets[0]));
+      for (const finger of own !== null ? [own] : isOne ? [null] : offsets.keys()) tell("lead", { hand, finger, offset: offsets[finger ?? 0] });
+    },
     squeeze(hand) { touched.hands[hand] = now(); tell("squeeze", { hand, value: run.goals[hand].squeeze }); },
     mark: () => ["", false],
   };

@@ -116,10 +116,9 @@ function handOf(finger) {
   const hand = run.handles.findIndex((each) => each.fingers.includes(finger));
   return hand < 0 ? null : [hand, run.handles[hand].fingers.indexOf(finger)];
 }
-function moveTo(hand, own, offset) {
+function moveBy(hand, own, by, before = run.goals[hand].offsets) {
   const goal = run.goals[hand], limit = run.handles[hand].farthest;
-  const inside = offset.slice(0, story.dimensions).map((x) => clamp(x, -limit, limit));
-  if (own === null) goal.offsets = goal.offsets.map(() => [...inside]); else goal.offsets[own] = inside;
+  goal.offsets = goal.offsets.map((now, i) => (own === null || own === i ? before[i].map((x, a) => clamp(x + by[a], -limit, limit)) : now));
   source.lead(hand, own);
 }
 function writeHandles() {
@@ -135,8 +134,8 @@ function writeHandles() {
         const by = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], PageUp: [0, 0, 1], PageDown: [0, 0, -1], Home: [0, 0, 0] }[event.key];
         if (!by) return;
         event.preventDefault(); event.stopPropagation();
-        const now = run.goals[hand].offsets[own ?? 0];
-        moveTo(hand, own, event.key === "Home" ? by : now.map((x, a) => x + STEP * by[a]));
+        const home = each.fingers.map(() => Array(story.dimensions).fill(0));
+        moveBy(hand, own, times(STEP, by), event.key === "Home" ? home : undefined);
       });
     }
     if (!each.squeezes) return;
@@ -165,7 +164,7 @@ function grab(event, canvas) {
   const box = canvas.getBoundingClientRect(), finger = fingerAt(event.clientX - box.left, event.clientY - box.top);
   if (finger < 0) return false;
   const [hand, own] = handOf(finger);
-  drags.set(event.pointerId, { finger, hand, own: event.shiftKey ? null : own, from: [event.clientX, event.clientY], before: [...run.goals[hand].offsets[own]] });
+  drags.set(event.pointerId, { finger, hand, own: event.shiftKey ? null : own, from: [event.clientX, event.clientY], before: run.goals[hand].offsets });
   return true;
 }
 function drag(event) {
@@ -173,7 +172,7 @@ function drag(event) {
   if (!each) return false;
   const [dx, dy] = [event.clientX - each.from[0], event.clientY - each.from[1]], { right, up } = cameraAxes();
   const by = add(times(dx / seen.pixels, right), times(-dy / seen.pixels, up));
-  moveTo(each.hand, each.own, each.before.map((x, a) => x + by[a]));
+  moveBy(each.hand, each.own, by, each.before);
   return true;
 }
 
