@@ -24,6 +24,7 @@ PROMISES = family("scenes: extremes", "gx.testing.check_scene: finite, repeats, 
 SAID = family("scenes: extremes that diverge", "a fault, finite rows before it, no force from it on")
 RESTS = family("scenes: a box on the stiffest floor", "weight over stiffness, of that depth")
 REFUSED = family("scenes: bad values of every key", "SceneError, or a run without NaN before a fault")
+NO_BOUND = 1e39  # [N], in any unit
 
 
 @efforts(short=3, full=60)
@@ -33,7 +34,9 @@ def test_other_units_give_the_same_numbers(cases: int) -> None:
         table = random_table(rng)
         # 1 um to 1 km, 1e-6 to 1e3 kg, 0.06 to 16 ms; powers of two, so that nothing is rounded on the way
         units = (2.0 ** int(rng.integers(-15, 15)), 2.0 ** int(rng.integers(-16, 14)), 2.0 ** int(rng.integers(-4, 5)))
-        here, there = gx.run(gx.Scene(**table)), gx.run(gx.Scene(**in_units(table, units)))
+        other = in_units(table, units)
+        table["coupling"]["force_bound"] = other["coupling"]["force_bound"] = NO_BOUND
+        here, there = gx.run(gx.Scene(**table)), gx.run(gx.Scene(**other))
         label = f"case {case}: {table['dimensions']}-D, {len(table['finger'])} fingers, units {units}"
         assert [f.tick for f in here.faults] == [f.tick for f in there.faults], label
         for name, column in here.layout.columns.items():
@@ -111,6 +114,7 @@ def test_one_dimension_against_fifty_digits(cases: int) -> None:
     rng = np.random.default_rng(32)
     for case in range(cases):
         table = line_table(rng)
+        table["coupling"]["force_bound"] = NO_BOUND
         recording = gx.run(gx.Scene(**table))
         assert not recording.faults
         with mp.workdps(DIGITS):
@@ -138,7 +142,7 @@ def test_extremes_keep_the_promises(cases: int) -> None:
         for finger in table["finger"]:
             finger["start"] = (np.array(finger["start"]) + far).tolist()
             finger["hand"]["rest"] = (np.array(finger["hand"]["rest"]) + far).tolist()
-        table["coupling"]["force_bound"] = 1e39  # in any unit
+        table["coupling"]["force_bound"] = NO_BOUND
         label = f"case {case}: {d}-D, {len(table['finger'])} fingers, units {units}"
         scene, duration = gx.Scene(**table), 20 * table["period"]
         recording = gx.run(scene, duration=duration)

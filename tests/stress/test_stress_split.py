@@ -138,7 +138,7 @@ def test_force_of_the_tick(cases: int) -> None:
         radius = np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n) or 1.0
         blend = (0.1 * SHARP * radius, SHARP * radius)  # above what is rounded, below all that contacts are made of
         turning: dict[str, Any] = ON_A_LINE if d == 1 else {"inertia": 1e-4}
-        held = grasped(n, d, law, Rules(attached=True, blend=blend), contacts=points, **turning)
+        held = grasped(n, d, law, Rules(attached=True, blend=blend, force_bound=1e39), contacts=points, **turning)
         held.finger_position[:] = points + e
         assert held.sample() == 0
         felt = (points + e) - points  # the displacement that doubles can hold

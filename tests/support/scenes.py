@@ -24,7 +24,7 @@ COLUMNS: dict[str, tuple[int, int, int]] = {
     "finger_force": (1, 1, -2), "finger_moment": (2, 1, -2), "touching": (0, 0, 0), "status": (0, 0, 0),
     "gap": (1, 0, 0), "true_position": (1, 0, 0), "device_energy": (2, 1, -2), "position": (1, 0, 0),
     "velocity": (1, 0, -1), "orientation": (0, 0, 0), "angular_velocity": (0, 0, -1), "law": (0, 0, 0),
-    "residual": (1, 1, -2),
+    "residual": (1, 1, -2), "contact_normal": (0, 0, 0),
 }  # fmt: skip
 
 
