@@ -280,7 +280,7 @@ def test_a_batch_records_what_its_scene_asks_for_and_measures_every_tick(line):
         every = require(whole.recordings)[index].finger_force[::7]
         assert recording.finger_force.tobytes() == every.tobytes()
     summaries = require(gx.run_batch(some, values, 0.5, keep="summary").summaries)
-    assert "one in 7 ticks" in summaries[0]["recorded"]
+    assert "one per 7 ticks" in summaries[0]["recorded"]
     assert summaries[0]["peak_force"] == require(batch.recordings)[0].summary()["peak_force"]
     some_peak, whole_peak = (
         require(gx.run_batch(each, values, 0.5, measure=["finger_position"], statistics=["peak"]).measures)

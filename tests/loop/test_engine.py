@@ -154,7 +154,7 @@ FAULTS = {
     "called device": "the cable is out",
     "called plant": "the finger is stuck",
     "called body": "the object broke",
-    "plant": "does not move",
+    "plant": "cannot move",
     "object": "above coupling.force_bound",
 }
 
