@@ -298,6 +298,7 @@ class SerialWire(Wire):
 
     def _insert(self) -> None:
         self._master, self._slave = terminal.pseudo_terminal()  # its own end of the slave, so that the line stays
+        os.set_blocking(self._master, False)  # a driver may flush bytes after they were announced
         self._plug.lead(os.ttyname(self._slave))
 
     def _pull(self) -> None:
@@ -313,9 +314,16 @@ class SerialWire(Wire):
             self._unread += self._heard()
             with self._lock:
                 for part in self._turn():
-                    if self._master >= 0:
-                        with suppress(OSError):
-                            os.write(self._master, part)
+                    with suppress(OSError):
+                        self._send(part)
+
+    def _send(self, part: bytes) -> None:
+        """Write an answer to the line; wait while it is full."""
+        while part and self._master >= 0 and not self._closed.is_set():
+            try:
+                part = part[os.write(self._master, part) :]
+            except BlockingIOError:
+                select.select([], [self._master], [], IDLE)
 
     def _turn(self) -> Iterator[bytes]:
         """Let the board read, answer and work for itself; give what comes out of it."""

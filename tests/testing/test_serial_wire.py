@@ -1,0 +1,76 @@
+"""Emulated boards on a serial line: what a driver flushes, and answers that find the line full."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import threading
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspfx.testing.wire import SerialWire
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+
+
+class Echo(SerialWire):
+    """A board that answers what it is told, `times` over."""
+
+    times = 1
+
+    def receive(self, data: bytes) -> Iterable[bytes]:
+        return [data * self.times]
+
+    def home(self) -> None: ...
+
+    def move(self, *places: Any) -> None: ...
+
+    @property
+    def torque(self) -> Any:
+        return np.zeros(1)
+
+
+def closes(wire: SerialWire) -> bool:
+    """Tell whether a wire is closed within some seconds."""
+    closing = threading.Thread(target=wire.close, daemon=True)
+    closing.start()
+    closing.join(20.0)
+    return not closing.is_alive()
+
+
+def test_bytes_that_were_announced_and_flushed_block_no_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The line was readable, and is empty when it is read: the board goes on, and can be closed."""
+    own = select.select
+
+    def announced(readers: Any, writers: Any, others: Any, wait: float) -> Any:
+        own(readers, writers, others, 1e-3)
+        return readers, writers, others
+
+    monkeypatch.setattr(select, "select", announced)
+    assert closes(Echo())
+
+
+def test_an_answer_that_fills_the_line_comes_whole() -> None:
+    """Its end waits for room; a board that nobody reads can be closed all the same."""
+    wire = Echo()
+    wire.times = 100_000
+    line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(line, b"abc")
+        found = b""
+        while len(found) < 300_000 and own_is_ready(line):
+            found += os.read(line, 1 << 16)
+        assert found == b"abc" * 100_000
+        os.write(line, b"abc")
+        assert own_is_ready(line)
+        assert closes(wire)
+    finally:
+        os.close(line)
+
+
+def own_is_ready(line: int) -> bool:
+    return bool(select.select([line], [], [], 20.0)[0])
