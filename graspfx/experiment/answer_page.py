@@ -46,11 +46,11 @@ class AnswerPage(RunLook):
     ) -> None:  # fmt: skip
         self._press, self._draws = press, scene is not None
         self._keys = {**answers, "\n": READY}
-        self._story, self._drawn, self._question = bare_story(title), "", ""
+        self._story, self._question = bare_story(title), ""
+        self._shapes = self._drawn = ""  # of the run, and on the page
         self._title, self._again, self._runs = title, 0, 0
         self._feed: FrameFeed | None = None
-        self.server = PageServer(self, port)
-        self.server.__enter__()
+        self.server = PageServer(self, port).__enter__()
         self.server.tell(self._state())
         super().__init__("page of answers", FRAME)
 
@@ -73,11 +73,8 @@ class AnswerPage(RunLook):
         """Return the page."""
         if path != "/":
             return None
-        live = {
-            "live": True, "hardware": True, "again": self._again, "sliders": (), "handles": (), "presets": (),
-            "grasps": (), "frames": self._story["ticks"], "period": self._story["step"] / self._story["ticks"],
-            "ask": [{"key": key, "text": text} for key, text in self._keys.items()],
-        }  # fmt: skip
+        ask = [{"key": key, "text": text} for key, text in self._keys.items()]
+        live = {"live": True, "hardware": True, "again": self._again, "frames": self._story["ticks"], "ask": ask}
         return document(self._story | {"run": live}, "live", f"ws://{host}")
 
     def order(self, order: Order) -> bool:
@@ -88,22 +85,20 @@ class AnswerPage(RunLook):
         return True
 
     def _state(self) -> dict[str, Any]:
-        return {
-            "again": self._again, "going": False, "tick": 0, "alarm": "", "question": self._question, "lines": [],
-            "remark": "", "recording": False, "recorded": False, "sliders": [], "hands": [], "margins": None,
-        }  # fmt: skip
+        return {"again": self._again, "question": self._question}
 
     def _begin(self, run: LiveRun) -> None:
         self._feed, self._runs = FrameFeed(run), self._runs + 1
+        table = run.scene.to_dict()
+        self._shapes = repr([table.get(name) for name in SHAPES])
 
     def _look(self, run: LiveRun) -> None:
         """Send the newest frames while a browser looks on; change the page first if the shapes are others."""
         if self._feed is None or run.tick < 0:
             return
-        table = run.scene.to_dict()
-        drawn = repr([table.get(name) for name in SHAPES])
-        if drawn != self._drawn:
-            self._story, self._drawn, self._again = self._feed.story() | {"title": self._title}, drawn, self._again + 1
+        if self._shapes != self._drawn:
+            self._story, self._drawn = self._feed.story() | {"title": self._title}, self._shapes
+            self._again += 1
             self.server.tell(self._state())
         if self.server.clients and (news := self._feed.news()) is not None:
             self.server.show(self._runs, news.first, news.frames)

@@ -20,8 +20,7 @@ from graspfx.live.letting_go import Release
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
 from graspfx.recording.files import NAME, recording_path, require_vacancy_of
-from graspfx.recording.header import Header
-from graspfx.recording.split import Split
+from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:
@@ -151,9 +150,9 @@ class LiveRun(Resource):
         return self._session.fault
 
     @property
-    def splits(self) -> Sequence[tuple[int, Split]]:
-        """Rules that split forces into internal and external parts, each with its first tick."""
-        return self._session.splits
+    def splits(self) -> list[KeyChange]:
+        """Changes of the rule that splits forces into internal and external parts, as a recording has them."""
+        return [KeyChange(since, SPLIT, split) for since, split in self._session.splits]
 
     @property
     def cause(self) -> str:

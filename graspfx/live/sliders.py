@@ -65,6 +65,13 @@ class Slider:
         """Live key of the scene that the slider moves."""
         return self.key if self.stiffness is None else OBJECT_STIFFNESS
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description of the slider for a page."""
+        return {
+            "key": self.live, "label": self.label, "unit": self.unit, "least": self.least, "most": self.most,
+            "step": self.step, "value": self.value,
+        }  # fmt: skip
+
     @property
     def text(self) -> str:
         """Label with unit."""

@@ -1,11 +1,11 @@
 // The source of a page of a live run: the program that serves it ticks, and a WebSocket brings frames and takes orders.
 const PAUSE = 300; // [ms] during which what the page ordered itself counts, not what the program tells
 const touched = { sliders: run.sliders.map(() => -PAUSE), hands: run.handles.map(() => -PAUSE) };
+const QUIET = { again: 0, going: false, alarm: "", question: "", lines: [], remark: "", recording: false, recorded: false, sliders: [], hands: [], margins: null };
 let line = null, number = -1, latest = null;
 function openSource() {
   connect();
-  const box = find("controls");
-  for (const id of ["speed"]) find(id).closest("label").hidden = true;
+  find("speed").closest("label").hidden = true;
   if (run.hardware) for (const id of ["play", "back", "forth", "restart"]) find(id).hidden = true;
   document.body.classList.toggle("asks", Boolean(run.ask));
   find("restart").title = "The scene from its beginning, with these values";
@@ -34,7 +34,7 @@ function openSource() {
 function connect() {
   line = new WebSocket(`ws://${location.host}/live`);
   line.binaryType = "arraybuffer";
-  line.onmessage = ({ data }) => (typeof data === "string" ? onState(JSON.parse(data)) : onFrames(data));
+  line.onmessage = ({ data }) => (typeof data === "string" ? onState({ ...QUIET, ...JSON.parse(data) }) : onFrames(data));
   line.onclose = () => {
     state.going = false;
     shown("The program that runs this scene does not answer: it has ended, or is out of reach");

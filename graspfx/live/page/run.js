@@ -1,5 +1,5 @@
 // A page with a run: frames come from a source, one after the other, and sliders and hands lead the run.
-const run = story.run;
+const run = story.run && { again: 0, sliders: [], handles: [], presets: [], ...story.run };
 const state = { going: false, ended: "", tick: 0, recorded: 0, recording: false, slow: 0 };
 const STEP = 0.001; // [m] of an arrow key
 const lineCount = run ? story.charts.reduce((sum, chart) => sum + chart.lines.length, 0) : 0;

@@ -296,10 +296,7 @@ def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo
 
     The page writes the same bits as `Session.set`.
     """
-    about = {
-        "key": slider.live, "label": slider.label, "unit": slider.unit, "least": slider.least, "most": slider.most,
-        "step": slider.step, "value": slider.value,
-    }  # fmt: skip
+    about = slider.to_dict()
     low = slider.least if slider.least > 0.0 else slider.step
     probes = sorted({low, slider.value if slider.value > 0.0 else low, 0.5 * (slider.least + slider.most), slider.most})
     written = {v: _written([slider], others, scene, servo, start, [v]) for v in probes}

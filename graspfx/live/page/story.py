@@ -281,18 +281,16 @@ def _chart(title: str, unit: str, lines: list[dict[str, Any]]) -> dict[str, Any]
 
 def _forces(name: str, motion: Motion, source: Source) -> list[dict[str, Any]]:
     """List the lines of an object's forces: squeeze, push along each axis, friction margin of the grip."""
-    squeeze, push = motion.squeeze[name], motion.push[name]
-    lines = {"squeeze": _line("squeeze", SQUEEZE.colour, SQUEEZE.width)}
-    values = {"squeeze": squeeze}
-    for axis in range(motion.dimensions):
-        lines[f"push {axis}"], values[f"push {axis}"] = _push(axis, motion.dimensions), push[:, axis]
-    if source != "own" and name in motion.margin:  # a page that runs by itself does not compute it
-        lines["margin"], values["margin"] = _line("grip margin", "", MARGIN.width, (1.0, 2.0)), motion.margin[name]
-    if source != "recording":
-        return list(lines.values())
-    seen = [each for each in lines if not each.startswith("push") and np.isfinite(values[each]).any()]
-    seen += [f"push {axis}" for axis in pushes([Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))])]
-    return [line | _values(values[key]) for key, line in lines.items() if key in seen]
+    squeeze, push, is_recorded = motion.squeeze[name], motion.push[name], source == "recording"
+    largest = Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))
+    axes = pushes([largest]) if is_recorded else range(motion.dimensions)
+    lines = [(_push(axis, motion.dimensions), push[:, axis]) for axis in axes]
+    if not is_recorded or np.isfinite(squeeze).any():
+        lines.insert(0, (_line("squeeze", SQUEEZE.colour, SQUEEZE.width), squeeze))
+    margin = motion.margin.get(name) if source != "own" else None  # a page that runs by itself does not compute it
+    if margin is not None and (not is_recorded or np.isfinite(margin).any()):
+        lines.append((_line("grip margin", "", MARGIN.width, (1.0, 2.0)), margin))
+    return [line | (_values(values) if is_recorded else {}) for line, values in lines]
 
 
 def _push(axis: int, dimensions: int) -> dict[str, Any]:

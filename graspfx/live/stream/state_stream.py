@@ -17,7 +17,6 @@ from graspfx.live.frame import Frames, history_of
 from graspfx.live.scenery import Scenery, scenery
 from graspfx.live.stream.state_message import hello_message, state_message
 from graspfx.live.touch.finger_goals import GoalWalk
-from graspfx.recording.header import SPLIT, KeyChange
 from graspfx.screen.gate import TOKEN, StreamGate
 from graspfx.screen.own_page import HOST, NAMES, listen_at
 from graspfx.screen.stream_server import SOCKET, Bounds, StreamOrder, StreamServer
@@ -181,8 +180,7 @@ class StateStream:
         at = tick + len(rows) - 1
         if at == self._tick and state == "running":
             return None
-        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
-        frames = Frames(history_of(rows[-1:], run.layout, run.header, changes=splits, tick=at), self._scenery.apart)
+        frames = Frames(history_of(rows[-1:], run.layout, run.header, changes=run.splits, tick=at), self._scenery.apart)
         self._tick, self._number, self.states = at, self._number + 1, self.states + 1
         fault = run.fault
         text = str(fault.message) if fault is not None else run.cause

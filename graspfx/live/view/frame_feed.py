@@ -12,11 +12,11 @@ from graspfx.live.frame import history_of
 from graspfx.live.page.played_frames import motion_of, rows_per_frame
 from graspfx.live.page.story import story_of
 from graspfx.live.scenery import scenery
-from graspfx.recording.header import SPLIT, KeyChange
 from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
+    from graspfx.recording.header import Header
 
 FloatArray = NDArray[np.float64]
 LONGEST = 0.5  # longest time that is caught up; older ticks are left out [s]
@@ -45,7 +45,9 @@ class FrameFeed:
     """
 
     def __init__(self, run: LiveRun) -> None:
-        self._run, self._apart = run, scenery(run.scene).apart
+        self._run = run
+        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # which is that of a line alone
+        self._scene, self._header = run.scene, _header(run)
         self.ticks = rows_per_frame(run.period)
         self._number, self._next, self._tick = -1, 0, -1
 
@@ -81,6 +83,11 @@ class FrameFeed:
     def _history(self, tick: int, rows: FloatArray) -> Recording:
         """Return rows as a recording of every tick, with the present values of the scene."""
         run = self._run
-        header = replace(run.header, every=1, scene_table=run.scene.to_dict())
-        splits = [KeyChange(since, SPLIT, split) for since, split in run.splits]
-        return history_of(rows, run.layout, header, changes=splits, tick=tick)
+        if run.scene is not self._scene:
+            self._scene, self._header = run.scene, _header(run)
+        return history_of(rows, run.layout, self._header, changes=run.splits, tick=tick)
+
+
+def _header(run: LiveRun) -> Header:
+    """Return the header of a recording of every tick, with the present values of the scene."""
+    return replace(run.header, every=1, scene_table=run.scene.to_dict())

@@ -16,7 +16,6 @@ import numpy as np
 from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.page.document import document, page_text
-from graspfx.live.scenery import scenery
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.frame_feed import FrameFeed
 from graspfx.live.view.margin_bars import margin_bars
@@ -96,13 +95,13 @@ class LivePage(Resource):
         self.recording: Path | None = None
         self.last: Path | None = None
         self._pace, self._feed = Pace(run.period), FrameFeed(run)
-        self._extent = scenery(run.scene).extent
+        self._story = self._feed.story()
+        self._extent = float(self._story["extent"])
         self._squeezes = _squeezes(self._extent)
         self.certificate = CertificatePanel(run, self._changed)
         self.sliders = SliderOrders(sliders, self.certificate.order, self._say)
-        self._story = self._described(sliders)
-        self.server = PageServer(self, port)
-        self.server.__enter__()
+        self._story["run"] = self._described(sliders)
+        self.server = PageServer(self, port).__enter__()
 
     def close(self) -> None:
         """Close all pages and end their computations; the run continues."""
@@ -152,29 +151,22 @@ class LivePage(Resource):
             }
             for guide in run.guides
         ]  # fmt: skip
-        numbers = [
-            {"key": each.live, "label": each.label, "unit": each.unit, "least": each.least, "most": each.most,
-             "step": each.step, "value": each.value}
-            for each in sliders
-        ]  # fmt: skip
-        live = {
-            "live": True, "hardware": run.has_hardware, "period": run.period, "frames": self._feed.ticks, "again": 0,
-            "sliders": numbers, "handles": handles, "presets": [], "grasps": [],
+        return {
+            "live": True, "hardware": run.has_hardware, "frames": self._feed.ticks, "handles": handles,
+            "sliders": [each.to_dict() for each in sliders],
         }  # fmt: skip
-        return self._feed.story() | {"run": live}
 
     def _state(self) -> dict[str, Any]:
-        run, state, verdict = self.run, self.run.state, self.certificate.latest()
+        state, verdict = self.run.state, self.certificate.latest()
         if verdict is not None:
             self.sliders.widen(verdict)
         alarm = f"FAULT: {self._fault}" if self._fault else ""
         if not alarm and verdict is not None and verdict.is_stable is False:
             alarm = "UNSTABLE with these gains: the grasp will shake"
         return {
-            "again": 0, "going": state == "running", "tick": run.tick, "alarm": alarm, "question": "",
-            "lines": self._lines(state), "remark": self._remark, "recording": self.recording is not None,
-            "recorded": self.last is not None, "sliders": self.sliders.told(), "hands": self._goals(),
-            "margins": margin_bars(verdict, self._loose()),
+            "going": state == "running", "alarm": alarm, "lines": self._lines(state), "remark": self._remark,
+            "recording": self.recording is not None, "recorded": self.last is not None,
+            "sliders": self.sliders.told(), "hands": self._goals(), "margins": margin_bars(verdict, self._loose()),
         }  # fmt: skip
 
     def _lines(self, state: str) -> list[str]:

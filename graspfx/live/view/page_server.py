@@ -132,10 +132,9 @@ class PageServer(ClaimServer):
         super().__init__(line, "pages", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
         self.url = f"http://{HOST}:{line.getsockname()[1]}"
         self._shown = shown
-        self._state, self._version = "", 0
         self._frames: deque[tuple[int, int, FloatArray]] = deque(maxlen=KEPT)  # version, number, frame
         self._shown_run, self._newest = -1, 0
-        self._sent: dict[int, tuple[int, int]] = {}  # versions of the state and of the frames, by client
+        self._sent: dict[int, int] = {}  # version of the frames, by client
 
     def tell(self, state: Mapping[str, Any]) -> None:
         """Send the state of the page to every browser; a slow one gets the newest when it is ready."""
@@ -175,9 +174,8 @@ class PageServer(ClaimServer):
         return "taken" if self._shown.order(order) else "order"
 
     def _set_state(self, state: str) -> None:
-        if state != self._state:
-            self._state, self._version = state, self._version + 1
-            self._tell_all()
+        if state != self._hello:
+            self._set_hello(state)
 
     def _add(self, run: int, first: int, frames: FloatArray) -> None:
         if run != self._shown_run:
@@ -190,18 +188,14 @@ class PageServer(ClaimServer):
             self._frames.append((self._newest, first + k, frame))
         self._tell_all()
 
-    def _message(self, client: Client) -> bytes | str:
-        """Return the state if it is new for a client, else its new frames: run, first number, count, and the frames."""
-        version, newest = self._sent.get(client.number, (0, 0))
-        if version < self._version:
-            self._sent[client.number] = self._version, newest
-            client.news.set()
-            return self._state
+    def _message(self, client: Client) -> bytes:
+        """Return the new frames for a client: run, first number, count, and the frames; empty without one."""
+        newest = self._sent.get(client.number, 0)
         every = [each for each in self._frames if each[0] > newest]
         new = [each for k, each in enumerate(every) if each[1] == every[0][1] + k]  # up to a gap
         if not new:
-            return ""
-        self._sent[client.number] = version, new[-1][0]
+            return b""
+        self._sent[client.number] = new[-1][0]
         if len(new) < len(every):
             client.news.set()
         head = np.array([self._shown_run, new[0][1], len(new)], dtype="<f8").tobytes()

@@ -46,8 +46,7 @@ class RecordingPage(Resource):
         self._recording, self._folder = recording, folder
         most = max(1, LARGEST // (8 * max(1, recording.layout.width)))
         self.rows = min(MOST * rows_per_frame(recording.row_period), most)
-        self.server = PageServer(self, port)
-        self.server.__enter__()
+        self.server = PageServer(self, port).__enter__()
 
     def close(self) -> None:
         """Close all pages."""
@@ -65,8 +64,6 @@ class RecordingPage(Resource):
         number = int(name) if name.isascii() and name.isdecimal() and len(name) < 9 else 0
         if not 1 <= number <= count:
             return None
-        if count == 1:
-            return document(story_of(self._recording, self._folder))
         first = (number - 1) * self.rows
         part = self._recording.part(first, min(first + self.rows, len(self._recording)))
         links = [(f"Part {each} of {count}", f"/{each}") for each in (number - 1, number + 1) if 1 <= each <= count]
