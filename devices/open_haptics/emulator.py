@@ -31,7 +31,7 @@ class FakeDevice(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_double * 3) for name in ("position", "velocity", "force", "pending")),
-        *((name, ctypes.c_int64) for name in ("owner", "enabled", "frame", "error")),
+        *((name, ctypes.c_int64) for name in ("owner", "enabled", "frame", "error", "refusal")),
         ("name", ctypes.c_char * 64),
     )
 
@@ -124,6 +124,10 @@ class OpenHapticsWire(Wire):
     def leave(self, error: int, device: int = 0) -> None:
         """Let every frame of a device leave this error on the library's stack; 0 for none."""
         self.state.devices[device].error = error
+
+    def refuse(self, error: int, device: int = 0) -> None:
+        """Let a device refuse every force but zero with this error; 0 for none."""
+        self.state.devices[device].refusal = error
 
     def forces(self, device: int) -> FloatArray:
         """Return the force that a device displays (3,) [N]."""

@@ -24,7 +24,7 @@ static const int64_t SECOND = 1000000000, PAUSE = 20000; /* [ns]; PAUSE between 
 
 struct device { /* FakeDevice in emulator.py */
     double position[3], velocity[3], force[3], pending[3]; /* mm, mm/s, N */
-    int64_t owner, enabled, frame, error;                  /* the error is left by every frame */
+    int64_t owner, enabled, frame, error, refusal;         /* errors left by every frame, and by every force but 0 */
     char name[64];
 };
 
@@ -164,7 +164,11 @@ void hdGetDoublev(unsigned what, double *values)
 void hdSetDoublev(unsigned what, const double *values)
 {
     struct device *d = current();
-    if (d && what == FORCE)
+    if (!d || what != FORCE)
+        return;
+    if (d->refusal && (values[0] != 0.0 || values[1] != 0.0 || values[2] != 0.0))
+        leave(d->refusal);
+    else
         memcpy(d->pending, values, sizeof d->pending);
 }
 

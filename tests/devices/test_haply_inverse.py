@@ -439,16 +439,16 @@ class Peer:
     def _serve(self, parts: tuple[bytes, ...], greeting: bytes | None) -> None:
         line, _ = self._server.accept()
         with line:
-            if greeting is None:
-                greet(line)
-            else:
-                line.sendall(greeting)
-                line.shutdown(socket.SHUT_WR)  # the end of an answer without a length
-            for part in parts:
-                line.sendall(part)
-                time.sleep(0.002)
             line.settimeout(60.0)
-            try:
+            try:  # the other end closes when it has seen enough
+                if greeting is None:
+                    greet(line)
+                else:
+                    line.sendall(greeting)
+                    line.shutdown(socket.SHUT_WR)  # the end of an answer without a length
+                for part in parts:
+                    line.sendall(part)
+                    time.sleep(0.002)
                 while data := line.recv(1000):
                     self.seen += data
             except OSError:

@@ -72,7 +72,7 @@ def undisturbed(go: Callable[[int], T]) -> T:
         try:
             return go(k)
         except InputError as error:
-            if "no new reading" not in str(error):
+            if "no new " not in str(error):
                 raise
     return go(TRIES)
 

@@ -166,6 +166,7 @@ def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
         state = PortState(loop.buffer, port.state)
         if not state.is_gone:
             code = call_port(loop, port, i, 0, state.raw.offset)
+            state.is_asked = True
             if code < 0:
                 latch(servo, k, NATIVE, i, fail(state, NO_ASK, code))
     for i, port in enumerate(loop.ports):
@@ -215,12 +216,12 @@ def display(loop: Beat, servo: ServoState, k: int) -> None:
 
 @kernel
 def stop_all(loop: Beat, k: int) -> None:
-    """Stop all devices, those without a fault first."""
+    """Stop all devices, those without a fault first; a failed stop is tried once more."""
     for j in range(loop.port_count):
         i = closing(loop, j)
         state = PortState(loop.buffer, loop.ports[i].state)
         if not state.is_gone:
-            code = call_port(loop, loop.ports[i], i, 3, state.forces.offset)
+            code = stop_port(loop, state, i)
             if code < 0:
                 state.stop_code = code
                 state.stop_tick = k
@@ -228,9 +229,22 @@ def stop_all(loop: Beat, k: int) -> None:
     for j in range(loop.port_count):
         i = closing(loop, j)
         state = PortState(loop.buffer, loop.ports[i].state)
-        if state.is_gone:
-            call_port(loop, loop.ports[i], i, 3, state.forces.offset)
+        if state.is_gone and stop_port(loop, state, i) >= 0:
+            state.stop_code = 0
     publish(loop.buffer, loop.own + CALLED, 0)
+
+
+@kernel
+def stop_port(loop: Beat, state: PortState, i: int) -> int:
+    """Stop a device and return its code.
+
+    In a vendor's thread the device is asked first, unless it was: `ask` opens a frame, `write` and `stop` close it, and
+    a force can be set in a frame only.
+    """
+    if loop.nested and not state.is_asked:
+        call_port(loop, loop.ports[i], i, 0, state.raw.offset)
+    state.is_asked = False
+    return call_port(loop, loop.ports[i], i, 3, state.forces.offset)
 
 
 @kernel
@@ -251,6 +265,8 @@ def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
         code = call_port(loop, port, i, 2, state.forces.offset)
         if code < 0:
             why = fail(state, NO_WRITE, code)
+        else:
+            state.is_asked = False
     if why != 0:
         latch(servo, k, NATIVE, i, why)
 

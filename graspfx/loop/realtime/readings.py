@@ -91,6 +91,7 @@ class PortState(Record):
     force: float  # largest force of a finger [N]
     is_begun: bool  # whether there has been a sample
     is_gone: bool  # whether a call has failed; the device is then not read again
+    is_asked: bool  # whether it was asked, and neither written nor stopped since
     is_fresh: bool  # whether the last reading brought a sample
     samples: int
     repeats: int  # readings without a new sample
@@ -323,6 +324,7 @@ class Readings:
     def is_gone(self, is_it: bool) -> None:
         if not is_it:
             self.state.why = self.state.code = self.state.stop_code = 0
+            self.state.is_asked = False
         self.state.is_gone = is_it
 
     def compile(self) -> None:
