@@ -82,6 +82,34 @@ def part(page: Page, pixels: Pixels, element: str) -> Pixels:
     return pixels[y : y + h, x : x + w]
 
 
+# Before the page of the module is opened: what a browser draws takes both processors.
+
+
+def test_a_page_whose_program_has_ended_says_so_and_goes_on_with_the_next(browser: Browser, tmp_path: Path) -> None:
+    scene = gx.load("reference-1dof", {"engine": "interpreted"})
+    with LiveRun(scene) as run:
+        with LivePage(run, [], lambda: tmp_path / "none", port=0, tell=lambda _: None) as first, serving(first):
+            port = int(first.server.url.rpartition(":")[2])
+            page = opened(browser, first)
+        page.wait_for("document.getElementById('banner').textContent.includes('does not answer')")
+        with LivePage(run, [], lambda: tmp_path / "none", port=port, tell=lambda _: None) as second, serving(second):
+            page.wait_for("document.getElementById('banner').hidden && graspfx.playing")
+
+
+def test_hostile_names_do_nothing(browser: Browser, tmp_path: Path) -> None:
+    evil = "</script><img src=x onerror=\"document.title='taken'\">"
+    scene = gx.load("reference-1dof", {"title": evil, "engine": "interpreted"})
+    with LiveRun(scene, guide="hands") as run:
+        page_of = LivePage(run, [], lambda: tmp_path / evil, port=0, tell=lambda _: None)
+        with page_of as view, serving(view):
+            view._say(evil)
+            page = opened(browser, view)
+            page.wait_for(f"document.getElementById('remark').textContent === {evil!r}")
+            assert page.evaluate("document.title").startswith("</script>")
+            assert page.evaluate("document.querySelectorAll('img').length") == 0
+            assert page.console_errors == []
+
+
 def test_the_page_shows_forces_states_and_charts_and_asks_nobody_else(page: Page, view: LivePage, folder: Path) -> None:
     space = "document.getElementById('scene')"
 
@@ -233,28 +261,3 @@ def test_gains_beyond_the_limit_redden_the_page_before_anybody_waits(page: Page,
     page.wait_for("document.querySelector('.margin.red b')?.textContent.startsWith('0.')")
     page.evaluate(f"graspfx.run.sliders[{SLIDER}].set(30)")
     page.wait_for(f"!{TEXT}.includes('UNSTABLE')")
-
-
-def test_a_page_whose_program_has_ended_says_so_and_goes_on_with_the_next(browser: Browser, tmp_path: Path) -> None:
-    scene = gx.load("reference-1dof", {"engine": "interpreted"})
-    with LiveRun(scene) as run:
-        with LivePage(run, [], lambda: tmp_path / "none", port=0, tell=lambda _: None) as first, serving(first):
-            port = int(first.server.url.rpartition(":")[2])
-            page = opened(browser, first)
-        page.wait_for("document.getElementById('banner').textContent.includes('does not answer')")
-        with LivePage(run, [], lambda: tmp_path / "none", port=port, tell=lambda _: None) as second, serving(second):
-            page.wait_for("document.getElementById('banner').hidden && graspfx.playing")
-
-
-def test_hostile_names_do_nothing(browser: Browser, tmp_path: Path) -> None:
-    evil = "</script><img src=x onerror=\"document.title='taken'\">"
-    scene = gx.load("reference-1dof", {"title": evil, "engine": "interpreted"})
-    with LiveRun(scene, guide="hands") as run:
-        page_of = LivePage(run, [], lambda: tmp_path / evil, port=0, tell=lambda _: None)
-        with page_of as view, serving(view):
-            view._say(evil)
-            page = opened(browser, view)
-            page.wait_for(f"document.getElementById('remark').textContent === {evil!r}")
-            assert page.evaluate("document.title").startswith("</script>")
-            assert page.evaluate("document.querySelectorAll('img').length") == 0
-            assert page.console_errors == []

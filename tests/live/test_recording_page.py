@@ -25,7 +25,6 @@ from tests.support.view_page import serving
 from tests.support.waiting import wait_until
 
 
-@pytest.mark.alone
 def test_a_recording_is_scrubbed_and_played(browser: Browser, tmp_path: Path) -> None:
     """Arrows of a squeeze are there while there is one."""
     played("paper-waving").save(tmp_path / "recording.h5")
@@ -43,7 +42,6 @@ def test_a_recording_is_scrubbed_and_played(browser: Browser, tmp_path: Path) ->
         assert page.requests == [f"{view.server.url}/"]
 
 
-@pytest.mark.alone
 def test_a_long_recording_has_parts_with_the_times_of_the_run(browser: Browser) -> None:
     """Each part has the numbers of its rows, and links to those before and after it."""
     run = played("paper-waving")

@@ -22,7 +22,6 @@ from tests.support.waiting import wait_until
 
 pytest.importorskip("ziglang", reason="the module for browsers is compiled with ziglang: pip install 'graspfx[page]'")
 
-pytestmark = pytest.mark.alone
 CLOSE = 1e-9  # [m, N, m/s]: gaps of a fade that follow from stiffnesses are rounded otherwise in a page, after a second
 SCENES = Path(__file__).parents[2] / "scenes"
 NAMES = sorted(

@@ -26,7 +26,7 @@ from graspfx.testing.wire import compiler
 
 FAULTS = ("fails", "not finite", "far away", "hangs", "killed")
 LOOPS = {"python": "process", "native": "native"}  # as a recording's header says it
-PERIOD, DURATION = 0.002, 3.0  # [s]: the fault comes in the first second
+PERIOD, DURATION = 0.002, 1.2  # [s]: the fault comes after some 0.7 s
 # The device's notes are three numbers: when the fault came, when the force was zero [s], and the force before [N].
 MARKS = (
     "-DPRESSED=200",
