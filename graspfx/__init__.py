@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
     from graspfx.assembly.real_time_session import RealTimeSession as RealTimeSession
-    from graspfx.assembly.replay import replay as replay
-    from graspfx.assembly.run import open as open
-    from graspfx.assembly.run import run as run
+    from graspfx.assembly.replay_recording import replay as replay
+    from graspfx.assembly.run_scene import open as open
+    from graspfx.assembly.run_scene import run as run
     from graspfx.assembly.session import Session as Session
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.quality.least_friction import least_friction as least_friction
     from graspfx.grasp.split import Split as Split
-    from graspfx.grasp.touch import unilateral_force as unilateral_force
+    from graspfx.grasp.unilateral_force import unilateral_force as unilateral_force
     from graspfx.recording.record import Recording as Recording
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.show import style as style
-    from graspfx.sweeps.sweep import sweep as sweep
+    from graspfx.sweeps.run_sweep import sweep as sweep
     from graspfx.sweeps.sweep_result import SweepResult as SweepResult
-    from graspfx.tuning.tune import tune as tune
+    from graspfx.tuning.tune_scene import tune as tune
     from graspfx.tuning.tuning import Tuning as Tuning
 
 __version__ = "0.1.0"
@@ -75,18 +75,18 @@ _HOMES = {
     "grasp_matrix": "graspfx.grasp.matrix",
     "least_friction": "graspfx.grasp.quality.least_friction",
     "load": "graspfx.scene.load",
-    "open": "graspfx.assembly.run",
+    "open": "graspfx.assembly.run_scene",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
-    "replay": "graspfx.assembly.replay",
-    "run": "graspfx.assembly.run",
+    "replay": "graspfx.assembly.replay_recording",
+    "run": "graspfx.assembly.run_scene",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
     "style": "graspfx.show",
-    "sweep": "graspfx.sweeps.sweep",
+    "sweep": "graspfx.sweeps.run_sweep",
     "testing": "graspfx.testing",
-    "tune": "graspfx.tuning.tune",
-    "unilateral_force": "graspfx.grasp.touch",
+    "tune": "graspfx.tuning.tune_scene",
+    "unilateral_force": "graspfx.grasp.unilateral_force",
 }
 
 __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)

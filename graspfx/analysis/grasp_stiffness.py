@@ -9,7 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import numbers, one_of
+from graspfx.analysis.checked_arguments import numbers, one_of
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
 from graspfx.errors import InputError
 from graspfx.numeric import finite

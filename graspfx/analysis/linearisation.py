@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
+from graspfx.analysis.checked_arguments import LONGEST, lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
@@ -310,7 +310,7 @@ class Linearisation(Carded):
             MissingPackageError: python-control is missing; `pip install 'graspfx[control]'` installs it.
             UnknownNameError: The loop is another one.
         """
-        from graspfx.show.export import to_control
+        from graspfx.show.conversions import to_control
 
         return to_control(self, loop)
 

@@ -25,10 +25,10 @@ from graspfx.loop.operator import NOISE, Operator
 from graspfx.scene.tables.reading import AXES, listed
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.hands import Axis as AxisTable
-    from graspfx.scene.tables.hands import Guide, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand
-    from graspfx.scene.tables.hands import Motion as MotionTable
-    from graspfx.scene.tables.hands import Turn as TurnTable
+    from graspfx.scene.tables.hand_tables import Axis as AxisTable
+    from graspfx.scene.tables.hand_tables import Guide, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand
+    from graspfx.scene.tables.hand_tables import Motion as MotionTable
+    from graspfx.scene.tables.hand_tables import Turn as TurnTable
     from graspfx.scene.tables.scene_table import SceneTable
 
 

@@ -28,7 +28,7 @@ from graspfx.recording.record import Recording
 from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
-    from graspfx.recording.split import Split
+    from graspfx.recording.recorded_split import Split
     from graspfx.scene.model import Scene
 
 

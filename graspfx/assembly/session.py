@@ -36,8 +36,8 @@ from graspfx.recording.files import NAME, make_folder, part_of, recording_path, 
 from graspfx.recording.header import SPLIT, Header
 from graspfx.recording.history import by_name
 from graspfx.recording.record import Recording
+from graspfx.recording.recorded_split import RowSplit, Split
 from graspfx.recording.recorder import Recorder, Sink
-from graspfx.recording.split import RowSplit, Split
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.analysis.arguments import count
+from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.session import warn_of_axes
@@ -162,7 +162,7 @@ class Batch(Carded):
             MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
             InputError: The recordings have different columns or lengths.
         """
-        from graspfx.show.export import batch_dataset
+        from graspfx.show.conversions import batch_dataset
 
         return batch_dataset(self)
 
@@ -174,7 +174,7 @@ class Batch(Carded):
         Raises:
             MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
         """
-        from graspfx.show.export import batch_frame
+        from graspfx.show.conversions import batch_frame
 
         return batch_frame(self)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run import ticks_of
+from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import require_memory
 from graspfx.batch.groups import Group
 from graspfx.batch.measured_columns import columns_of, divider, split_of

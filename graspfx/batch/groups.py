@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.columns import Column
+from graspfx.batch.varied_entries import Column
 from graspfx.loop.arena import Arena
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import UnknownNameError
 from graspfx.loop.columns import Column, Layout
-from graspfx.recording.split import RowSplit
+from graspfx.recording.recorded_split import RowSplit
 
 FloatArray = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
 from graspfx.assembly.resolve import require_no_host, require_prompt_simulations, resolve
-from graspfx.batch.columns import Columns, NotAlikeError, plain_keys
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.batch.part_memory import PartMemory
+from graspfx.batch.varied_entries import Columns, NotAlikeError, plain_keys
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
 from graspfx.loop.foreign import foreign, guests, looked_ahead

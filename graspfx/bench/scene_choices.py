@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.provenance import source_name
-from graspfx.assembly.run import open as open_session
-from graspfx.bench.rows import error_text, front, time_text
+from graspfx.assembly.run_scene import open as open_session
+from graspfx.bench.measurements import error_text, front, time_text
 from graspfx.bench.timing import TIMED, Row
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of

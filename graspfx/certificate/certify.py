@@ -16,8 +16,8 @@ from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, Ce
 from graspfx.certificate.grip import sliding_notes
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, spectral_radius, standing_limits
+from graspfx.certificate.operating_point import NotGraspingError
 from graspfx.certificate.recorded import recording_of
-from graspfx.certificate.rest import NotGraspingError
 from graspfx.errors import InputError
 from graspfx.recording.record import Recording
 from graspfx.scene.load import to_scene

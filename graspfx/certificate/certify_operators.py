@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.arguments import count
+from graspfx.analysis.checked_arguments import count
 from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
 from graspfx.certificate.certify import certificates

@@ -19,7 +19,7 @@ from graspfx.assembly.resolve import resolve
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, spectral_radius, standing_limits
-from graspfx.certificate.rest import NotGraspingError
+from graspfx.certificate.operating_point import NotGraspingError
 from graspfx.errors import InputError, NoRestError
 from graspfx.scene.keys import general
 from graspfx.scene.model import Scene

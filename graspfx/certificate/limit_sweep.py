@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.blas_threads import one_blas_thread
-from graspfx.analysis.plant import Plant
+from graspfx.analysis.sampled_plant import Plant
 from graspfx.analysis.stability.modes import COMMUTING, common_axes
 from graspfx.certificate.certificate import plain
 from graspfx.certificate.first_loss import Line, WholeLoop, reach

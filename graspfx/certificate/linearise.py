@@ -27,8 +27,8 @@ from graspfx.certificate.matrices import (
     pads_of,
     turned_operator,
 )
+from graspfx.certificate.operating_point import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
-from graspfx.certificate.rest import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError, NoRestError, UnknownNameError

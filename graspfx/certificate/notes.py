@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspfx.analysis.plant import Plant
+from graspfx.analysis.sampled_plant import Plant
 from graspfx.assembly.bodies import mass
 from graspfx.assembly.checks.units import unit_notes
 from graspfx.assembly.grasps import grasps
@@ -23,7 +23,7 @@ from graspfx.objects import integrators as body
 from graspfx.objects.dynamics_table import DYNAMICS
 from graspfx.scene.keys import dotted
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import OwnHand, SharedHand
+from graspfx.scene.tables.hand_tables import OwnHand, SharedHand
 
 if TYPE_CHECKING:
     from graspfx.coupling.grasped import GraspedObject

@@ -16,7 +16,7 @@ from graspfx.certificate.notes import is_damped, why_not_gradual
 from graspfx.coupling import block as at
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import Moving
+from graspfx.scene.tables.hand_tables import Moving
 from graspfx.scene.tables.part_tables import Device, Object, ObjectImpedance, Placement
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape

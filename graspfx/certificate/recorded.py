@@ -11,7 +11,13 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.loop import radius_of
 from graspfx.assembly.mechanics import Mechanics
 from graspfx.certificate.grip import Grip, Ground, bearers
-from graspfx.certificate.rest import NotGraspingError, OperatingPoint, incomplete, no_rest_error, operating_point
+from graspfx.certificate.operating_point import (
+    NotGraspingError,
+    OperatingPoint,
+    incomplete,
+    no_rest_error,
+    operating_point,
+)
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError

@@ -79,7 +79,7 @@ def scene_among(names: Sequence[str]) -> str | None:
 def bench(names: Sequence[str], options: Namespace) -> int:
     """Run the named benchmarks, or all of them, and print their rows."""
     from graspfx.bench.benchmarks import BENCHMARKS, benchmark, measured
-    from graspfx.bench.rows import lines, to_dict
+    from graspfx.bench.measurements import lines, to_dict
 
     rows: list[Row] = []
     for name in (each for each in BENCHMARKS if each in names or not names):

@@ -18,7 +18,7 @@ from graspfx.errors import InputError
 if TYPE_CHECKING:
     from graspfx.experiment.answer_page import AnswerPage
     from graspfx.experiment.answering import Answerer, Keys
-    from graspfx.experiment.experiment import Experiment
+    from graspfx.experiment.design import Experiment
     from graspfx.experiment.markers import Event
     from graspfx.experiment.presenters import Presenter, Watcher
     from graspfx.experiment.session_files import SessionFiles
@@ -71,7 +71,7 @@ def _run(
     experiment: Experiment, files: SessionFiles, options: Namespace, stop: Callable[[], bool], stack: ExitStack
 ) -> int:
     from graspfx.experiment.answering import Function, Keys
-    from graspfx.experiment.experiment import REAL_TIME, SIMULATED
+    from graspfx.experiment.design import REAL_TIME, SIMULATED
     from graspfx.experiment.presenters import RealTime, Simulated
     from graspfx.experiment.simulated_observers import simulated_observer
 

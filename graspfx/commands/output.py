@@ -138,10 +138,10 @@ def print_json(value: object) -> None:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.plot.figure`; the options are passed on."""
+    """Draw recordings with `graspfx.show.run_figures.figure`; the options are passed on."""
     require_place(picture)
     with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
-        from graspfx.show.plot import figure
+        from graspfx.show.run_figures import figure
 
         figure(recordings, file, **options)
 

@@ -72,7 +72,7 @@ def _draw_recording(source: Path, options: Namespace) -> int:
 
 
 def _draw_scene(path: Path, options: Namespace) -> int:
-    from graspfx.assembly.run import run
+    from graspfx.assembly.run_scene import run
     from graspfx.scene.load import load
 
     scene = load(options.recording, dict(options.overrides), preset=options.preset)

@@ -14,7 +14,7 @@ from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note
 from graspfx.recording.files import NAME, make_folder, recording_file
 
 if TYPE_CHECKING:
-    from graspfx.assembly.replay import Replay
+    from graspfx.assembly.replay_recording import Replay
 
 EXAMPLE = """  graspfx replay out/latest
   graspfx replay out/latest --set coupling.internal.stiffness=80 --out out/stiffer"""
@@ -29,7 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.assembly.replay import replayed_with
+    from graspfx.assembly.replay_recording import replayed_with
     from graspfx.recording.record import Recording
 
     source, out = recording_file(options.recording), options.out

@@ -77,7 +77,7 @@ def _require_room(folder: Path, options: Namespace) -> None:
 
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
     """Run a scene and write its files into a folder; return the exit code, and whether the run is complete."""
-    from graspfx.assembly.run import run
+    from graspfx.assembly.run_scene import run
     from graspfx.commands.output import interruptible
     from graspfx.show.summary_table import remarks
 

@@ -63,7 +63,7 @@ def execute(options: Namespace) -> int:
     with waiting(f"reading {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
     with _place(options) as folder:
-        from graspfx.sweeps.sweep import sweep
+        from graspfx.sweeps.run_sweep import sweep
 
         try:
             result = sweep(scene, out=folder, **arguments)

@@ -45,7 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     from graspfx.scene.load import load
-    from graspfx.tuning.tune import USUAL, tune
+    from graspfx.tuning.tune_scene import USUAL, tune
 
     file = None if options.out is None else options.out / FILE
     if file is not None:

@@ -161,7 +161,7 @@ def _show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable
 
 def _write_run(options: Namespace) -> int:
     """Run a scene for its duration, and write the page of the run to --html; return the exit code."""
-    from graspfx.assembly.run import run
+    from graspfx.assembly.run_scene import run
     from graspfx.scene.load import load
 
     _require_room(options)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.displayed_stiffness import displayed_stiffness
-from graspfx.experiment.experiment import Experiment
 from graspfx.experiment.experiment_file import load, names
 from graspfx.experiment.session_plan import williams_square
 from graspfx.experiment.staircase import Threshold, thresholds

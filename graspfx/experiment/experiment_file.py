@@ -13,7 +13,7 @@ from graspfx import plugins
 from graspfx.assembly.checks.faults import field_faults
 from graspfx.environment import require_file, resolved, to_path
 from graspfx.errors import Fault, InputError, SceneError, UnknownNameError
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.experiment_faults import experiment_faults, scene_of
 from graspfx.experiment.experiment_table import ExperimentTable
 from graspfx.scene.keys import Key, as_faults, parts_of

@@ -152,7 +152,7 @@ class Simulated:
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
         """Simulate an interval."""
-        from graspfx.assembly.run import run
+        from graspfx.assembly.run_scene import run
 
         zero = time.monotonic()
         begin(zero)

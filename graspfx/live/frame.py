@@ -17,8 +17,8 @@ from graspfx.errors import RecordingError
 from graspfx.loop.columns import Layout
 from graspfx.recording.header import Header, KeyChange, Outcome
 from graspfx.recording.record import Recording
-from graspfx.show.modes import Modes, directions, modes
 from graspfx.show.picture.instant import apart_on_a_line, lifted
+from graspfx.show.squeeze_and_push import Modes, directions, modes
 from graspfx.show.style import CONTACTS
 
 FloatArray = NDArray[np.float64]

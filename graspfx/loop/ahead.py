@@ -17,7 +17,7 @@ from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
 from graspfx.compile.machine import request_of
 from graspfx.compile.own_sources import all_imports
 from graspfx.grasp import direct, direct_modes
-from graspfx.loop import program
+from graspfx.loop import step_program
 from graspfx.loop.realtime import beat
 from graspfx.loop.realtime.pacing import arrive, set_deadline
 from graspfx.loop.realtime.readings import take_sample
@@ -28,7 +28,7 @@ BY_THEMSELVES = (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows
 def programs() -> dict[str, tuple[str, LlvmProgram]]:
     """Write all programs in LLVM's language: by the key by which each is looked for, its name and itself."""
     found = {
-        program.program_key(): ("steps", llvm_program(program.source())),
+        step_program.program_key(): ("steps", llvm_program(step_program.source())),
         footprint(beat.beat): ("beat", llvm_program(beat.source())),
     }
     for kernel in BY_THEMSELVES:
@@ -41,10 +41,10 @@ def modules(steps: LlvmProgram) -> dict[str, tuple[str, bytes]]:
     """Compile the module of `steps` for browsers; none without `ziglang`."""
     if find_spec("ziglang") is None:
         return {}
-    return {webassembly.module_key(program.program_key()): ("steps", webassembly.build(steps))}
+    return {webassembly.module_key(step_program.program_key()): ("steps", webassembly.build(steps))}
 
 
 if __name__ == "__main__":
     found = programs()
-    _, steps = found[program.program_key()]
+    _, steps = found[step_program.program_key()]
     print(build(found, Path(sys.argv[1]), modules(steps), all_imports()))

@@ -22,7 +22,7 @@ from graspfx.compile.own_sources import is_own
 from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.arena import Arena, ForeignKernel
 from graspfx.loop.kernels import announce
-from graspfx.loop.program import program_key, source
+from graspfx.loop.step_program import program_key, source
 from graspfx.progress import is_heard, waiting
 from graspfx.system.file_lock import alone
 

@@ -32,8 +32,8 @@ from graspfx.recording.header import (
     outcome_of,
 )
 from graspfx.recording.part import Content, is_part_file, read_part
+from graspfx.recording.recorded_split import RowSplit, splits_of
 from graspfx.recording.rows import NUMBER, BlockRows, DataSetRows, Piece, RowStore, opened, step_of
-from graspfx.recording.split import RowSplit, splits_of
 
 FloatArray = NDArray[np.float64]
 

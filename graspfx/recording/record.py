@@ -215,7 +215,7 @@ class Recording(Carded, History):
         Raises:
             MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
         """
-        from graspfx.show.export import recording_dataset
+        from graspfx.show.conversions import recording_dataset
 
         return recording_dataset(self)
 
@@ -227,7 +227,7 @@ class Recording(Carded, History):
         Raises:
             MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
         """
-        from graspfx.show.export import recording_frame
+        from graspfx.show.conversions import recording_frame
 
         return recording_frame(self)
 
@@ -243,7 +243,7 @@ class Recording(Carded, History):
         Raises:
             RecordingError: The file exists or cannot be written.
         """
-        from graspfx.show.export import write_csv
+        from graspfx.show.conversions import write_csv
 
         write_csv(self, path, overwrite=overwrite)
 

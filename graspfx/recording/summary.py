@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.recording.grip import coefficients
+from graspfx.recording.friction_margin import coefficients
 from graspfx.recording.history import History
-from graspfx.recording.split import GraspRows, RowSplit, splits_of
+from graspfx.recording.recorded_split import GraspRows, RowSplit, splits_of
 from graspfx.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.show import style
+from graspfx.show.conversions import NAMES, label_of, unit_of
 from graspfx.show.drawing import Drawing
-from graspfx.show.export import NAMES, label_of, unit_of
 from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, panel, plain
 
 if TYPE_CHECKING:

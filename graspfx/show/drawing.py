@@ -66,7 +66,7 @@ def picture(
 def plot(
     recording: Recording, *others: Recording, titles: Sequence[str] | None = None, width: str = "screen"
 ) -> Drawing:
-    """Draw a recording over time, side by side with any others; see `graspfx.show.plot.sheet`."""
-    from graspfx.show.plot import sheet
+    """Draw a recording over time, side by side with any others; see `graspfx.show.run_figures.sheet`."""
+    from graspfx.show.run_figures import sheet
 
     return Drawing(sheet([recording, *others], titles, width=width))

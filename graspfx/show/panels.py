@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.show.modes import Modes, directions, mean, modes
+from graspfx.show.squeeze_and_push import Modes, directions, mean, modes
 from graspfx.show.style import FINGERS_TOGETHER, MARGIN, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.show import style
 from graspfx.show.certificate_figures import rim
-from graspfx.show.export import label_of
+from graspfx.show.conversions import label_of
 from graspfx.show.style import CONTACTS, INK, NEUTRAL, NOTE, panel, plain
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from graspfx import __version__, plugins
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.assembly.provenance import digest_of, version_of
 from graspfx.assembly.resolve import resolve
-from graspfx.assembly.run import run
+from graspfx.assembly.run_scene import run
 from graspfx.batch.group_runs import Measures, Runs, measured_variants
 from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory

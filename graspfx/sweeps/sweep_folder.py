@@ -20,7 +20,7 @@ from graspfx.card import counted
 from graspfx.environment import to_path
 from graspfx.errors import InputError, RecordingError
 from graspfx.recording.files import claim, make_folder, sync_folder
-from graspfx.show.export import Labels
+from graspfx.show.conversions import Labels
 from graspfx.sweeps.chunk import ChunkResult, SweepError
 from graspfx.sweeps.swept_values import VariantGrid
 

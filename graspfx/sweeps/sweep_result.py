@@ -16,7 +16,7 @@ from graspfx.card import Card, counted, listed
 from graspfx.certificate.judgement import Judge
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.progress import waiting
-from graspfx.show.export import Labels, batch_dataset, batch_frame, batch_labels, grid_of
+from graspfx.show.conversions import Labels, batch_dataset, batch_frame, batch_labels, grid_of
 from graspfx.sweeps.chunk import RUN, column_of, reason
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.arguments import count
+from graspfx.analysis.checked_arguments import count
 from graspfx.batch.grid import as_array, grid
 from graspfx.errors import InputError
 from graspfx.scene.budget import excess

@@ -79,7 +79,7 @@ def check_scene(
         scene_ = _scene(scene)
         list(plan(scene_))
     with _promise("it runs without a fault"):
-        from graspfx.assembly.run import run
+        from graspfx.assembly.run_scene import run
 
         recording = run(scene_, duration=duration)
     _check_recording(scene_, recording)

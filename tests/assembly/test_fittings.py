@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.assembly.mechanics import mechanics
-from graspfx.assembly.replay import replayed_with
+from graspfx.assembly.replay_recording import replayed_with
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features

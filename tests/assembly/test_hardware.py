@@ -13,7 +13,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly import hardware
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.assembly.build import build
 from graspfx.compile import kernel as kernels
 from graspfx.compile import native

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from tests.support.hardware import EVIL, SETTLING, Evil, Fake, VirtualClock, driver
 from tests.support.pedal import Pedal, pedal
 

@@ -18,7 +18,7 @@ from graspfx.assembly.build import build
 from graspfx.assembly.hardware import at_hardware
 from graspfx.assembly.live import keys_of, numbered
 from graspfx.assembly.provenance import header_of
-from graspfx.assembly.replay import Replay, replayed_with
+from graspfx.assembly.replay_recording import Replay, replayed_with
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.steering import Steering
 from graspfx.errors import InputError, RecordingError, SceneError

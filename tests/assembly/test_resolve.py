@@ -15,7 +15,7 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.assembly import bodies, meshes
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.assembly.build import build
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import NoRestError, SceneError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.loop.realtime.pacing import decay_ticks
 from graspfx.loop.realtime.process import Exits, Interruption
 from tests.support.hardware import EVIL, Evil, VirtualClock, driver, fakes

@@ -12,8 +12,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly.resolve import resolve
-from graspfx.batch.columns import plain_keys
 from graspfx.batch.variants import FULL, Variants
+from graspfx.batch.varied_entries import plain_keys
 from graspfx.errors import GraspFXError, SceneError
 from tests.support.random_scenes import random_case
 from tests.support.small_scenes import line

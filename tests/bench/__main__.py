@@ -34,7 +34,7 @@ def main(arguments: Sequence[str]) -> int:
         parser.error("--out is of all benchmarks: leave out names")
     with one_blas_thread():  # before numpy is loaded
         from graspfx.bench.benchmarks import measured
-        from graspfx.bench.rows import lines, stamp
+        from graspfx.bench.measurements import lines, stamp
 
         modules = {name: module(name) for name in NAMES if name in options.names or not options.names}
         rows: list[Row] = []

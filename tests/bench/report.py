@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.bench.benchmarks import Benchmark
-from graspfx.bench.rows import by_case
+from graspfx.bench.measurements import by_case
 from graspfx.bench.timing import MISSING, TIMED, Row
 from graspfx.show import style
 from graspfx.show.style import FINGERS, INK, MARKERS, NEUTRAL, panel

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS
-from graspfx.bench.rows import stamp
+from graspfx.bench.measurements import stamp
 from graspfx.bench.timing import Row
 from graspfx.show.style import arranged
 from tests.bench import report

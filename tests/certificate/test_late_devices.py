@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.certificate.recorded import exchange_times
 from graspfx.errors import InputError, SceneError
 from tests.support.hardware import VirtualClock

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from graspfx.assembly.build import build
-from graspfx.assembly.run import run
+from graspfx.assembly.run_scene import run
 from graspfx.certificate.plan import PlanRow, equal_gains, packages, plan
 from graspfx.compile.kernel import source_function
 from graspfx.coupling.contacts import refactor

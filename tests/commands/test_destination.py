@@ -90,7 +90,7 @@ def test_a_run_refuses_before_it_starts(
     Path("a", there).write_bytes(b"mine")
     before = files()
     with monkeypatch.context() as nothing:
-        nothing.setattr("graspfx.assembly.run.run", None)
+        nothing.setattr("graspfx.assembly.run_scene.run", None)
         nothing.setattr("graspfx.scene.load.load", None)
         assert main([*RUN, "--out", "a"]) == 2
     said = capsys.readouterr().err

@@ -18,7 +18,7 @@ import pytest
 import graspfx
 import graspfx.errors
 from graspfx.__main__ import main
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.commands.arguments import override
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import finish
@@ -348,7 +348,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_recording(
     def full(*_: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("graspfx.show.plot.figure", full)
+    monkeypatch.setattr("graspfx.show.run_figures.figure", full)
     assert main(["run", "reference-1dof", "--out", "here", "--duration", "0.05"]) == 2
     said = "here/figure.png: cannot be written; No space left on device; the run is in here/recording.h5\n"
     assert capsys.readouterr().err == said

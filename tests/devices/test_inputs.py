@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
-from graspfx.assembly.run import run
+from graspfx.assembly import run_scene as whole_run
+from graspfx.assembly.run_scene import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import mouse
 from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, EventPort, is_down, request

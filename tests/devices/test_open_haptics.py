@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.certificate.plan import plan
 from graspfx.devices import open_haptics
 from graspfx.devices.open_haptics.emulator import OpenHapticsWire

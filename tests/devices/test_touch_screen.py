@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
-from graspfx.assembly.run import run
+from graspfx.assembly import run_scene as whole_run
+from graspfx.assembly.run_scene import run
 from graspfx.certificate.plan import plan
 from graspfx.devices import touch_screen
 from graspfx.devices.touch_screen import emulator

@@ -16,7 +16,7 @@ import pytest
 
 from graspfx.errors import InputError
 from graspfx.experiment.answering import QUIET, Answer, Keys, Press, Stopped
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.trial import Presentation, Trial
 from graspfx.experiment.trial_table import read_table
 from graspfx.live.live_run import LiveRun

@@ -12,7 +12,7 @@ import pytest
 
 from graspfx.errors import RecordingError
 from graspfx.experiment.answering import Function
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.presenters import RealTime, Showing
 from graspfx.experiment.session_files import SessionFiles
 from graspfx.experiment.trial_table import read_table

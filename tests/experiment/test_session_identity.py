@@ -13,7 +13,7 @@ import pytest
 import graspfx as gx
 from graspfx.errors import RecordingError
 from graspfx.experiment import session_identity
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.experiment_file import load
 from graspfx.experiment.session_identity import SessionWarning
 from tests.support.experiments import PLAIN

@@ -15,7 +15,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, RecordingError
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.staircase import Stair, thresholds
 from graspfx.experiment.trial import Presentation
 from graspfx.experiment.trial_table import read_table

@@ -9,7 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
-from graspfx.grasp.touch import Touch
+from graspfx.grasp.unilateral_force import Touch
 from tests.support.families import efforts
 
 

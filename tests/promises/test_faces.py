@@ -72,15 +72,13 @@ def test_drivers_import_the_protocols_alone(path: Path) -> None:
 
 
 def test_what_is_no_public_name_is_seen() -> None:
-    code = (
-        ">>> from graspfx.assembly.run import run\n... import graspfx.loop\n>>> from graspfx import plugins, testing\n"
-    )
+    code = ">>> from graspfx.assembly.run_scene import run\n... import graspfx.loop\n>>> from graspfx import plugins, testing\n"
     code += ">>> gx.stability.wall_limit(1), gx.stability.roots, gx.plugins.load, gx.errors.InputError\n"
     code += "... from graspfx.protocols import Device, Servo\n>>> from graspfx.devices.simulated import connect\n"
     code += "import graspfx as gx  # the package\nfrom graspfx.protocols import Features as Told\n"
     seen = [line.lstrip(">. ") for line in trespasses(code)]
     assert seen == [
-        "from graspfx.assembly.run import run",
+        "from graspfx.assembly.run_scene import run",
         "import graspfx.loop",
         "from graspfx import plugins, testing",
         "gx.stability.roots",

@@ -255,7 +255,7 @@ def test_plot_says_which_file_it_reads(
         path.write_bytes(b"a picture")
         return ()
 
-    monkeypatch.setattr("graspfx.show.plot.figure", draw)
+    monkeypatch.setattr("graspfx.show.run_figures.figure", draw)
     monkeypatch.setattr("graspfx.show.picture.portrait.picture", draw)
     gx.run(gx.load("reference-1dof"), duration=2.0, out="whole")
     rec = Recording.load("whole")

@@ -13,7 +13,7 @@ from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.recording.files import NAME
 from graspfx.recording.record import Recording
 from graspfx.recording.rows import BlockRows, DataSetRows
-from graspfx.show.export import csv_lines
+from graspfx.show.conversions import csv_lines
 from tests.support.parts import made, script, values
 from tests.support.recordings import header
 

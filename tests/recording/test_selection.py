@@ -129,7 +129,7 @@ def test_cutting_keeps_the_ticks_that_are_multiples() -> None:
 )
 def test_a_figure_leaves_out_what_is_not_recorded_and_says_so(columns: list[str], panels: int) -> None:
     pytest.importorskip("matplotlib")
-    from graspfx.show.plot import LEFT_OUT, sheet
+    from graspfx.show.run_figures import LEFT_OUT, sheet
 
     rec = gx.run("paper-waving", {"record": columns}, duration=0.5)
     drawing = sheet([rec])

@@ -15,8 +15,8 @@ from graspfx import plugins
 from graspfx.loop.columns import RunFault
 from graspfx.recording.header import SPLIT, KeyChange, Outcome
 from graspfx.recording.record import Recording
+from graspfx.recording.recorded_split import RowSplit, splits_of
 from graspfx.recording.sink import FileSink
-from graspfx.recording.split import RowSplit, splits_of
 from tests.support.optional import require
 from tests.support.outside_split import external, motions
 from tests.support.parts import abandon

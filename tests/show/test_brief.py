@@ -12,7 +12,7 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import InputError
 from graspfx.recording.record import Recording
-from graspfx.show.plot import sheet
+from graspfx.show.run_figures import sheet
 from graspfx.show.style import EXTERNAL, INTERNAL, arranged
 from graspfx.show.summary_table import BRIEF, ROWS
 from tests.support.recordings import layout, recording

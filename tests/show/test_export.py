@@ -14,7 +14,7 @@ import xarray as xr
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import InputError, MissingPackageError, RecordingError
-from graspfx.show.export import components, coordinates, quantities
+from graspfx.show.conversions import components, coordinates, quantities
 
 SCENES = ["reference-1dof", "paper-waving", "two-objects"]  # on a line, in the plane, several objects
 

@@ -19,7 +19,7 @@ from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
 from graspfx.recording.record import Recording
 from graspfx.show.panels import _axes_worth_showing
-from graspfx.show.plot import figure, sheet
+from graspfx.show.run_figures import figure, sheet
 from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, arranged
 from tests.support.recordings import PERIOD, layout, recording, waving
 from tests.support.writing import faults, legends, smallest

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.show import plot
-from graspfx.show.plot import sheet
+from graspfx.show import run_figures
+from graspfx.show.run_figures import sheet
 
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_a_long_recording_is_thinned_to_its_envelope(
     every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plot, "MOST", 1000)
-    monkeypatch.setattr(plot, "SPANS", 10)
+    monkeypatch.setattr(run_figures, "MOST", 1000)
+    monkeypatch.setattr(run_figures, "SPANS", 10)
     whole = gx.run("paper-waving", {"record.every": every}, duration=3.0, out=tmp_path)
-    some = plot.thinned(whole)
+    some = run_figures.thinned(whole)
     assert 10 <= len(some) < len(whole)
     assert some.end == whole.end
     places = np.searchsorted(whole.time, some.time)
@@ -37,17 +37,17 @@ def test_a_long_recording_is_thinned_to_its_envelope(
 
 def test_others_are_drawn_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored = gx.run("reference-1dof", duration=0.5, out=tmp_path)
-    assert plot.thinned(stored) is stored  # short
-    monkeypatch.setattr(plot, "MOST", 10)
+    assert run_figures.thinned(stored) is stored  # short
+    monkeypatch.setattr(run_figures, "MOST", 10)
     memory = gx.run("reference-1dof", duration=0.5)
-    assert plot.thinned(memory) is memory
+    assert run_figures.thinned(memory) is memory
 
 
 def test_the_figure_has_the_times_of_the_thinned_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plot, "MOST", 1000)
-    monkeypatch.setattr(plot, "SPANS", 20)
+    monkeypatch.setattr(run_figures, "MOST", 1000)
+    monkeypatch.setattr(run_figures, "SPANS", 20)
     whole = gx.run("paper-waving", duration=3.0, out=tmp_path)
     drawn = sheet([whole]).panels[0, 0]
     line = drawn.get_lines()[0]
-    assert len(line.get_xdata()) == len(plot.thinned(whole)) < len(whole)
+    assert len(line.get_xdata()) == len(run_figures.thinned(whole)) < len(whole)
     assert drawn.get_xlim()[1] == pytest.approx(whole.end)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from graspfx.experiment.experiment import Experiment
+from graspfx.experiment.design import Experiment
 from graspfx.experiment.experiment_file import read
 
 PLAIN = """

@@ -18,7 +18,7 @@ import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.sweeps.chunk import SweepError
 from graspfx.sweeps.crew import KILLS
-from graspfx.sweeps.sweep import SweepWarning
+from graspfx.sweeps.run_sweep import SweepWarning
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="processes are killed by signals")
 VALUES = {"coupling.external.stiffness": [20.0, 30.0, 40.0, 50.0, 60.0], "object.viscosity": [0.4, 0.8]}

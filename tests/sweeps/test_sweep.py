@@ -18,10 +18,10 @@ from graspfx import installed
 from graspfx.batch.row_measures import row_measures
 from graspfx.batch.variant_runs import taking
 from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
-from graspfx.sweeps import sweep as sweeps
+from graspfx.sweeps import run_sweep as sweeps
 from graspfx.sweeps.chunk import SweepError
 from graspfx.sweeps.crew import Crew
-from graspfx.sweeps.sweep import SweepWarning, look_at
+from graspfx.sweeps.run_sweep import SweepWarning, look_at
 from graspfx.sweeps.sweep_folder import open_folder
 from graspfx.sweeps.swept_values import make_grid, scattered
 from tests.support.hand_of_its_own import HAND, SCENE

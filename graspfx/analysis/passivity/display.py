@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import count, number
+from graspfx.analysis.checked_arguments import count, number
 from graspfx.errors import InputError
 from graspfx.numeric import finite
 

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import number, one_of
+from graspfx.analysis.checked_arguments import number, one_of
 from graspfx.analysis.passivity.display import symmetric
 from graspfx.errors import InputError
 from graspfx.exponential import expm1

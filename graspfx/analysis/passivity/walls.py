@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import number, numbers
-from graspfx.analysis.plant import Plant
+from graspfx.analysis.checked_arguments import number, numbers
+from graspfx.analysis.sampled_plant import Plant
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import numbers
 from graspfx.analysis.blas_threads import one_blas_thread
+from graspfx.analysis.checked_arguments import numbers
 from graspfx.analysis.linearisation import Subject
 from graspfx.analysis.stability.loop import OpenLoop, open_loop
 from graspfx.card import Card, Carded

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.critical import Limits
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
-from graspfx.analysis.plant import Plant
+from graspfx.analysis.sampled_plant import Plant
 from graspfx.analysis.stability.loop import radius_of
 from graspfx.errors import InputError
 

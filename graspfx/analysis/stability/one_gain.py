@@ -10,10 +10,10 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import count, number, numbers
+from graspfx.analysis.checked_arguments import count, number, numbers
 from graspfx.analysis.critical import Limits, is_stable
 from graspfx.analysis.discrete import INTEGRATORS
-from graspfx.analysis.plant import BLOCK, ObjectOptions, Plant, WallOptions
+from graspfx.analysis.sampled_plant import BLOCK, ObjectOptions, Plant, WallOptions
 
 FloatArray = NDArray[np.float64]
 

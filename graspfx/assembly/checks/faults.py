@@ -16,7 +16,7 @@ from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid, Table
-from graspfx.scene.tables.hands import MadeHand, Path
+from graspfx.scene.tables.hand_tables import MadeHand, Path
 from graspfx.scene.tables.part_tables import Device, Object
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape

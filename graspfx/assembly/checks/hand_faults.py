@@ -17,8 +17,8 @@ from graspfx.assembly.resolve import start_of
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
 from graspfx.loop.motion import motion
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
-from graspfx.scene.tables.hands import Path as RecordedPath
+from graspfx.scene.tables.hand_tables import MadeHand, Reach, SharedHand, Sine, Step
+from graspfx.scene.tables.hand_tables import Path as RecordedPath
 from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import AXES, listed
 from graspfx.scene.tables.scene_table import SceneTable

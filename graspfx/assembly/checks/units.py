@@ -15,7 +15,7 @@ from graspfx.assembly.resolve import start_of
 from graspfx.errors import GraspFXError
 from graspfx.scene.keys import dotted
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.hands import MadeHand, OwnHand, Reach, SharedHand, SharedMadeHand, Step, TurnReach
+from graspfx.scene.tables.hand_tables import MadeHand, OwnHand, Reach, SharedHand, SharedMadeHand, Step, TurnReach
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape

@@ -89,7 +89,7 @@ def write_running_page(
     scene: Scene, path: str | PathLike[str], *, presets: Mapping[str, Mapping[str, float]], overwrite: bool = False
 ) -> Path:
     """Write a page that runs a scene; see `Scene.to_html`."""
-    from graspfx.assembly.run import run
+    from graspfx.assembly.run_scene import run
     from graspfx.live.guides import guided_scene
     from graspfx.live.page.running import require_runnable, running
 

@@ -26,7 +26,7 @@ from graspfx.live.certifier import Certifier
 from graspfx.live.guides import hand_name
 from graspfx.live.sliders import Slider, live_keys, sliders, values_of, widened
 from graspfx.live.stability_verdict import Verdict
-from graspfx.loop import program
+from graspfx.loop import step_program
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
 from graspfx.loop.kernel_faults import kernel_fault
@@ -53,13 +53,13 @@ AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
 
 def module() -> bytes:
     """Return the WebAssembly module of `steps`; see `webassembly.module`."""
-    return webassembly.module(program.program_key(), _program)
+    return webassembly.module(step_program.program_key(), _program)
 
 
 def _program() -> LlvmProgram:
     from graspfx.compile.llvm.llvm import llvm_program
 
-    return llvm_program(program.source())
+    return llvm_program(step_program.source())
 
 
 def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:

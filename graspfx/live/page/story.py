@@ -18,13 +18,13 @@ from graspfx.live.page.listed_values import values_of
 from graspfx.live.page.played_frames import Motion, motion_of
 from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
 from graspfx.recording.record import Recording
-from graspfx.show.modes import Modes
 from graspfx.show.panels import pushes
 from graspfx.show.picture import painter, portrait
 from graspfx.show.picture.instant import apart_on_a_line, slid
 from graspfx.show.picture.painter import corner_normals
 from graspfx.show.picture.portrait import nice
 from graspfx.show.picture.surfaces import Surface
+from graspfx.show.squeeze_and_push import Modes
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL, MARGIN, PUSHES, SQUEEZE
 
 IntArray = NDArray[np.int64]

@@ -17,7 +17,7 @@ from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 
 if TYPE_CHECKING:
     from graspfx.live.frame import Pose
-    from graspfx.show.modes import Modes
+    from graspfx.show.squeeze_and_push import Modes
 
 FloatArray = NDArray[np.float64]
 

@@ -9,13 +9,13 @@ from graspfx.objects.bullet.bullet import create
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
 if TYPE_CHECKING:
-    from graspfx.objects.bullet.world import BulletWorld
+    from graspfx.objects.bullet.bullet_world import BulletWorld
 
 __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> BulletWorld:
     """Create the world of objects that meet obstacles or one another."""
-    from graspfx.objects.bullet.world import BulletWorld
+    from graspfx.objects.bullet.bullet_world import BulletWorld
 
     return BulletWorld(members, obstacles, meeting)

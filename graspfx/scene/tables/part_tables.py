@@ -27,7 +27,7 @@ from graspfx.scene.tables.fields import (
     Vectors,
     as_float,
 )
-from graspfx.scene.tables.hands import HandOrName
+from graspfx.scene.tables.hand_tables import HandOrName
 from graspfx.scene.tables.safety_table import FingerSafety
 from graspfx.scene.tables.shapes import Shape
 

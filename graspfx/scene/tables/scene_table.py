@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import INVALID, Name, NotValid, Number, Positive, Table, Vector, listed
-from graspfx.scene.tables.hands import AnySharedHand
+from graspfx.scene.tables.hand_tables import AnySharedHand
 from graspfx.scene.tables.host_table import Host
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, Record, SharedDevice, World
 from graspfx.scene.tables.reading import Readable

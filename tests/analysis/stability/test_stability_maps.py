@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.plant import BLOCK
+from graspfx.analysis.sampled_plant import BLOCK
 from graspfx.errors import InputError
 
 T, SPRING = 0.005, 33.0

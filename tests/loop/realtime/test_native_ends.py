@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
-from graspfx.assembly.replay import replayed_with
+from graspfx.assembly import run_scene as whole_run
+from graspfx.assembly.replay_recording import replayed_with
 from graspfx.commands.output import say_faults
 from graspfx.environment import granted
 from graspfx.errors import DeviceError

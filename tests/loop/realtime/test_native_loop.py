@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.realtime.pacing import ClockState, Lateness, Pacer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly import run as whole_run
+from graspfx.assembly import run_scene as whole_run
 from tests.support import native_runs
 from tests.support.hardware import EVIL, Evil, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require

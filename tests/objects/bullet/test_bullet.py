@@ -15,7 +15,7 @@ from graspfx.errors import InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody
-from graspfx.objects.bullet.world import BulletWorld
+from graspfx.objects.bullet.bullet_world import BulletWorld
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.surfaces.closed_form.shape import Box
 
@@ -61,7 +61,7 @@ import sys, numpy as np
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody
-from graspfx.objects.bullet.world import BulletWorld
+from graspfx.objects.bullet.bullet_world import BulletWorld
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.surfaces.closed_form.shape import Box
 assert "pybullet" not in sys.modules

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspfx.coupling.two_forces import Samples, SplitRule, divide, moment_of, torsion_over_patch
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Layout, RunFault
-from graspfx.recording.grip import grip, rows_of
+from graspfx.recording.friction_margin import grip, rows_of
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.recording.rows import MemoryRows, RowStore
 

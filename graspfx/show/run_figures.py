@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, RecordingError
 from graspfx.recording.record import Recording
 from graspfx.show import style
-from graspfx.show.modes import Modes
 from graspfx.show.panels import ALL, MM, Curve, Row, View, curve, pushes, rows, views
+from graspfx.show.squeeze_and_push import Modes
 from graspfx.show.style import BAND, HAIR, INK, NEUTRAL, NOTE, PUSHES, SQUEEZE, Stroke, finger_strokes, panel, plain
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 
-from graspfx.analysis.arguments import count
+from graspfx.analysis.checked_arguments import count
 from graspfx.certificate.certify import certificates
 from graspfx.certificate.certify_operators import numbers
 from graspfx.certificate.judgement import Judgement

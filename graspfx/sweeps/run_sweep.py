@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import __version__, log, plugins
-from graspfx.analysis.arguments import count
+from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.build import build
 from graspfx.assembly.provenance import engine_versions, files_of, source_name
 from graspfx.assembly.resolve import require_prompt_simulations, resolve
-from graspfx.assembly.run import ticks_of
+from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import warn_of_axes
 from graspfx.batch.batch import MEASURED, names_of, require_known
 from graspfx.batch.statistics import STATISTICS, Statistics
