@@ -6,17 +6,19 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats
-from graspfx.coupling.attached import attached
+from graspfx.coupling.contact_frames import coordinates_of, out_of_frame
 from graspfx.coupling.contacts import AGAIN, EXCESSIVE, approach, fade, refactor, turn_axes
 from graspfx.coupling.coulomb import force_with_friction, move_anchors
 from graspfx.coupling.fade import compliance_of_numbers
 from graspfx.coupling.frictionless import frictionless_force
 from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.law import normal_force
+from graspfx.coupling.implicit import assemble_implicitly
+from graspfx.coupling.law import bilateral, keep_elastic, normal_force
 from graspfx.coupling.limit import forget_limits, limit
 from graspfx.coupling.pad import press, relax
 from graspfx.coupling.react import FINE, react
+from graspfx.coupling.recoil import recoil
 from graspfx.coupling.unilateral import unilateral
 from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import NOTHING, ZERO, dot
@@ -172,3 +174,29 @@ def along_mode(grasp: GraspState, mode: Floats) -> float:
                 share += motion.twist * finger.local.t
             z += share / math.sqrt(finger.weight)
     return z
+
+
+@kernel
+def attached(grasp: GraspState) -> int:
+    """Compute bilateral forces, with the implicit integrator for the object's new state; return 0."""
+    apart = grasp.observed or grasp.limited
+    if apart:
+        attach(grasp, False)
+        keep_elastic(grasp)
+    if grasp.damped or not apart:
+        attach(grasp, grasp.damped)
+    return 0
+
+
+@kernel
+def attach(grasp: GraspState, damped: bool) -> None:
+    """Compute eq. (4) with or without its damping."""
+    if grasp.recoils:
+        recoil(grasp, damped, False)
+        return
+    if not grasp.implicit:
+        bilateral(grasp, True, damped)
+        return
+    assemble_implicitly(grasp, True, damped, False)
+    for i, finger in enumerate(grasp.fingers):
+        finger.local = out_of_frame(grasp, finger, coordinates_of(grasp, grasp.vector, i))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from os import PathLike
+from typing import TYPE_CHECKING, Any
 
+from graspfx.certificate.report import check
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.experiment.answering import Answerer, Function
@@ -19,7 +22,12 @@ from graspfx.experiment.session_plan import SessionPlan, session_plan
 from graspfx.experiment.simulated_observers import simulated_observer
 from graspfx.experiment.trial import Presentation, Row, Trial
 from graspfx.experiment.trial_table import begin, resume
+from graspfx.live.hardware_clamp import SHARE
 from graspfx.plugins import unchanged
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.experiment.session_plan import SessionPlan
 
 SIMULATED, REAL_TIME = "simulated", "real time"
 
@@ -138,8 +146,6 @@ class Experiment(Study):
             raise InputError("run", files.run, "a number from 1 to 99")
         plan = self.plan(files.participant, files.session)
         if presenter.has_hardware:
-            from graspfx.experiment.certified_stimuli import require_certified
-
             require_certified(self, plan)
         rows, started = _resume(self, files, mode, plan) if resume else begin(self, files, mode)
         stack.callback(rows.close)
@@ -159,3 +165,43 @@ def require_label(name: str, label: str) -> None:
     """
     if re.fullmatch(WORD, str(label)) is None:
         raise InputError(name, label, "letters and digits only", "such as 03")
+
+
+def require_certified(experiment: Study, plan: SessionPlan) -> None:
+    """Require that every stimulus of a session has the margin that hardware needs: at least 1/0.9.
+
+    Raises:
+        InputError: A stimulus is not stable, is too close to a limit, or cannot be judged.
+    """
+    stimuli = list(_stimuli(plan))
+    judged: list[Mapping[str, Any]] = []
+    with waiting(f"certifying {len(stimuli)} stimuli", len(stimuli), "stimuli", lambda: len(judged)):
+        for values in stimuli:
+            _require(experiment, values)
+            judged.append(values)
+
+
+def _require(experiment: Study, values: Mapping[str, Any]) -> None:
+    text = ", ".join(f"{key} = {value}" for key, value in values.items())
+    report = check(experiment.scene, values)
+    if not report.ok:
+        raise InputError("stimulus", text, "values that are certified for hardware", report.verdict)
+    for certificate in report.certificates:
+        for row in certificate.limits:
+            if row.margin < 1.0 / SHARE:
+                why = f"{row.mode} margin {row.margin:.3f}, {1.0 / SHARE:.3f} needed; limit {row.limit:.4g} N/m"
+                raise InputError("stimulus", text, "values with room for hardware", why)
+
+
+def _stimuli(plan: SessionPlan) -> Iterator[Mapping[str, Any]]:
+    """List all distinct values of intervals, including every increment that a staircase may choose."""
+    seen: list[Mapping[str, Any]] = []
+    for slot in plan.slots:
+        increments = plan.stairs[slot.cell.condition].increments.tolist() if slot.cell.is_adaptive else [math.nan]
+        if plan.easy is not None and slot.cell.is_adaptive:
+            increments = [*increments, plan.easy]
+        for increment in increments:
+            for values in slot.cell.trial(1, 1, 0, increment).intervals:
+                if values not in seen:
+                    seen.append(values)
+                    yield values

@@ -97,7 +97,7 @@ class Steered(Protocol):
 
 
 @dataclass(frozen=True)
-class Order:
+class Outcome:
     """Result of an order to hardware.
 
     Attributes:
@@ -134,14 +134,14 @@ class HardwareClamp:
         self._verdict: Verdict | None = None
         self._changed = threading.Condition()
         self._waiting: dict[str, Any] = {}
-        self._futures: list[Future[Order]] = []
+        self._futures: list[Future[Outcome]] = []
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="graspfx hardware clamp", daemon=True)
         self._thread.start()
 
-    def set(self, values: Mapping[str, Any]) -> Future[Order]:
+    def set(self, values: Mapping[str, Any]) -> Future[Outcome]:
         """Order values by live key; does not block."""
-        future: Future[Order] = Future()
+        future: Future[Outcome] = Future()
         with self._changed:
             if self._closed:
                 future.set_result(_late(values))
@@ -175,7 +175,7 @@ class HardwareClamp:
             if closed:
                 return
 
-    def _carry_out(self, request: dict[str, Any]) -> Order:
+    def _carry_out(self, request: dict[str, Any]) -> Outcome:
         present = self._verdict = self._verdict or self._certificate(self._present)
         if present is None or present.is_stable is None:
             return self._refusal(request, f"there is no certificate for the present values{_why(present)}")
@@ -193,7 +193,7 @@ class HardwareClamp:
                     raise
                 self._present |= values
                 self._verdict = verdict
-                return Order(request, values, "" if values == request else _clamp_text(request, values, first))
+                return Outcome(request, values, "" if values == request else _clamp_text(request, values, first))
             first = first or why
             less = lower(values, verdict, present)
             if less is None:
@@ -207,13 +207,13 @@ class HardwareClamp:
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
 
-    def _refusal(self, request: Mapping[str, Any], why: str) -> Order:
+    def _refusal(self, request: Mapping[str, Any], why: str) -> Outcome:
         self._margins.ask(self._present, alone=True)
-        return Order(request, {}, f"refused: {_listed(request)}: {why}")
+        return Outcome(request, {}, f"refused: {_listed(request)}: {why}")
 
 
-def _late(request: Mapping[str, Any]) -> Order:
-    return Order(request, {}, f"refused: {_listed(request)}: the run has ended")
+def _late(request: Mapping[str, Any]) -> Outcome:
+    return Outcome(request, {}, f"refused: {_listed(request)}: the run has ended")
 
 
 def _why(verdict: Verdict | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -20,7 +21,6 @@ from graspfx.loop.device import is_hardware
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.engine import Compiled, Engine, engine_for
-from graspfx.loop.guests import TURN, exchange_by_machine, settle_guests
 from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
 from graspfx.loop.number_watch import Watch
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
@@ -30,7 +30,8 @@ from graspfx.loop.realtime.lifecycle import require_simulations, why_python
 from graspfx.loop.realtime.pacing import Pacer, SoftEnd, WallClock
 from graspfx.loop.realtime.readings import GUARDS, Guards
 from graspfx.loop.safety.chain import SafetyChain
-from graspfx.loop.world import CHUNK, FOREIGN, NATIVE, ServoState, latch
+from graspfx.loop.world import CHUNK, FOREIGN, MOVER, NATIVE, ServoState, latch
+from graspfx.objects.guest import CallingGuest, Guest
 
 if TYPE_CHECKING:
     from graspfx.loop.realtime.native_loop import NativeLoop
@@ -522,3 +523,38 @@ class Servo:
         if servo.kind == NATIVE and self.native is not None:
             return self.native.why(servo.index, servo.code)
         return kernel_fault(self.parts, servo.kind, servo.index, servo.code)
+
+
+TURN = 64  # number of ticks after which the interpreter may handle signals and other threads
+
+
+def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
+    """Let `steps` exchange with all guests by machine code, if possible; return the objects that must stay alive."""
+    from graspfx.compile.exchange import MachineExchange
+
+    if not all(isinstance(guest, CallingGuest) and guest.calls for guest in guests):
+        return []
+    with suppress(ImportError, LookupError):
+        made = [MachineExchange(guest.calls) for guest in guests if isinstance(guest, CallingGuest)]
+        for record, each in zip(arena.world.exchanges, made, strict=True):
+            record.address, record.plan = each.address, arena.place(each.plan.view(float))
+        arena.world.exchanging = True
+        arena.world.pauses = bool(arena.ports or arena.bodies or arena.plants)
+        return list(made)
+    return []
+
+
+def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
+    """Complete the last tick's exchange with guests; a fault is assigned to the following tick.
+
+    Args:
+        guests: indices of their movers.
+        movers: movers of the scene.
+        servo: memory of the tick.
+        k: the following tick.
+    """
+    for i in guests:
+        code = 0 if servo.stuck_bodies[i] else movers[i].body.take()
+        if code:
+            latch(servo, k, MOVER, i, code)
+            servo.stuck_bodies[i] = 1.0

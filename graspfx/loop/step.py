@@ -16,11 +16,10 @@ from graspfx.feedback.bridge import HostState, host_forces, tell_fault
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.watch import watch
 from graspfx.loop.kernels import call, invoke, invoke_at, invoke_beside
-from graspfx.loop.safety.accounts import close_books, open_books
 from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
-from graspfx.loop.safety.tank import adjust
+from graspfx.loop.safety.tank import adjust, close_books, open_books
 from graspfx.loop.safety.trust import CAUSES, HOST, keep_pace, soft_share
 from graspfx.loop.world import (
     BEGIN,

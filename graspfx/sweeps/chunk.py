@@ -24,7 +24,8 @@ from graspfx.assembly.run_scene import run
 from graspfx.batch.group_runs import Measures, Runs, measured_variants
 from graspfx.batch.measured_columns import columns_of
 from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.row_measures import measures_of_recording
+from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, statistic, take
+from graspfx.batch.variant_runs import taking
 from graspfx.batch.variants import ForeignPartsError, Variants
 from graspfx.environment import granted, processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
@@ -349,3 +350,35 @@ def column_of(layout: Layout, quantity: str) -> Column:
         return columns_of(layout, [quantity])[0][quantity]
     meaning = "RMS over fingers and ticks of a finger's force above 5 Hz; whether the run grows"
     return Column(RUN, slice(0, 0), (), (), "N", meaning)
+
+
+def measures_of_recording(recording: Recording, measure: Sequence[str], statistics: Sequence[str]) -> Measures:
+    """Measure a recording of all columns and ticks, by quantity and statistic, (1, *quantity)."""
+    columns, _ = columns_of(recording.layout, measure)
+    out: Measures = {}
+    for quantity, column in columns.items():
+        values = recording.array(column.name)
+        raw = row_measures(values.reshape(len(values), -1))
+        out[quantity] = {
+            name: np.asarray(statistic(name, raw, len(values))).reshape(1, *column.shape) for name in statistics
+        }
+    return out
+
+
+def row_measures(rows: FloatArray) -> FloatArray:
+    """Compute measures (width, MEASURES) of rows (N, width)."""
+    width, half = rows.shape[1], len(rows) // 2
+    sums, columns = empty(width), np.arange(width, dtype=float)
+    for part, low in ((rows[:half], LOW), (rows[half:], LATE_LOW)):
+        values = np.ascontiguousarray(part).reshape(-1)
+        buffers = {"rows": values, "columns": columns, "found": sums.reshape(-1)}
+        if not len(part):
+            continue
+        try:
+            program = taking()
+        except MissingPackageError:  # without LLVM the same lines run as Python
+            take(values, columns, buffers["found"], len(part), width, width, low)
+        else:
+            program.bind(*(buffers[name] for name in program.arrays)).long(len(part), width, width, low)
+    sums[:, FIRST] = rows[0]
+    return sums

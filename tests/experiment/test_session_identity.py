@@ -12,10 +12,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.experiment import session_identity
+from graspfx.experiment import trial_table
 from graspfx.experiment.design import Experiment
 from graspfx.experiment.experiment_file import load
-from graspfx.experiment.session_identity import SessionWarning
+from graspfx.experiment.trial_table import SessionWarning
 from tests.support.experiments import PLAIN
 from tests.support.hand_of_its_own import HAND, SCENE
 
@@ -63,7 +63,7 @@ def test_a_file_that_has_changed_refuses_it(begun: Experiment, tmp_path: Path, n
 
 
 def test_another_version_refuses_it(begun: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session_identity, "__version__", "99.0")
+    monkeypatch.setattr(trial_table, "__version__", "99.0")
     with pytest.raises(RecordingError, match=f"GraspFX {gx.__version__} there, 99.0 here"):
         resumed(begun, tmp_path)
 
@@ -80,7 +80,7 @@ def test_a_session_of_an_earlier_form_goes_on_with_a_word(begun: Experiment, tmp
 
     def date_back(about: dict[str, Any]) -> None:
         del about["Files"]
-        about["Digest"] = session_identity._digest(parts)
+        about["Digest"] = trial_table._digest(parts)
 
     describe(tmp_path, date_back)
     with pytest.warns(SessionWarning, match=r"without digests of files; .*: (firm|steady|wrist)\.py, "):

@@ -15,7 +15,7 @@ import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.live import hardware_clamp
 from graspfx.live.certifier import Certifier
-from graspfx.live.hardware_clamp import INSIDE, SHARE, HardwareClamp, Order, lower, shortfall
+from graspfx.live.hardware_clamp import INSIDE, SHARE, HardwareClamp, Outcome, lower, shortfall
 from graspfx.live.live_run import LiveRun
 from graspfx.live.margins import Margins
 from graspfx.live.stability_verdict import Verdict
@@ -51,7 +51,7 @@ class Gate:
         self.run = Recorder()
         self.clamp = HardwareClamp(self.run, margins)
 
-    def order(self, values: Mapping[str, Any]) -> Order:
+    def order(self, values: Mapping[str, Any]) -> Outcome:
         return self.clamp.set(values).result(PATIENCE)
 
 
@@ -91,7 +91,7 @@ def test_what_is_beyond_a_limit_is_lowered_to_a_share_of_it(scene: str, key: str
 
 
 def test_a_certified_value_passes_as_it_is(gate: Gate) -> None:
-    assert gate.order({KEP: 300.0}) == Order({KEP: 300.0}, {KEP: 300.0})
+    assert gate.order({KEP: 300.0}) == Outcome({KEP: 300.0}, {KEP: 300.0})
     assert gate.order({KEP: 150.0, KIP: 350.0}).text == ""
     assert gate.run.values == [{KEP: 300.0}, {KEP: 150.0, KIP: 350.0}]
 
@@ -156,7 +156,7 @@ def test_orders_that_wait_become_one(gate: Gate) -> None:
     futures = [gate.clamp.set({KEP: 220.0 + k} if k else {KIP: 410.0}) for k in range(20)]
     free.set()
     assert first.result(PATIENCE).values == {KEP: 210.0}
-    last = Order({KIP: 410.0, KEP: 239.0}, {KIP: 410.0, KEP: 239.0})
+    last = Outcome({KIP: 410.0, KEP: 239.0}, {KIP: 410.0, KEP: 239.0})
     assert [future.result(PATIENCE) for future in futures] == [last] * 20
     assert gate.run.values == [{KIP: 390.0}, {KEP: 210.0}, last.values]
 

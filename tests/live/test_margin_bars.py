@@ -14,7 +14,7 @@ import graspfx as gx
 from graspfx.live.frame import Frames
 from graspfx.live.live_run import LiveRun
 from graspfx.live.stability_verdict import MarginRow, Verdict
-from graspfx.live.view.margin_bars import margin_bars
+from graspfx.live.view.live_page import margin_bars
 from tests.support.recordings import layout, recording
 from tests.support.waiting import wait_until
 

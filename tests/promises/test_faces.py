@@ -72,7 +72,8 @@ def test_drivers_import_the_protocols_alone(path: Path) -> None:
 
 
 def test_what_is_no_public_name_is_seen() -> None:
-    code = ">>> from graspfx.assembly.run_scene import run\n... import graspfx.loop\n>>> from graspfx import plugins, testing\n"
+    code = ">>> from graspfx.assembly.run_scene import run\n... import graspfx.loop\n"
+    code += ">>> from graspfx import plugins, testing\n"
     code += ">>> gx.stability.wall_limit(1), gx.stability.roots, gx.plugins.load, gx.errors.InputError\n"
     code += "... from graspfx.protocols import Device, Servo\n>>> from graspfx.devices.simulated import connect\n"
     code += "import graspfx as gx  # the package\nfrom graspfx.protocols import Features as Told\n"

@@ -15,11 +15,10 @@ from matplotlib.text import Text
 
 import graspfx as gx
 from graspfx import installed
-from graspfx.batch.row_measures import row_measures
 from graspfx.batch.variant_runs import taking
 from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
 from graspfx.sweeps import run_sweep as sweeps
-from graspfx.sweeps.chunk import SweepError
+from graspfx.sweeps.chunk import SweepError, row_measures
 from graspfx.sweeps.crew import Crew
 from graspfx.sweeps.run_sweep import SweepWarning, look_at
 from graspfx.sweeps.sweep_folder import open_folder
@@ -136,7 +135,7 @@ def test_rows_are_measured_without_llvm_too(monkeypatch: pytest.MonkeyPatch) -> 
         raise MissingPackageError("llvmlite", "a test", "")
 
     before = row_measures(rows)
-    monkeypatch.setattr("graspfx.batch.row_measures.taking", missing)
+    monkeypatch.setattr("graspfx.sweeps.chunk.taking", missing)
     assert row_measures(rows).tobytes() == before.tobytes()
     assert taking is not missing
 

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 from graspfx.assembly.live import numbered, value_of
-from graspfx.live.hardware_clamp import HardwareClamp, Order
+from graspfx.live.hardware_clamp import HardwareClamp, Outcome
 from graspfx.live.margins import Margins
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class CertificatePanel:
             self._margins = Margins(self._run.scene, self._take)
             self._clamp = HardwareClamp(self._run, self._margins) if self._run.has_hardware else None
 
-    def order(self, values: Values) -> Future[Order]:
+    def order(self, values: Values) -> Future[Outcome]:
         """Set live keys; with hardware, only certified values."""
         self.start()
         assert self._margins is not None
@@ -76,14 +76,14 @@ class CertificatePanel:
         self._news = True
         self._wake()
 
-    def _finish(self, order: Future[Order], values: Values, done: Future[None]) -> None:
+    def _finish(self, order: Future[Outcome], values: Values, done: Future[None]) -> None:
         """Complete an order with the result of the run."""
         try:
             self._ask_for_now()
         finally:
             error = done.exception()
             if error is None:
-                order.set_result(Order(values, values))
+                order.set_result(Outcome(values, values))
             else:
                 order.set_exception(error)
 

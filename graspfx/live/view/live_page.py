@@ -6,8 +6,8 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +16,18 @@ import numpy as np
 from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frames, history_of
 from graspfx.live.page.document import document, page_text
+from graspfx.live.sliders import Slider, value_in, values_of, widened
 from graspfx.live.view.certificate_panel import CertificatePanel
 from graspfx.live.view.frame_feed import FrameFeed
-from graspfx.live.view.margin_bars import margin_bars
 from graspfx.live.view.page_server import Order, PageServer
-from graspfx.live.view.slider_orders import SliderOrders
 from graspfx.recording.record import Recording
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:
+    from graspfx.live.hardware_clamp import Outcome
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import Slider
+    from graspfx.live.stability_verdict import MarginRow, Verdict
 
 FRAME = 1.0 / 50.0  # interval between frames without orders [s]
 SHORTEST = 0.008  # shortest interval between frames after an order [s]
@@ -300,3 +301,126 @@ def _squeezes(extent: float) -> tuple[float, float, float]:
     step = 10.0 ** math.floor(math.log10(size / 200.0))
     least, most = (50.0 * step * round(share * size / (50.0 * step)) for share in (-WIDEST, CLOSEST))
     return least, most, step
+
+
+FULL_BAR = 10.0  # margin of a full bar; bars are logarithmic
+EMPTY_BAR = 0.5
+AMPLE = 1.5  # margin below which a bar is a warning
+
+
+def margin_bars(verdict: Verdict | None, loose: Mapping[str, float]) -> dict[str, Any]:
+    """Return the boxes and the bars of a stability result.
+
+    Args:
+        verdict: Result for the grasp as held by its hands; None before the first.
+        loose: Objects that are not held, with the gap to the nearest finger [m], from `Frames.loose`; they are never
+            green.
+    """
+    boxes = []
+    if loose:
+        apart = ", ".join(_apart(*each) for each in loose.items())
+        boxes.append(_box("amber", f"NOT HELD: no finger touches {apart}", "touch it from both sides"))
+    rows: list[dict[str, Any]] = []
+    if verdict is None:
+        boxes.append(_box("grey", "Stability is being computed"))
+    elif verdict.is_stable is None:
+        boxes.append(_box("grey", "Stability is not known", verdict.error))
+    else:
+        kind = "red" if not verdict.is_stable else "grey" if loose else "green"
+        words = "UNSTABLE: it will shake" if not verdict.is_stable else "stable once it is held" if loose else "stable"
+        how = "provisional, the full result is being computed" if verdict.is_provisional else "full"
+        boxes.append(_box(kind, words, f"{how}; spectral radius {verdict.spectral_radius:.5f}"))
+        rows = [_row(row, "grey" if row.name in loose else "green") for row in verdict.rows]
+    faint = verdict is not None and verdict.is_provisional
+    return {"boxes": boxes, "rows": rows, "faint": faint, "mark": _share(1.0)}
+
+
+def _box(kind: str, words: str, note: str = "") -> dict[str, str]:
+    return {"kind": kind, "words": words, "note": note}
+
+
+def _apart(name: str, gap: float) -> str:
+    """Return the name of an object, with the distance of the nearest finger [m] if known."""
+    away = f"{gap:.3g} m" if gap >= 1.0 else f"{1e3 * max(gap, 0.0):.3g} mm"
+    return name + (f" (the nearest is {away} away)" if math.isfinite(gap) else "")
+
+
+def _row(row: MarginRow, ample: str) -> dict[str, Any]:
+    margin, has_limit = row.margin, math.isfinite(row.margin)
+    where = f", lost at {row.frequency:.3g} Hz" if math.isfinite(row.frequency) else ""
+    return {
+        "name": row.mode, "margin": f"{margin:.2f} ×" if has_limit else "no limit",
+        "share": _share(margin) if has_limit else 1.0,
+        "kind": "red" if margin < 1.0 else "amber" if margin < AMPLE else ample,
+        "words": f"limit {row.limit:.4g} N/m{where}" if math.isfinite(row.limit) else "",
+    }  # fmt: skip
+
+
+def _share(margin: float) -> float:
+    least, most = math.log(EMPTY_BAR), math.log(FULL_BAR)
+    return min(1.0, max(0.02, (math.log(max(margin, 1e-9)) - least) / (most - least)))
+
+
+class SliderOrders:
+    """Values that sliders ask for, and those that the run has.
+
+    Args:
+        sliders: Sliders of the scene.
+        order: Function that sets values by live key; its future gives what was set, or an exception.
+        remark: Function that shows a message; an empty message removes it.
+
+    Attributes:
+        sliders: Sliders with their present ranges.
+        values: Values of the run, by the key of the slider.
+        shown: Values that the page shows: pending orders, then what was set.
+    """
+
+    def __init__(
+        self, sliders: Sequence[Slider], order: Callable[[Mapping[str, Any]], Future[Outcome]],
+        remark: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self._order, self._remark = order, remark
+        self._lock = threading.Lock()
+        self.sliders = list(sliders)
+        self.values = {slider.key: slider.value for slider in sliders}
+        self.shown = dict(self.values)  # also by orders that are pending: factors on one stiffness go together
+        self._newest = dict.fromkeys(self.values, 0)
+
+    def told(self) -> list[tuple[float, float, float, float]]:
+        """Return value, least, most and step of each slider."""
+        return [(self.shown[each.key], each.least, each.most, each.step) for each in self.sliders]
+
+    def widen(self, verdict: Verdict) -> None:
+        """Extend the ranges beyond the limits of a full result."""
+        if not verdict.is_provisional:
+            self.sliders = [widened(each, verdict) for each in self.sliders]
+
+    def accepts(self, number: int, value: float) -> bool:
+        """Tell whether there is a slider of this number, and the value is within its range."""
+        return number < len(self.sliders) and self.sliders[number].least <= value <= self.sliders[number].most
+
+    def set(self, key: str, value: float) -> None:
+        """Order a value; if the order is clamped or refused, the slider shows the actual value."""
+        slider = next(each for each in self.sliders if each.key == key)
+        with self._lock:
+            self._newest[key] += 1
+            number = self._newest[key]
+            self.shown[key] = value
+            order = values_of(slider, self.sliders, self.shown)
+        self._order(order).add_done_callback(lambda future: self._settle(key, number, value, future))
+
+    def _settle(self, key: str, number: int, order_value: float, future: Future[Outcome]) -> None:
+        """Process the result of an order; a newer pending order takes precedence."""
+        error = future.exception()
+        order = None if error is not None else future.result()
+        with self._lock:
+            if order is not None:
+                told = {each.key: value_in(each, order.values) for each in self.sliders}
+                self.values.update({name: each for name, each in told.items() if each is not None})
+            is_newest = number == self._newest[key]
+            if is_newest:
+                self.shown[key] = self.values[key]
+        if error is not None:
+            self._remark(f"{key} = {order_value:.5g} was not set: {error}")
+        elif is_newest and order is not None:
+            self._remark(order.text)

@@ -14,6 +14,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.ledger import total_of
+from graspfx.loop.energy.watch import book_sample, store_sample
 from graspfx.loop.safety.safety_state import SafetyState, Tank
 
 SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w by at most a fifth
@@ -163,3 +164,19 @@ def refill(safety: SafetyState, ledger: LedgerState) -> None:
     tank = safety.tank
     tank.level = min(tank.level + (spent - tank.booked), tank.most)
     tank.booked = spent
+
+
+@kernel
+def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: float) -> None:
+    """Book the previous sample, apply the passivity controller if enabled, and fill the tank."""
+    ledger.gain, ledger.elapsed = safety.gain, safety.elapsed
+    book_sample(grasp, ledger, T)
+    refill(safety, ledger)
+
+
+@kernel
+def close_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState) -> None:
+    """Store the displayed forces and the part withheld after the brake, and write the report."""
+    for i, finger in enumerate(ledger.fingers):
+        finger.withheld = safety.fingers[i].withheld
+    store_sample(grasp, ledger)
