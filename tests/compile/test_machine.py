@@ -87,7 +87,7 @@ print(*done)
 EDITS = [  # a file, what stands in it and what comes in its place, and what the next process does
     ("coupling/law.py", "", "", "lowered compiled"),
     ("coupling/law.py", "", "", ""),
-    ("assembly/run.py", "", "# a comment in a module without kernels\n", ""),
+    ("assembly/run_scene.py", "", "# a comment in a module without kernels\n", ""),
     ("loop/step.py", "", "# one beside kernels that are not asked for\n", ""),
     ("coupling/law.py", "", "# one beside the kernel\n", "lowered"),
     ("compile/lower/lowering.py", "", "# one in the compiler\n", "lowered"),
