@@ -6,14 +6,15 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from functools import lru_cache
 from importlib.machinery import PathFinder
 from pathlib import Path
+from stat import S_ISDIR
+from time import time_ns
 from typing import NamedTuple
 
 ENDINGS = (".dist-info", ".egg-info")
+SETTLED = 2_000_000_000  # age from which a folder's time tells whether it has changed [ns]
 GROUP = re.compile(rb"\[([^\]\r\n]*)\]")
 VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
@@ -33,17 +34,9 @@ class EntryPoint(NamedTuple):
     owner: str
 
 
-_seen: ContextVar[list[tuple[Distribution, ...] | None] | None] = ContextVar("seen", default=None)
-
-
-@contextmanager
-def unchanged() -> Iterator[None]:
-    """Look up distributions only once within the block."""
-    token = _seen.set([])
-    try:
-        yield
-    finally:
-        _seen.reset(token)
+def _looks_in_path(finder: object) -> bool:
+    """Tell whether a finder looks for distributions in `sys.path` only."""
+    return finder is PathFinder or type(finder).__module__ == "importlib_metadata"
 
 
 def distributions() -> tuple[Distribution, ...] | None:
@@ -51,33 +44,29 @@ def distributions() -> tuple[Distribution, ...] | None:
 
     They cannot tell if packages are imported from archives or by custom finders.
     """
-    seen = _seen.get()
-    if seen is None:
-        return _listed()
-    if not seen:
-        seen.append(_listed())
-    return seen[0]
-
-
-def _looks_in_path(finder: object) -> bool:
-    """Tell whether a finder looks for distributions in `sys.path` only."""
-    return finder is PathFinder or type(finder).__module__ == "importlib_metadata"
-
-
-def _listed() -> tuple[Distribution, ...] | None:
     if any(hasattr(finder, "find_distributions") and not _looks_in_path(finder) for finder in sys.meta_path):
         return None
-    folders = []
+    found: list[Distribution] = []
     for place in sys.path:
         try:
-            with os.scandir(place or ".") as entries:
-                own = [(entry.path, entry.stat().st_mtime_ns) for entry in entries if entry.name.endswith(ENDINGS)]
-        except NotADirectoryError:
-            return None
+            status = os.stat(place or ".")  # noqa: PTH116 (at every lookup)
+            if not S_ISDIR(status.st_mode):
+                return None
+            changed = status.st_mtime_ns
+            # A folder that has just changed may change again within the resolution of its time.
+            look = _in_folder if time_ns() - changed > SETTLED else _in_folder.__wrapped__
+            found += look(os.path.abspath(place or "."), changed)  # noqa: PTH100 (of the place "")
         except OSError:  # the folder does not exist
             continue
-        folders += [Distribution(*each) for each in sorted(own)]
-    return tuple(folders)
+    return tuple(found)
+
+
+@lru_cache(64)
+def _in_folder(place: str, changed: int) -> tuple[Distribution, ...]:
+    """List the distributions in a folder; cached while none has come or gone, which changes the folder's time."""
+    with os.scandir(place) as entries:
+        own = [(entry.path, entry.stat().st_mtime_ns) for entry in entries if entry.name.endswith(ENDINGS)]
+    return tuple(Distribution(*each) for each in sorted(own))
 
 
 def entry_points(group: str) -> tuple[EntryPoint, ...]:

@@ -187,8 +187,7 @@ def unchanged() -> Iterator[None]:
     """Look up installed packages and built-in files only once within the block."""
     token = _tables.set({})
     try:
-        with installed.unchanged():
-            yield
+        yield
     finally:
         _tables.reset(token)
 

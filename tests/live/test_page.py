@@ -22,7 +22,6 @@ from tests.support.chromium import Browser, Page, Pixels
 from tests.support.played import SECONDS, played
 from tests.support.recordings import waving
 
-
 BLUE, VERMILION = INTERNAL, EXTERNAL
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"  # what was ordered is seen
 

@@ -54,15 +54,6 @@ def test_entry_points_are_seen_from_when_they_are_there_until_they_are_gone(site
     assert installed.entry_points("graspfx.devices") == ()
 
 
-def test_a_command_looks_for_distributions_once(site: Path) -> None:
-    with installed.unchanged():
-        before = installed.distributions()
-        install(site, "acme", "1.2", "[graspfx.devices]\nthumb = acme.thumb\n")
-        assert installed.distributions() == before == ()
-        assert installed.entry_points("graspfx.devices") == ()
-    assert installed.entry_points("graspfx.devices") == (("thumb", "acme.thumb", "acme 1.2"),)
-
-
 def test_what_folders_do_not_tell_importlib_does(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with zipfile.ZipFile(site / "acme.zip", "w") as archive:
         archive.writestr("acme-3.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: acme\nVersion: 3.0\n")
