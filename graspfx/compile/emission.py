@@ -16,7 +16,7 @@ from graspfx.compile.llvm.method import DECLARED, python_function
 from graspfx.errors import MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # functions that LLVM may call by itself
-FULL, QUICK = 1, 0  # LLVM's levels of optimisation
+FULL = 1  # LLVM's level of optimisation
 SMALL = 2  # with more passes that reduce code size
 _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name at any time
 
@@ -33,14 +33,9 @@ def require_llvm() -> None:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
-def emitted(text: str, level: int = FULL) -> bytes:
-    """Emit machine code for this processor.
-
-    Args:
-        text: Program in LLVM's language.
-        level: Level of optimisation.
-    """
-    return _emitted(text, _machine(level), level)
+def emitted(text: str) -> bytes:
+    """Emit machine code for this processor from a program in LLVM's language."""
+    return _emitted(text, _machine(), FULL)
 
 
 def portable(text: str, triple: str, processor: str) -> bytes:
@@ -141,7 +136,7 @@ def _processor() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine(level: int = FULL) -> Any:
+def _machine() -> Any:
     """Make the target machine; each engine owns one."""
     import llvmlite.binding as llvm
 
@@ -149,7 +144,7 @@ def _machine(level: int = FULL) -> Any:
     llvm.initialize_native_asmprinter()
     triple, name, features = _processor()
     return llvm.Target.from_triple(triple).create_target_machine(
-        cpu=name, features=features, opt=level, codemodel="jitdefault", jit=True
+        cpu=name, features=features, opt=FULL, codemodel="jitdefault", jit=True
     )
 
 

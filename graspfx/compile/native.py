@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log
 from graspfx.compile import cache as disk
-from graspfx.compile.emission import FULL, QUICK, address, emitted, loaded, platform, require_llvm
+from graspfx.compile.emission import address, emitted, loaded, platform, require_llvm
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm.method import CALLBACK, ENTRY, METHOD, method, method_text
 from graspfx.errors import InputError
@@ -153,7 +153,6 @@ def compiled(
     floats: Collection[str] = (),
     *,
     checked: bool = False,
-    quick: bool = False,
     apart: bool = True,
     make: bool = True,
 ) -> Native:
@@ -164,8 +163,6 @@ def compiled(
             returns an integer or nothing.
         floats: float parameters of the entry; its other numbers are integers.
         checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
-        quick: whether to compile in a tenth of the time to code that is several times slower, with the same bits;
-            ignored if better code is cached.
         apart: whether all buffers are distinct memory.
         make: whether to compile a program that is not cached; otherwise a LookupError is raised.
 
@@ -175,17 +172,21 @@ def compiled(
     """
     require_llvm()
     parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), source]
-    for effort in (FULL, QUICK) if quick else (FULL,):
-        key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
-        native = from_cache(key)
-        if native is not None:
-            return native
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    native = from_cache(key)
+    if native is not None:
+        return native
     if not make:
         raise LookupError("not compiled yet")
     began = perf_counter()
     from graspfx.compile.llvm.llvm import llvm_program
 
-    return native_of(llvm_program(source, floats, checked=checked, apart=apart), key, effort, began)
+    program = llvm_program(source, floats, checked=checked, apart=apart)
+    description = description_of(program)
+    machine = emitted(text_of(program))
+    log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
+    note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
+    return Native(description, loaded([machine], program.libm), size=len(machine), note=note)
 
 
 def from_cache(key: str) -> Native | None:
@@ -198,22 +199,6 @@ def from_cache(key: str) -> Native | None:
     description = json.loads(head)
     engine = loaded([machine], description["libm"])
     return Native(description, engine, size=len(machine), place=disk.folder_text())
-
-
-def native_of(program: LlvmProgram, key: str, level: int, began: float) -> Native:
-    """Emit the machine code of a program, and cache it under a key.
-
-    Args:
-        program: program as LLVM's text.
-        key: key in the cache.
-        level: level of optimisation.
-        began: start time of the compilation [s].
-    """
-    description = description_of(program)
-    machine = emitted(text_of(program), level)
-    log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
-    note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
-    return Native(description, loaded([machine], program.libm), size=len(machine), note=note)
 
 
 def description_of(program: LlvmProgram) -> dict[str, Any]:

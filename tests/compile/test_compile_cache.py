@@ -57,15 +57,6 @@ def test_another_program_is_another_entry(folder: Path) -> None:
     assert len(list(folder.iterdir())) == len(ways)
 
 
-def test_quick_code_is_kept_apart_and_gives_way_to_better() -> None:
-    assert not compiled(SOURCE, quick=True).cached
-    quick = compiled(SOURCE, quick=True)
-    assert quick.cached and works(quick)
-    full = compiled(SOURCE)
-    assert not full.cached
-    assert compiled(SOURCE, quick=True).size == full.size != quick.size
-
-
 @pytest.mark.parametrize("damage", ["cut", "bit", "empty", "foreign", "unreadable"])
 def test_what_is_not_as_it_was_written_is_compiled_anew(folder: Path, damage: str) -> None:
     compiled(SOURCE)

@@ -18,20 +18,20 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
 
-SCENES = {  # how many states, and whether the code is optimised, which takes seconds for a large scene
-    "reference-1dof": (200, False),
-    "paper-waving": (200, False),
-    "knob": (150, True),
-    "mug": (60, True),
-    "soft-pinch": (150, True),
-    "thin-plate": (40, True),
-    "twenty-fingers": (10, True),
+SCENES = {  # how many states
+    "reference-1dof": 200,
+    "paper-waving": 200,
+    "knob": 150,
+    "mug": 60,
+    "soft-pinch": 150,
+    "thin-plate": 40,
+    "twenty-fingers": 10,
 }
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
-    states, quick = SCENES[name]
+    states = SCENES[name]
     rng = np.random.default_rng(0)
     with build(gx.load(name)) as servo:
         grasped = servo.objects[0].grasped
@@ -42,7 +42,7 @@ def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
         blocks = [S.copy() for _ in range(3)]
         plain = GraspState(memoryview(blocks[0]))
         runs = [lambda: sample(plain), interpreted(source).bind(blocks[1]).brief]
-        runs.append(compiled(source, quick=quick).bind(blocks[2]).brief)
+        runs.append(compiled(source).bind(blocks[2]).brief)
         n, d = grasped.fingers, grasped.dimensions
         contacts = grasped.array(FingerState.contact)[:, :d].copy()
         pressed = 0

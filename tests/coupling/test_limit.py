@@ -112,7 +112,7 @@ def program(kernel: Any, g: GraspedObject) -> Callable[[], int]:
     """A kernel compiled for one object."""
     made = Program()
     made.add(kernel, [Memory("MEM", 0), Static(0)])
-    run: Callable[[], int] = machine_code(made.source(), quick=True).bind(g.block).brief
+    run: Callable[[], int] = machine_code(made.source()).bind(g.block).brief
     return run
 
 

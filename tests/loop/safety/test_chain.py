@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.compile.kernel import kernel
 from graspfx.compile.machine import compiled
-from graspfx.coupling.grasp_state import FingerState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.limit import limit
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import conclude, couple
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
 from graspfx.loop.safety.restrain import restrain
-from graspfx.loop.safety.safety_state import Pace
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.objects.body import fill_body
 from graspfx.recording.record import Recording
@@ -282,6 +283,15 @@ def test_limits_of_a_finger_stand_for_its_own() -> None:
 # Energy -----------------------------------------------------------------------------------------------------------
 
 
+@kernel
+def limited(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
+    """Forces of a sample as the chain leaves them, up to their restraint."""
+    code = soften(grasp, safety, pace, couple(grasp))
+    code = limit(grasp, code)
+    apply_gain(grasp, safety)
+    return conclude(grasp, code)
+
+
 @pytest.mark.parametrize("gain", [1.0, 0.4])
 @pytest.mark.parametrize("rules", [Rules(attached=True), Rules(friction=3.0, fade=None)], ids=["attached", "mu"])
 def test_saturated_closed_motions_make_no_energy(rules: Rules, gain: float) -> None:
@@ -301,19 +311,13 @@ def test_saturated_closed_motions_make_no_energy(rules: Rules, gain: float) -> N
     [buffer], pace = chain.buffers, Pace(chain.pace)
     pace.soft, pace.trust = gain, 1.0
     chain.buffers[0][:] = buffer
-    steps = [compiled(each) for each in (couple, soften, limit, apply_gain, conclude, restrain)]
+    law_of, restraint = compiled(limited), compiled(restrain)
     shares = []
 
     def ask(g: GraspedObject) -> int:
-        block = g.block
-        code = int(steps[0](block, 0))
-        code = int(steps[1](block, 0, buffer, 0, chain.pace, 0, code))
-        code = int(steps[2](block, 0, code))
-        steps[3](block, 0, buffer, 0)
-        code = int(steps[4](block, 0, code))
-        assert code == 0
+        assert law_of(g.block, 0, buffer, 0, chain.pace, 0) == 0
         shares.append(g.array(FingerState.saturated).mean())
-        return int(steps[5](block, 0, buffer, 0, chain.pace, 0))
+        return int(restraint(g.block, 0, buffer, 0, chain.pace, 0))
 
     if rules.attached:
         g.attach(start)
