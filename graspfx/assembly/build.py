@@ -25,10 +25,10 @@ from graspfx.loop.columns import Layout, chosen_layout
 from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.hand import join
-from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.loop.played import Playback
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo, SteerablePlant
+from graspfx.loop.servo_parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.keys import general
 

@@ -16,7 +16,7 @@ from graspfx import installed, plugins
 from graspfx.assembly.resolve import Parts
 from graspfx.environment import to_path
 from graspfx.errors import GraspFXError
-from graspfx.loop.parts import GraspedPart
+from graspfx.loop.servo_parts import GraspedPart
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
 from graspfx.plugins import BUILT_IN, Group
 from graspfx.recording.header import Header, machine, now, versions

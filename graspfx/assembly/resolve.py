@@ -26,8 +26,8 @@ from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.loop.device import SimulatedDevice, is_hardware
 from graspfx.loop.device_exchange import device_name
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.safety.chain import SafetyLimits
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.objects.surroundings import Obstacle, place_obstacle
 from graspfx.surfaces.standoff import standoff
 

@@ -27,7 +27,7 @@ from graspfx.assembly.live import (
 from graspfx.assembly.process.orders import goal_places
 from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import entries_of, start_of
-from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entries
+from graspfx.coupling.block_entries import compliant_entry, has_problems, matrix_entries
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
@@ -40,8 +40,8 @@ from graspfx.scene.keys import general
 
 if TYPE_CHECKING:
     from graspfx.coupling.grasped import GraspedObject
-    from graspfx.loop.parts import PlantWiring
     from graspfx.loop.servo import Servo
+    from graspfx.loop.servo_parts import PlantWiring
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -20,7 +20,7 @@ from graspfx.compile.memory import within
 from graspfx.errors import DeviceError, InputError, abbreviate
 from graspfx.loop.device import Device, Features, OperatedDevice, SimulatedDevice
 from graspfx.loop.device_frame import frame
-from graspfx.loop.fitting import PLAIN, Fitting
+from graspfx.loop.device_mount import PLAIN, Fitting
 
 if TYPE_CHECKING:
     from graspfx.assembly.bodies import Stock

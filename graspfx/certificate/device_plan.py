@@ -13,10 +13,10 @@ from graspfx.assembly.process.quenching import quenchers
 from graspfx.assembly.resolve import Parts, late_wires
 from graspfx.errors import InputError
 from graspfx.loop.device import SimulatedDevice
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.lifecycle import loop_text, why_python
 from graspfx.loop.safety.chain import SafetyLimits
 from graspfx.loop.safety.trust import DECAY
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.scene.model import Scene
 from graspfx.system.child_process import is_possible
 

@@ -35,7 +35,7 @@ from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.split import Split
-from graspfx.loop.parts import GraspedPart
+from graspfx.loop.servo_parts import GraspedPart
 from graspfx.objects import integrators as body
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.recording.record import Recording

@@ -18,7 +18,7 @@ from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.loop.device import Features
-    from graspfx.loop.parts import DeviceWiring
+    from graspfx.loop.servo_parts import DeviceWiring
 
 EXAMPLE = """  graspfx doctor haply-2diy --set port=/dev/ttyACM0 --period 0.001"""
 PERIOD = 0.001  # [s]
@@ -93,7 +93,7 @@ class _Subject:
         from graspfx.assembly.checks.settings import signature_faults
         from graspfx.assembly.wiring import AUTOMATIC
         from graspfx.loop.device import is_hardware
-        from graspfx.loop.parts import DeviceWiring
+        from graspfx.loop.servo_parts import DeviceWiring
 
         driver = plugins.load("devices", name)
         parameters = signature(driver.connect).parameters
@@ -112,7 +112,7 @@ class _Subject:
         from graspfx.assembly.resolve import resolve
         from graspfx.assembly.wiring import table_at
         from graspfx.loop.device import is_hardware
-        from graspfx.loop.parts import DeviceWiring
+        from graspfx.loop.servo_parts import DeviceWiring
         from graspfx.scene.load import load
 
         scene = load(options.subject, settings, preset=options.preset)

@@ -8,7 +8,7 @@ from typing import Any
 
 from graspfx.compile import cache as disk
 from graspfx.compile import library
-from graspfx.compile.marks import written
+from graspfx.compile.kernel_marks import written
 from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 

@@ -7,7 +7,7 @@ from functools import cache, update_wrapper
 from types import FunctionType
 from typing import Any, cast, get_args, get_origin
 
-from graspfx.compile.marks import LOWERED, F, inline, optional, parameter_kinds, written
+from graspfx.compile.kernel_marks import LOWERED, F, inline, optional, parameter_kinds, written
 from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of
 
 __all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "written"]

@@ -10,12 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_of, start_of
-from graspfx.coupling.choices import contradiction
+from graspfx.coupling.block_entries import (
+    gain_entries,
+    matrix_entries,
+    recorded_entries,
+    split_entries,
+    structure_entries,
+)
 from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach, refactor, turn_axes
 from graspfx.coupling.depth import compliance
-from graspfx.coupling.entries import gain_entries, matrix_entries, recorded_entries, split_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
+from graspfx.coupling.gain_switches import contradiction
 from graspfx.coupling.gains import V, W, fill_gains, fill_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force

@@ -10,8 +10,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.demand import KernelOnDemand
 from graspfx.compile.kernel import keep_lowerings, source_function
+from graspfx.compile.lazy_kernels import KernelOnDemand
 from graspfx.compile.records import size_for, start_of
 from graspfx.grasp import direct, direct_modes
 from graspfx.grasp.contact import MOMENTS

@@ -19,10 +19,10 @@ from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit
 from graspfx.loop.device_exchange import Port
 from graspfx.loop.energy.observer import BY_MODE, MET, OF_OBJECT
 from graspfx.loop.kernels import number_of
-from graspfx.loop.parts import DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.realtime.loop_log import LoopState, loop_memory
 from graspfx.loop.safety.safety_state import Pace
+from graspfx.loop.servo_parts import DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.world import (
     CHUNK,
     KERNEL,

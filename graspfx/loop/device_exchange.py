@@ -15,12 +15,12 @@ from graspfx.compile.records import start_of
 from graspfx.errors import DeviceError, abbreviate, message
 from graspfx.loop.columns import Layout
 from graspfx.loop.device import LimitedDevice, is_hardware
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.loop_log import LoopState, PortLog, note_times
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.process import Exits, Interruption
 from graspfx.loop.realtime.readings import Guards, Readings
 from graspfx.loop.safety.trust import CAUSES, DEADMAN
+from graspfx.loop.servo_parts import DeviceWiring
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.coupling.grasped import fault_text
 from graspfx.loop.device_exchange import device_name
-from graspfx.loop.parts import Parts
+from graspfx.loop.servo_parts import Parts
 from graspfx.loop.world import MOVER, OBJECT_, SAFETY, STATION
 
 

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 from graspfx.compile.kernel import source_function
-from graspfx.compile.marks import bound_late
+from graspfx.compile.kernel_marks import bound_late
 
 Kernel = Callable[..., Any]
 

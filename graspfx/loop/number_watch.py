@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from graspfx.compile.entry_names import name_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
-from graspfx.loop.parts import GraspedPart
+from graspfx.loop.servo_parts import GraspedPart
 
 FloatArray = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.device import Device, Features, LimitedDevice
 from graspfx.loop.device_exchange import Port
-from graspfx.loop.fitting import Fitting
-from graspfx.loop.parts import DeviceWiring, PlantWiring
+from graspfx.loop.device_mount import Fitting
 from graspfx.loop.safety.trust import DEADMAN
+from graspfx.loop.servo_parts import DeviceWiring, PlantWiring
 
 FloatArray = NDArray[np.float64]
 

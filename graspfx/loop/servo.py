@@ -23,13 +23,13 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.loop.engine import Compiled, Engine, engine_for
 from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
 from graspfx.loop.number_watch import Watch
-from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.played import Playback
 from graspfx.loop.realtime.lifecycle import require_simulations, why_python
 from graspfx.loop.realtime.pacing import Pacer, SoftEnd, WallClock
 from graspfx.loop.realtime.readings import GUARDS, Guards
 from graspfx.loop.safety.chain import SafetyChain
+from graspfx.loop.servo_parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.world import CHUNK, FOREIGN, MOVER, NATIVE, ServoState, latch
 from graspfx.objects.guest import CallingGuest, Guest
 

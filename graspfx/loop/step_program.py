@@ -6,7 +6,7 @@ import ast
 from functools import cache
 from typing import Any
 
-from graspfx.compile.marks import parameter_kinds, written
+from graspfx.compile.kernel_marks import parameter_kinds, written
 from graspfx.coupling.sample import external_forces, sample
 from graspfx.loop.kernels import BODIES, HANDS, KERNELS, PARTS, call, call_at, call_beside, kernel_of
 from graspfx.loop.step import steps

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import graspfx
 from graspfx.compile.kernel import source_function, written
-from graspfx.compile.marks import LOWERED
+from graspfx.compile.kernel_marks import LOWERED
 from graspfx.compile.records import Many
 from graspfx.compile.specialise.definitions import definition
 from graspfx.coupling.grasp_state import GraspState

@@ -12,11 +12,11 @@ import numpy as np
 from graspfx.errors import DeviceError, GraspFXError, message
 from graspfx.loop.device import LimitedDevice
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, Port
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.lifecycle import opened, settle
 from graspfx.loop.realtime.pacing import Clock, Lateness, Pacer, WallClock
 from graspfx.loop.realtime.process import SERVO
 from graspfx.loop.realtime.readings import GUARDS
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.machine.findings import Finding
 from graspfx.system.scheduling import set_fifo, sleeper
 

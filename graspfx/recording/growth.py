@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.columns import WIDTHS
-from graspfx.loop.drive import Drive, drive
+from graspfx.loop.hand_excitation import Drive, drive
 from graspfx.recording.history import History
 from graspfx.recording.octaves import (
     LEAST_GROWTH,

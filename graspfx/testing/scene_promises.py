@@ -297,7 +297,7 @@ class _Listener:
 def _check_together(scene: Scene, recording: Recording) -> None:
     """Run two servos at once, in turns, and record the forces written to their devices."""
     from graspfx.assembly.build import build
-    from graspfx.loop.parts import DeviceWiring
+    from graspfx.loop.servo_parts import DeviceWiring
     from graspfx.recording.header import Header
     from graspfx.recording.recorder import Recorder
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.compile.demand import KernelOnDemand
+from graspfx.compile.lazy_kernels import KernelOnDemand
 from graspfx.errors import InputError
 from graspfx.grasp import point_sets
 from graspfx.grasp.split import UnitDependentSplitWarning

@@ -17,7 +17,7 @@ from graspfx.errors import InputError
 from graspfx.loop.arena import Arena
 from graspfx.loop.engine import Compiled, Interpreted
 from graspfx.loop.kernels import KERNELS, number_of
-from graspfx.loop.parts import Parts
+from graspfx.loop.servo_parts import Parts
 from graspfx.loop.world import NONE
 from tests.support import foreign_parts
 from tests.support.small_scenes import LINE, line

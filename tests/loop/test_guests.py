@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.assembly.build import build
-from graspfx.loop.parts import BodyGroup, guest_of
+from graspfx.loop.servo_parts import BodyGroup, guest_of
 from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body

@@ -15,8 +15,8 @@ import pytest
 from graspfx.__main__ import main
 from graspfx.commands import doctor
 from graspfx.devices.haply_2diy.emulator import DiyWire
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.pacing import Lateness
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.machine import system_checks, timing_checks
 from graspfx.machine.findings import Finding, lab_report
 from graspfx.machine.system_checks import (

@@ -17,7 +17,7 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.analysis.stability import spectral_radius
 from graspfx.assembly.resolve import resolve
-from graspfx.loop.drive import drive
+from graspfx.loop.hand_excitation import drive
 from graspfx.plugins import names
 from graspfx.recording.growth import Growth, coherent_pole, growths, mode_name
 from graspfx.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises

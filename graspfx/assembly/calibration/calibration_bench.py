@@ -27,10 +27,10 @@ from graspfx.assembly.wiring import Wire
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, Port
 from graspfx.loop.device_frame import Frame
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.lifecycle import opened, settle
 from graspfx.loop.realtime.pacing import Clock, Pacer, late_text
 from graspfx.loop.realtime.process import Interruption, frozen_memory, signals_end
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from graspfx.assembly.wiring import AUTOMATIC, table_at
 from graspfx.errors import InputError, message
 from graspfx.loop.device import QuenchableDriver, is_hardware
 from graspfx.loop.device_exchange import device_name
-from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.servo_parts import DeviceWiring
 
 if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts

@@ -19,10 +19,10 @@ from graspfx.assembly.process.orders import Errand, Hold, is_carried, memories
 from graspfx.assembly.process.quenching import quenchers
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device_exchange import device_name
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.process import REMEDY, Exits, Interruption, RealTimeWarning, signals_end
 from graspfx.loop.realtime.ring import Letter, Phase, Ring, Word, create, fence, unpack_error, write_letter
 from graspfx.loop.servo import CarriedPlant, Servo, Update
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.progress import waiting
 
 if TYPE_CHECKING:

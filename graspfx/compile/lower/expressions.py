@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import FunctionType
 from typing import Any
 
+from graspfx.compile.kernel_marks import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.lower.kinds import (
     NOTHING,
     Bundle,
@@ -41,7 +42,6 @@ from graspfx.compile.lower.pieces import (
     sum_of,
 )
 from graspfx.compile.lower.scratch import Frame, Scratch
-from graspfx.compile.marks import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.records import SCALARS, Floats, Record, Table, is_value, layout, parts_of
 from graspfx.compile.specialise.definitions import definition
 from graspfx.errors import KernelError

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin
 
-from graspfx.compile.marks import optional
+from graspfx.compile.kernel_marks import optional
 from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of, size_of
 
 

@@ -9,8 +9,8 @@ from operator import attrgetter
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
+from graspfx.compile.kernel_marks import LOWERED, parameter_kinds
 from graspfx.compile.lower.store import Lowering, store
-from graspfx.compile.marks import LOWERED, parameter_kinds
 
 if TYPE_CHECKING:
     import ast

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin
 
+from graspfx.compile.kernel_marks import LOWERED
 from graspfx.compile.lower.kinds import (
     Constant,
     Grid,
@@ -28,7 +29,6 @@ from graspfx.compile.lower.pieces import (
     assign_all,
     value_of,
 )
-from graspfx.compile.marks import LOWERED
 from graspfx.compile.records import Field, Floats, Many, Record, Table, is_value, layout, size_of
 from graspfx.errors import InputError, KernelError
 

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Sequence
 from dataclasses import replace
 
+from graspfx.compile.kernel_marks import optional
 from graspfx.compile.lower.expressions import Expressions
 from graspfx.compile.lower.kinds import (
     Bundle,
@@ -24,7 +25,6 @@ from graspfx.compile.lower.kinds import (
 )
 from graspfx.compile.lower.pieces import assign, assign_all, kind_of, product_of, store_of, sum_of
 from graspfx.compile.lower.scratch import Frame
-from graspfx.compile.marks import optional
 from graspfx.compile.records import layout
 from graspfx.compile.specialise.syntax import place
 

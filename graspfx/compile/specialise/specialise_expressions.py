@@ -13,7 +13,7 @@ from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
 from graspfx.compile.kernel import source_function
-from graspfx.compile.marks import BOUND_LATE
+from graspfx.compile.kernel_marks import BOUND_LATE
 from graspfx.compile.specialise.syntax import calls, load, node_of, terms, tuple_of
 from graspfx.compile.specialise.values import Dynamic, Memory, Number, Reference, Static, TupleValue, Value, same
 from graspfx.errors import GraspFXError, InputError, KernelError

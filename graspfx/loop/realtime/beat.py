@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.compile.footprints import footprint
 from graspfx.compile.kernel import kernel
-from graspfx.compile.marks import bound_late
+from graspfx.compile.kernel_marks import bound_late
 from graspfx.compile.memory import Scattered, address_of
 from graspfx.compile.program import program_source
 from graspfx.compile.records import Floats, Many, Record, floats, many

@@ -19,9 +19,9 @@ from graspfx.loop.arena import Arena
 from graspfx.loop.device import LimitedDevice, RawDevice, is_hardware
 from graspfx.loop.device_calls import CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name
-from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.pacing import Clock, Pacer
 from graspfx.loop.realtime.process import Interruption
+from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.progress import waiting
 
 FloatArray = NDArray[np.float64]

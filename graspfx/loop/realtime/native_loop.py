@@ -17,12 +17,12 @@ from graspfx.loop.columns import RowTaker, RunFault
 from graspfx.loop.device_calls import FRESH, REPEAT, Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import ZERO, DeviceExchange, DevicePort, call_of
 from graspfx.loop.engine import Compiled
-from graspfx.loop.parts import Parts
 from graspfx.loop.realtime.beat import BUSY, CALLED, HALT, OVER, QUIT, STOP, WORDS, Beat, Port, program
 from graspfx.loop.realtime.pacing import DRIVEN, PACED, Pacer, SoftEnd
 from graspfx.loop.realtime.process import Exits, Interruption
 from graspfx.loop.realtime.readings import NO_ASK, NO_READ, NO_WRITE, Guards, patience, reading_text
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
+from graspfx.loop.servo_parts import Parts
 from graspfx.system import scheduling
 
 IntArray = NDArray[np.int64]

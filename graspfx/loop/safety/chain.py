@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import entries_of, size_for
-from graspfx.coupling.entries import compliant_entry, has_problems
+from graspfx.coupling.block_entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.feedback.host_record import reason

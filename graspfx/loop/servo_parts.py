@@ -13,8 +13,8 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.feedback.host_part import HostPart
 from graspfx.loop.columns import Layout
 from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.loop.device_mount import PLAIN, Fitting
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.fitting import PLAIN, Fitting
 from graspfx.loop.plant import Hand, Plant, unaltered
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.objects.guest import Guest

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.records import Record, entries_of, start_of
 from graspfx.cones.problem import FrictionProblem, choices
-from graspfx.coupling.choices import NAMES
+from graspfx.coupling.gain_switches import NAMES
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.recoil_state import RecoilState
 from graspfx.grasp.contact_state import Freedom
