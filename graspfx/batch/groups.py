@@ -32,11 +32,6 @@ class Program:
         """Entries of the arena."""
         return self.arena.memory.used
 
-    @cached_property
-    def structure(self) -> frozenset[int]:
-        """Entries of the arena that the program has folded as constants."""
-        return frozenset(self.arena.structure())
-
     def fill(self, arena: FloatArray) -> None:
         """Copy a variant's arena into that of the servo."""
         self.arena.memory.floats[: self.size] = arena
@@ -54,11 +49,11 @@ class Built:
 
     Attributes:
         arena: initial memory of the variant.
-        structure: digest of the entries that determine the program; equal digests mean equal programs.
+        layout: digest of the arena's layout; variants with equal digests run in one servo.
     """
 
     arena: FloatArray
-    structure: str
+    layout: str
 
 
 @dataclass
@@ -100,7 +95,3 @@ class Group:
         entries = sorted(numbers)
         rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
         self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
-
-    def folds(self) -> bool:
-        """Tell whether the program has folded an entry that differs between members."""
-        return not self.program.structure.isdisjoint(self.varying.tolist())

@@ -13,7 +13,7 @@ class PartMemory:
     """A memory for variants that are run in parts.
 
     Attributes:
-        programs: programs by structure.
+        programs: programs by layout.
         bases: built and verified variant for each kind of values of some keys.
     """
 

@@ -91,18 +91,18 @@ class Variants:
                     room = arena.memory.used + arena.size
                     servo = stack.enter_context(build(variant, engine="interpreted", room=room))
                     arena = servo.arena
-                built = Built(arena.memory.floats[: arena.memory.used].copy(), _structure(arena))
+                built = Built(arena.memory.floats[: arena.memory.used].copy(), _layout(arena))
         except SceneError as error:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
             raise SceneError(f"{error.source} with {text}", faults) from error
-        if built.structure not in self._programs:
+        if built.layout not in self._programs:
             others = [*foreign(servo), *guests(servo), *looked_ahead(servo), *_apart(arena)]
             if others:
                 raise ForeignPartsError(
                     "scene", self.scene.source.name, "kernels for all parts",
                     f"not kernels: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
                 )  # fmt: skip
-            self._programs[built.structure] = Program(servo, arena)
+            self._programs[built.layout] = Program(servo, arena)
         return built
 
     @property
@@ -111,7 +111,7 @@ class Variants:
         return len(self._built)
 
     def groups(self) -> list[Group]:
-        """Group the variants by their programs.
+        """Group the variants by their layouts.
 
         Raises:
             SceneError, InputError: as `built`.
@@ -159,14 +159,14 @@ class Variants:
             groups_ = inner.groups()
             self.notes += inner.notes
         else:
-            groups_ = [Group(self._programs[base.structure], base.arena, np.arange(len(members)))]
+            groups_ = [Group(self._programs[base.layout], base.arena, np.arange(len(members)))]
         parts = resolve(self.scene)
         for group in groups_:
             inside = {key: each[group.members] for key, each in values.items()}
             group.members = members[group.members]
             try:
                 group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
-                same = not group.folds() if before is not None else self._is_as_built(group, inside)
+                same = before is not None or self._is_as_built(group, inside)
             except NotAlikeError:
                 same = False
             if not same:
@@ -178,14 +178,12 @@ class Variants:
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
         """Check assembled variants against built ones: the most extreme one in all keys, and another."""
-        if group.folds():
-            return False
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
         some.append(int(random.integers(len(group.members))))
         for k in dict.fromkeys(some):
             built = self.built(self.numbers[group.members[k]])
-            if self._programs[built.structure] is not group.program:
+            if self._programs[built.layout] is not group.program:
                 return False
             if built.arena.tobytes() != group.arenas(slice(k, k + 1))[0].tobytes():
                 return False
@@ -194,7 +192,7 @@ class Variants:
     # Equal values -------------------------------------------------------------------------------------------------
 
     def _patterns(self, members: Index) -> Iterator[Index]:
-        """Group variants by equality of their values, because kep = kip selects another computation."""
+        """Group variants by equality of their values, because entries depend on whether kep = kip."""
         numbers = self.numbers[members]
         same = [
             self._same(key, other, numbers[:, i], numbers[:, j])
@@ -230,7 +228,7 @@ class Variants:
     # Assembly -----------------------------------------------------------------------------------------------------
 
     def _split(self, members: Index) -> list[Group]:
-        """Split variants that may have different programs."""
+        """Split variants that may have different layouts."""
         if len(members) <= FULL:
             return self._each(members)
         middle = self.numbers[members[len(members) // 2]]
@@ -248,8 +246,8 @@ class Variants:
                     raise
                 return self._all(members, "a value of one key is invalid without the values of the others")
             for (_, choice), built in zip(choices, alone, strict=True):
-                structures = [each.structure for each in built]
-                kinds = [structures.index(each) for each in structures]
+                layouts = [each.layout for each in built]
+                kinds = [layouts.index(each) for each in layouts]
                 if len(set(kinds)) > 1:
                     kind = np.array(kinds)[choice]
                     return [group for k in dict.fromkeys(kinds) for group in self._split(members[kind == k])]
@@ -261,12 +259,12 @@ class Variants:
                 break
             i, j = meeting
             factors[i] = sorted(factors[i] + factors.pop(j))
-        group = Group(self._programs[base.structure], base.arena, members)
+        group = Group(self._programs[base.layout], base.arena, members)
         for entries, built, (_, choice) in zip(changed, alone, choices, strict=True):
             if entries:
                 where = np.array(sorted(entries), dtype=np.intp)
                 group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
-        if len(factors) < 2 or self._holds(group, base.structure):
+        if len(factors) < 2 or self._holds(group, base.layout):
             return [group]
         return self._all(members, "their keys interact")
 
@@ -285,7 +283,7 @@ class Variants:
             for n in np.unique(self.numbers[:, i]).tolist()
         )
 
-    def _holds(self, group: Group, structure: str) -> bool:
+    def _holds(self, group: Group, layout: str) -> bool:
         """Check assembled variants against built ones: all combinations of extremes, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
@@ -295,7 +293,7 @@ class Variants:
         lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
         for variant in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
             built = self.built(numbers[variant])
-            if built.structure != structure:
+            if built.layout != layout:
                 return False
             if built.arena.tobytes() != group.arenas(slice(variant, variant + 1))[0].tobytes():
                 return False
@@ -310,24 +308,22 @@ class Variants:
         kinds: dict[str, list[tuple[int, Built]]] = {}
         for member in members.tolist():
             built = self.built(self.numbers[member])
-            kinds.setdefault(built.structure, []).append((member, built))
+            kinds.setdefault(built.layout, []).append((member, built))
         groups = []
-        for structure, pairs in kinds.items():
+        for layout, pairs in kinds.items():
             arenas = np.array([built.arena for _, built in pairs])
             where = np.flatnonzero((arenas.view(np.int64) != arenas[:1].view(np.int64)).any(axis=0))
-            group = Group(self._programs[structure], arenas[0], np.array([member for member, _ in pairs]))
+            group = Group(self._programs[layout], arenas[0], np.array([member for member, _ in pairs]))
             group.factors.append((where, arenas[:, where], np.arange(len(pairs))))
             groups.append(group)
         return groups
 
 
-def _structure(arena: Arena) -> str:
-    parts = (
-        arena.memory.used,
-        [(arena.place(array), array.size) for array in arena.arrays],
-        [(place, number.hex()) for place, number in arena.structure().items()],
-    )
-    return sha256(repr(parts).encode()).hexdigest()
+def _layout(arena: Arena) -> str:
+    """Digest what a copy of the memory does not bring along: the places of blocks and columns, and the period."""
+    places = [(arena.place(array), array.size) for array in arena.arrays]
+    columns, period = list(arena.parts.layout.columns), arena.servo.period
+    return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()
 
 
 def _apart(arena: Arena) -> Iterator[str]:

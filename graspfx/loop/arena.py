@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.memory import Memory, Scattered
-from graspfx.compile.records import Record, entries_of, layout, size_for, start_of
+from graspfx.compile.records import Record, layout, size_for, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
@@ -275,43 +275,6 @@ class Arena:
 
     def _copy(self, to: int, source: int, count: int) -> None:
         self._copies.append({"to": to, "source": source, "count": count})
-
-    def structure(self) -> dict[int, float]:
-        """Return the constant entries of the memory that select the computation, with their values.
-
-        The period is one of these entries.
-        """
-        parts, places = self.parts, set[int]()
-
-        def add(array: FloatArray, entries: Iterable[int]) -> None:
-            first = self.place(array)
-            places.update(first + int(k) for k in entries)
-
-        for part in parts.objects:
-            add(part.grasped.block, part.grasped.structure)
-        for observer in parts.observers:
-            add(observer.buffer, observer.structure)
-        if parts.safety is not None:
-            add(parts.safety.pace, entries_of(Pace, "devices"))
-            for i, buffer in enumerate(parts.safety.buffers):
-                add(buffer, parts.safety.structure(i))
-        for mover in parts.movers:
-            if isinstance(mover.body, NativeBody) and mover.body.buffer is not None:
-                add(mover.body.buffer, mover.body.structure)
-            if (guest := guest_of(mover.body)) is not None:
-                add(guest.buffer, guest.structure)
-        owners: list[object] = [station.device for station in parts.stations]
-        owners += [each for m in parts.plants for each in (m.plant, m.hand)]
-        for owner in owners:
-            if isinstance(owner, FusedDevice | FusedPlant | FusedHand) and self._has(owner.state):
-                add(owner.state, owner.structure)
-        add(self.own, entries_of(ServoState, "bodies", "plants", "fingers", "dimensions", "period"))
-        if self.loop is not None:
-            add(self.loop, entries_of(LoopState, "fingers", "devices", "raws"))
-        world = np.asarray(self.world.buffer)
-        add(world, set(range(world.size)) - set(entries_of(World, "phase", "failed", "done")))
-        memory = self.memory.floats
-        return {k: float(memory[k]) for k in sorted(places)}
 
     def _has(self, array: FloatArray) -> bool:
         return any(each is array for each in self.arrays)

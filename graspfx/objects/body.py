@@ -101,7 +101,6 @@ class NativeBody(BlockBody):
     stepping: Callable[..., int] = staticmethod(advance)
     predicting: Callable[..., None] = staticmethod(expect)
     buffer: FloatArray | None = None
-    structure: tuple[int, ...] = ()  # entries of the buffer that are constant and select code paths in kernels
 
     def fault_text(self, code: int) -> str:
         """Explain a non-zero code of `stepping`."""

@@ -109,7 +109,6 @@ class Carrier:
         self.buffer, self.carried = buffer, carried
         moves = [not one.fixed for one in carried]
         self.places = tuple(i * guest.SIZE if m else -1 for i, m in enumerate(moves))
-        self.structure = tuple(o + k for o in self.places if o >= 0 for k in range(guest.STRUCTURE))
         self._moving = [one for one, m in zip(carried, moves, strict=True) if m]
         self._T = 0.0
         self._calls = calls

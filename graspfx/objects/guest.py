@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 from graspfx import elementary
 from graspfx.compile.calls import Call
 from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Record, size_of, start_of
+from graspfx.compile.records import Record, size_of
 from graspfx.objects.body import FloatArray
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
@@ -43,7 +43,6 @@ class GuestState(Record):
 
 
 SIZE = size_of(GuestState)
-STRUCTURE = start_of(GuestState, "share")  # the entries before it are constant
 
 TURN_LIMIT = 0.25 * math.pi  # largest rotation of a PyBullet body in one step, at any angular velocity
 TOO_FAST = 1
@@ -61,11 +60,6 @@ class Guest(Protocol):
     @property
     def buffer(self) -> FloatArray:
         """Buffer of wrenches sent and motions received; the same array for the guest's lifetime."""
-        ...
-
-    @property
-    def structure(self) -> Sequence[int]:
-        """Entries of the buffer that are constant and select code paths in kernels."""
         ...
 
     @property

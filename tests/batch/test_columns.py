@@ -77,7 +77,7 @@ def require_as_built(scene: gx.Scene, values: dict[str, np.ndarray]) -> int:
         for place, member in enumerate(group.members.tolist()):
             whole = variants.built(numbers[member])
             assert whole.arena.tobytes() == group.arenas(slice(place, place + 1))[0].tobytes()
-            assert variants._programs[whole.structure] is group.program
+            assert variants._programs[whole.layout] is group.program
     return built
 
 

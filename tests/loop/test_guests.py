@@ -192,20 +192,6 @@ def test_what_pybullet_is_not_asked_for_is_what_it_would_say() -> None:
         body.close()
 
 
-def test_structure_stays_the_same() -> None:
-    require("bullet")
-    state = np.zeros(at.SIZE)
-    fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8, velocity=[1.0, 2.0])
-    body = BulletBody(state)
-    before = body.buffer.copy()
-    for _ in range(10):
-        body.step(0.005)
-    structure = list(body.structure)
-    assert structure == list(range(guest.STRUCTURE))
-    np.testing.assert_array_equal(body.buffer[structure], before[structure])
-    body.close()
-
-
 def test_a_step_of_ones_own_is_called() -> None:
     require("bullet")
 

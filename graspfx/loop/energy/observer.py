@@ -83,15 +83,6 @@ class Observer:
             name: np.arange(int(field.size)) + first + int(field.offset) for name, field in layout(EnergyReport).items()
         }
 
-    @property
-    def structure(self) -> Index:
-        """Return the entries of `buffer` that are constant and select the computation."""
-        fixed = ["count", "components", "control", "foreign", "guarded", "split"]
-        if not self._ledger.drag:
-            fixed.append("drag")
-        split = [start_of(ModeSplit, name) + self._ledger.split.offset for name in ("fingers", "width", "shifts")]
-        return np.array([*(start_of(LedgerState, name) for name in fixed), *split], dtype=np.intp)
-
     def sample(self) -> None:
         """Book the previous sample, apply the passivity controller, and store the forces of the next sample."""
         if self.met is not None:

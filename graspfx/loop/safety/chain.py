@@ -112,10 +112,6 @@ class SafetyChain:
         """Let forces decay from the next tick on, because the run ends."""
         Pace(self.pace).resting = True
 
-    def structure(self, i: int) -> Index:
-        """Return the entries of object i's memory that are constant and select the computation."""
-        return np.array(entries_of(SafetyState, "count", "posed", "apart", *MOVES), dtype=np.intp)
-
     def is_steered(self, i: int) -> bool:
         """Tell whether a scalar gain of object i may change during a run."""
         safety = SafetyState(self.buffers[i])

@@ -13,7 +13,7 @@ from graspfx.compile.kernel import kernel
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_for, size_of, start_of
 from graspfx.cones.cone import contact_frame
-from graspfx.cones.problem import choices, problem_size, set_up
+from graspfx.cones.problem import problem_size, set_up
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
@@ -77,7 +77,6 @@ class FloorBody(NativeBody):
         floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
         self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset
         set_up(self.buffer, problem, most).count = 0
-        self.structure = (*(start_of(FloorState, name) for name in (*sizes, "problem")), *choices(problem))
         floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
         floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)
         for plane, (normal, distance) in zip(floor.planes, planes, strict=True):
