@@ -23,9 +23,9 @@ python -m tests.stress.report
 ```
 
 which runs the tests of `tests/stress` in full, as `pytest -m stress` does, and the short, seeded form of them that is
-part of every `pytest`. Bad input must be refused by an error of GraspFX: a non-finite number, a warning of numpy
-or an exception of another package is a failure. Valid input must give the correct number: errors are relative unless
-a unit is given, and "none" marks cases that pass or fail without a number.
+part of every `pytest`. Bad input must be refused by an error of GraspFX: a non-finite number, a warning of
+numpy or an exception of another package is a failure. Valid input must give the correct number: errors are relative
+unless a unit is given, and "none" marks cases that pass or fail without a number.
 """
 
 RANGES = """
