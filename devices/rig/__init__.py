@@ -1,7 +1,7 @@
 """The rig: two planar two-link arms on one controller, open hardware modelled on the paper's, one finger each.
 
 It is a design that has not been built yet (docs/how-to/hardware.md). It is tested only against its own firmware on a
-desktop computer: firmware/rig.c with firmware/host.c. The controller drops its force on its own 5 ms after the last
+desktop computer: firmware/rig.c with firmware/host.c. The controller removes its force on its own 5 ms after the last
 torques, within a further 20 ms. Arms, gears and encoders are those of `two-link`.
 """
 

@@ -93,7 +93,7 @@ class Rig:
     def open(self, period: float) -> None:
         if not 0.0 < period <= LONGEST:
             raise InputError(
-                "period", period, f"at most {LONGEST:g} s", f"the rig's watchdog drops its force after {WATCHDOG:g} s"
+                "period", period, f"at most {LONGEST:g} s", f"the rig's watchdog removes its force after {WATCHDOG:g} s"
             )
         self.close()
         state = self.controller.open(max(max(arm.wiring.torque_limit) for arm in self.arms), WATCHDOG)

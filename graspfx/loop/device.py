@@ -52,7 +52,7 @@ class Features(Carded):
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
-    watchdog: float | None = None  # time after the last `write` until the hardware drops its force [s]; None: never
+    watchdog: float | None = None  # time after the last `write` until the hardware removes its force [s]; None: never
     rate: float | None = None  # largest rate of reading and writing [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
     lateness: float | None = None  # time from a tick's reading to its force, in addition to `delay` samples [s]

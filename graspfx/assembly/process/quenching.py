@@ -40,7 +40,7 @@ class Quencher:
     def act(self) -> str:
         """Remove the force; return a report."""
         if self.quench is None:
-            return f"the watchdog of {self.name} drops its force within {self.watchdog:g} s"
+            return f"the watchdog of {self.name} removes its force within {self.watchdog:g} s"
         began = time.monotonic()
         try:
             self.quench()
@@ -81,7 +81,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
         watchdog = wire.features.watchdog
         if quench is None and watchdog is None:
             raise InputError(
-                "features.watchdog", None, "time after which the hardware drops its force [s], or a function "
+                "features.watchdog", None, "time after which the hardware removes its force [s], or a function "
                 f"quench(**settings) in the driver of {name}",
                 "without either the force persists after the program is killed: docs/how-to/device.md",
             )  # fmt: skip

@@ -319,7 +319,7 @@ def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.
     assert texts[0] == "the force of zero is still being removed and may persist: switch it off"
     assert texts[1] == f"the force of one {silent}: OSError: no such port"
     assert texts[2].startswith("the force of two was removed in ")
-    assert texts[3] == "the watchdog of three drops its force within 0.02 s"
+    assert texts[3] == "the watchdog of three removes its force within 0.02 s"
     assert texts[4] == "the force of four could not be removed (OSError: no such port); its watchdog drops it"
     assert texts[5] == "the force of five could not be removed within 0.2 s; its watchdog drops it"
     assert texts[6] == f"the force of six {silent}: SystemExit: 5"
