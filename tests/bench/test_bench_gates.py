@@ -62,7 +62,6 @@ def require_ratios(methods: Mapping[str, Method], gates: Sequence[Gate]) -> None
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 @pytest.mark.parametrize("name", GATES)
 def test_faster_than_its_peer_and_no_less_exact(name: str) -> None:
     pytest.importorskip("llvmlite")
@@ -86,7 +85,6 @@ def test_faster_than_its_peer_and_no_less_exact(name: str) -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 def test_compiled_ticks_are_much_quicker_than_interpreted_ones() -> None:
     """Of whole runs of 2000 ticks, 60 times and more were measured."""
     pytest.importorskip("llvmlite")
@@ -98,7 +96,6 @@ def test_compiled_ticks_are_much_quicker_than_interpreted_ones() -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 def test_a_long_run_to_disk_costs_little_more_than_one_in_memory(tmp_path: object) -> None:
     """The limits are about twice what was measured: 3 and 4 times."""
     pytest.importorskip("llvmlite")
@@ -112,7 +109,6 @@ def test_a_long_run_to_disk_costs_little_more_than_one_in_memory(tmp_path: objec
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 def test_a_tick_on_pybullet_is_little_more_than_pybullet() -> None:
     """Of the bare calls 1.1 was measured."""
     pytest.importorskip("llvmlite")
@@ -122,7 +118,6 @@ def test_a_tick_on_pybullet_is_little_more_than_pybullet() -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 def test_an_implicit_tick_costs_as_much_as_a_few_exact_ones() -> None:
     """Twenty fingers with friction, which a solver of every pair of contacts would feel: 1.4 times was measured."""
     pytest.importorskip("llvmlite")
@@ -134,7 +129,6 @@ def test_an_implicit_tick_costs_as_much_as_a_few_exact_ones() -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.optimised
 def test_a_batch_takes_a_part_of_runs_one_by_one() -> None:
     """Whole calls, of values of three keys and of a scene with friction and moving hands."""
     pytest.importorskip("llvmlite")

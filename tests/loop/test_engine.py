@@ -53,7 +53,7 @@ def test_nothing_is_compiled_for_a_scene_of_the_shelf(name: str, monkeypatch: py
     def made(*_: Any, **__: Any) -> Any:
         raise AssertionError("compiled")
 
-    monkeypatch.setattr(native, "native_of", made)
+    monkeypatch.setattr(native, "emitted", made)
     for changed in (scene, scene.replace({"coupling.internal.stiffness": 31.0, "coupling.internal.damping": 0.0})):
         assert recorded(changed, "compiled", ticks=3).outcome.engine == "compiled"
     with build(scene, engine="compiled") as servo:
