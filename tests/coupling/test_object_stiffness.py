@@ -169,7 +169,7 @@ def test_a_short_arm_stays_bounded_and_continuous() -> None:
     Without a blend 0.2 N m/rad is 600 kN/m on an arm of 0.33 mm. Steps shrink with those of the arm.
     """
     low, high = 0.001, 0.01
-    arms = np.geomspace(0.01, 0.0001, 1500)
+    arms = np.geomspace(0.01, 0.0001, 500)
     bound = 0.2 / (3.0 * high**2) + 200.0 + 120.0 / 3.0
     offsets = arms * 3.0 / np.sqrt(2.0)  # of one contact of three, rms from the line through their centroid
     previous, steps = fingertip(float(offsets[0]), blend=(low, high)), []

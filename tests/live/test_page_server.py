@@ -270,7 +270,7 @@ def test_a_page_that_does_not_read_slows_nobody_and_takes_no_memory(server: Page
     deaf = socket.socket()
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     deaf.connect(("127.0.0.1", server.line.getsockname()[1]))
-    with line(server, sock=deaf, max_queue=1), line(server) as quick:
+    with line(server, sock=deaf, max_queue=1, close_timeout=0.1), line(server) as quick:
         seen = threading.Event()
 
         def follow() -> None:

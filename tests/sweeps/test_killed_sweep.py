@@ -16,6 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError
+from graspfx.sweeps import crew
 from graspfx.sweeps.chunk import SweepError
 from graspfx.sweeps.crew import KILLS
 from graspfx.sweeps.run_sweep import SweepWarning
@@ -162,7 +163,7 @@ def test_a_cluster_of_this_machine_gives_the_same() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
-def test_a_cluster_of_somebody_else_is_reached_by_its_address_or_its_client() -> None:
+def test_a_cluster_of_somebody_else_is_reached_by_its_address_or_its_client(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed", reason="the cluster: pip install 'graspfx[cluster]'")
     values = {"coupling.external.stiffness": [20.0, 40.0, 50.0]}
     batch = gx.run_batch("reference-1dof", values, 0.1)
@@ -177,5 +178,6 @@ def test_a_cluster_of_somebody_else_is_reached_by_its_address_or_its_client() ->
             result = gx.sweep("reference-1dof", values, executor=executor, duration=0.1, chunk=1)
             assert (result["finger_force"]["rms"] == batch["finger_force"]["rms"]).all() and not result.failed.any()
         assert client.submit(int, 1).result() == 1
+    monkeypatch.setattr(crew, "PATIENCE", 0.5)
     with pytest.raises(InputError, match="a reachable dask scheduler"):
         gx.sweep("reference-1dof", values, executor="tcp://127.0.0.1:1", duration=0.1)
