@@ -20,7 +20,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "tests" / "slow.txt"
 BUDGET = 0.05  # of a function's cases together, in `make fast` [s]
-MORE = 1.0  # in `make test` [s]
+MORE = 0.3  # in `make test` [s]
 USED = "processor_seconds"  # of a report
 
 seconds: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))  # by function and case
