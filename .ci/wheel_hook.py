@@ -11,6 +11,7 @@ import platform
 import subprocess
 import sys
 from pathlib import Path
+from shutil import rmtree
 from tempfile import mkdtemp
 from typing import Any
 
@@ -22,6 +23,8 @@ INSIDE = "graspfx/compile/programs"
 class Library(BuildHookInterface):  # type: ignore[type-arg] # of any builder
     """Adds the library to a wheel, and names the platforms that it is for."""
 
+    folder: Path | None = None  # where the library stands until the wheel has it
+
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library; an editable install takes none, since its kernels may be edited."""
         if version == "editable" or os.environ.get("GRASPFX_AHEAD") == "off":
@@ -29,7 +32,7 @@ class Library(BuildHookInterface):  # type: ignore[type-arg] # of any builder
         if (sys.platform, platform.machine()) != ("linux", "x86_64"):
             self.app.display_warning(f"No library is built for {sys.platform} on {platform.machine()}.")
             return
-        folder = Path(mkdtemp())
+        folder = self.folder = Path(mkdtemp())
         words = [sys.executable, "-m", "graspfx.loop.ahead", str(folder / "programs")]
         done = subprocess.run(
             words, cwd=self.root, env=os.environ | {"PYTHONPATH": self.root}, capture_output=True, text=True
@@ -42,3 +45,8 @@ class Library(BuildHookInterface):  # type: ignore[type-arg] # of any builder
         build_data["tag"] = f"py3-none-{done.stdout.split()[-1]}"
         for file in sorted((folder / "programs").iterdir()):
             build_data["force_include"][str(file)] = f"{INSIDE}/{file.name}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove the library's folder."""
+        if self.folder is not None:
+            rmtree(self.folder, ignore_errors=True)
