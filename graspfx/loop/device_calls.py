@@ -15,6 +15,9 @@ class Calls(NamedTuple):
     receives only finite forces within `features.peak_force`. `stop` sets zero force, whatever the block holds. A
     function that waits delays the loop.
 
+    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. A device that was not
+    asked in a turn, or was already written, is therefore asked again before it is stopped.
+
     Attributes:
         ask: function that sends the request for the next `read`; 0 for a device without requests.
         read, write, stop: functions that do the same as the methods of these names.
