@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ from graspfx.analysis.stability import spectral_radius
 from graspfx.assembly.resolve import resolve
 from graspfx.loop.hand_excitation import drive
 from graspfx.plugins import names
-from graspfx.recording.growth import Growth, coherent_pole, growths, mode_name
-from graspfx.recording.octaves import BLOCK, amplitudes, octaves, poles, ringing, rises
+from graspfx.recording.growth import Growth, coherent_pole, growths, mode_name, stops
+from graspfx.recording.octaves import BLOCK, Stretch, amplitudes, octaves, poles, ringing, rises
 from graspfx.recording.record import Recording
 from tests.support.random_scenes import boundary, random_case, scaled
 from tests.support.recordings import header, layout, recording, rows
@@ -451,3 +452,25 @@ def test_the_tremor_and_noise_of_a_drive_are_those_of_the_run() -> None:
     operator = getattr(made.hold(-0.025 * inward, inward), "operator")  # noqa: B009 (not of every hand)
     assert hands.noise(times, 0.02)[:, 1] == pytest.approx(0.02 * operator.noise(times)[:, 1])
     assert operator.noise(np.arange(0.0, 60.0, 0.01)).std(axis=0) == pytest.approx([0.1, 0.1], rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("after", "held", "expected"),
+    [
+        ([3.0, 1.0, 0.0, 0.0, 0.0, 0.0], True, True),  # it decays again
+        ([3.0, 3.0, 3.0, 3.0, 3.0, 3.0], True, True),  # it stays, and is small beside the depth
+        ([3.5, 4.0, 4.5, 5.0, 5.5, 6.0], True, False),  # it grows on, after an interruption
+        ([3.0, 1.0, 0.0, 0.0, 0.0, 0.0], False, False),  # a finger let go, and ended it
+        ([3.0, 1.0], True, False),  # too little is seen of what follows
+    ],
+)
+def test_a_motion_that_stops_by_itself_is_no_loss(after: list[float], held: bool, expected: bool) -> None:
+    """A stretch of three windows after three quiet ones; each takes ten rows."""
+    logs = np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0, *after])
+    touching = np.ones((10 * len(logs), 2), dtype=bool)
+    touching[80:, 1] = held
+    grasp: Any = SimpleNamespace(
+        recording=SimpleNamespace(row_period=0.1, touching=touching), rows=len(touching), fingers=slice(None),
+        depth=lambda first, stop: 1.0,
+    )  # fmt: skip
+    assert stops(grasp, logs, Stretch(3, 3, 3.0), 6.0, 0.01) is expected
