@@ -21,7 +21,7 @@ from graspfx.assembly.resolve import resolve
 from graspfx.loop.hand_excitation import drive
 from graspfx.plugins import names
 from graspfx.recording.growth import Growth, coherent_pole, growths, mode_name, stops
-from graspfx.recording.octaves import BLOCK, Stretch, amplitudes, octaves, poles, ringing, rises
+from graspfx.recording.octaves import BLOCK, Stretch, amplitudes, octaves, poles, ringing, rises, touches
 from graspfx.recording.record import Recording
 from tests.support.random_scenes import boundary, random_case, scaled
 from tests.support.recordings import header, layout, recording, rows
@@ -452,6 +452,13 @@ def test_the_tremor_and_noise_of_a_drive_are_those_of_the_run() -> None:
     operator = getattr(made.hold(-0.025 * inward, inward), "operator")  # noqa: B009 (not of every hand)
     assert hands.noise(times, 0.02)[:, 1] == pytest.approx(0.02 * operator.noise(times)[:, 1])
     assert operator.noise(np.arange(0.0, 60.0, 0.01)).std(axis=0) == pytest.approx([0.1, 0.1], rel=0.03)
+
+
+@pytest.mark.parametrize(("count", "found"), [(11, []), (12, [(5, 115, 12)])])
+def test_a_dozen_touches_are_a_sequence(count: int, found: list[tuple[int, int, int]]) -> None:
+    touching = np.zeros((300, 1), dtype=bool)
+    touching[5 : 5 + 10 * count : 10] = True
+    assert touches(touching) == found
 
 
 @pytest.mark.parametrize(
