@@ -34,11 +34,7 @@ RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 BODY = start_of(GraspState, "body")
 EYE = np.eye(3).ravel()
-FREEDOMS = {
-    1: [0],
-    2: [0, 1, 5],
-    3: [0, 1, 2, 3, 4, 5],
-}  # indices of an object's freedoms, by d
+FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # indices of an object's freedoms, by d
 
 
 class Shape(Protocol):
