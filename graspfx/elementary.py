@@ -1,9 +1,10 @@
 """Elementary functions of kernels: sin, cos, exp, atan2, asin, acos and the cube root, with the same bits everywhere.
 
-A platform's library chooses its code by processor, so that a run on another machine differs in the last digits, and a
-browser has a library of its own. These functions use only operations that IEEE 754 rounds correctly (+ - * / and sqrt)
-and exact scaling; compiled kernels do not contract them. Python, native code and WebAssembly therefore return the same
-bits. Kernels of the package call these; kernels of others may call `math`, which is then the platform's.
+A platform's math library selects its code by processor, so results on another machine may differ in the last digits. A
+browser has yet another library. The functions here use only operations that IEEE 754 rounds correctly (+ - * / and
+sqrt) and exact scaling; compiled kernels do not contract these operations. Python, native code and WebAssembly
+therefore return the same bits. Kernels of the package call these functions. Third-party kernels may call `math`, whose
+results depend on the platform.
 
 Polynomials are minimax on their intervals (Chebyshev expansions, computed with 60 digits and rounded); the comments
 state their largest error before rounding.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-LARGEST_ANGLE = 1e8  # up to which pi/2 in four parts leaves a reduced angle all its digits [rad]
+LARGEST_ANGLE = 1e8  # largest angle that is reduced with pi/2 in four parts without loss of digits [rad]
 
 # pi/2 in parts of 26, 26, 26 and 53 bits: multiples of the first three by less than 2^27 are exact
 HALF_PI_1 = float.fromhex("0x1.921fb50000000p+0")
@@ -25,7 +26,7 @@ TWO_OVER_PI = 0.6366197723675814
 LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")  # 32 bits: a multiple by less than 2^21 is exact
 LN2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 ONE_OVER_LN2 = 1.4426950408889634
-OVERFLOW, UNDERFLOW = 709.782712893384, -745.1332191019412  # beyond: infinity, zero
+OVERFLOW, UNDERFLOW = 709.782712893384, -745.1332191019412  # above, exp x is infinite; below, it is zero
 
 HALF_PI, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 PI_LOW = 1.2246467991473532e-16  # pi - fl(pi)
@@ -62,7 +63,7 @@ def cos(x: float) -> float:
 
 
 def exp(x: float) -> float:
-    """Return exp x, within one unit in the last place; infinity where it overflows."""
+    """Return exp x, within one unit in the last place; infinity if it overflows."""
     if x > OVERFLOW:
         return math.inf
     if x < UNDERFLOW:
@@ -72,7 +73,7 @@ def exp(x: float) -> float:
     k = math.floor(x * ONE_OVER_LN2 + 0.5)
     high, low = x - k * LN2_HIGH, k * LN2_LOW
     r = high - low
-    e = (high - r) - low  # what rounding took from r
+    e = (high - r) - low  # rounding error of r
     q = 2.7557255400206422e-06 + r * (2.75572736431103e-07 + r * (2.5105217004720745e-08 + r * 2.0914686968086876e-09))
     q = 0.0013888888888883748 + r * (0.00019841269874820627 + r * (2.4801587325547743e-05 + r * q))
     q = 0.5 + r * (0.1666666666666667 + r * (0.04166666666666667 + r * (0.008333333333326136 + r * q)))  # 1.4e-18
@@ -124,7 +125,7 @@ def cube_root(x: float) -> float:
 
 
 def _reduced(x: float) -> tuple[int, float, float]:
-    """Reduce an angle: x = n pi/2 + r + e with |r| <= pi/4; return n mod 4, r and e, what rounding took from r."""
+    """Reduce an angle: x = n pi/2 + r + e with |r| <= pi/4; return n mod 4, r, and the rounding error e of r."""
     n = math.floor(x * TWO_OVER_PI + 0.5)
     if n == 0:
         return 0, x, 0.0

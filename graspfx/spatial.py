@@ -11,8 +11,8 @@ from graspfx.compile.kernel import inline, kernel, written
 from graspfx.compile.records import Table
 
 LARGEST = 1e300  # comparisons with NaN are false
-SWEEPS = 12  # most sweeps of Jacobi rotations; three or four suffice
-SMALL = 1e-8  # squared angle below which two terms of the series are exact to rounding
+SWEEPS = 12  # largest number of sweeps of Jacobi rotations; three or four suffice
+SMALL = 1e-8  # squared angle below which two terms of the series are accurate to rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ def length(v: Vector) -> float:
 
 @inline
 def total(v: Vector) -> float:
-    """Add the components of a vector; the sum is NaN or infinite if one of them is."""
+    """Add the components of a vector; the sum is NaN or infinite if a component is NaN or infinite."""
     return v.x + v.y + v.z
 
 
@@ -239,7 +239,7 @@ def exponential(v: Vector) -> Quaternion:
     if square < SMALL:
         s = 0.5 - square / 48.0
         return Quaternion(v.x * s, v.y * s, v.z * s, 1.0 - 0.125 * square)
-    if not square <= LARGEST:  # the body has diverged: its state becomes NaN, and nothing is raised
+    if not square <= LARGEST:  # the body has diverged: its state becomes NaN, and no error is raised
         return Quaternion(math.nan, math.nan, math.nan, math.nan)
     angle = math.sqrt(square)
     s = elementary.sin(0.5 * angle) / angle
@@ -259,7 +259,7 @@ def normalise(q: Quaternion) -> Quaternion:
 def quaternion(R: Sequence[float]) -> Quaternion:
     """Compute the unit quaternion, w >= 0, of a rotation matrix given by rows (Shepperd, 1978: no cancellation)."""
     a, b, c, d, e, f, g, h, i = R
-    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # of 2 x, 2 y, 2 z, 2 w
+    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # squares of 2 x, 2 y, 2 z, 2 w
     largest = max(squares)
     if largest == squares[3]:
         q = (h - f, c - g, d - b, largest)

@@ -1,4 +1,4 @@
-"""Disk cache of arrays that take longer to compute than to read, by all of their inputs."""
+"""Disk cache of arrays that take longer to compute than to read; the key covers all inputs of the arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls of another package's functions between two steps of a program, with numbers in buffers."""
+"""Calls of another package's functions between two steps of a program; buffers contain the arguments and results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Call:
         keywords: keyword arguments.
         sends: lists of floats within the arguments, each with a memory of equal size from which it is filled before the
             call. The function must not keep the lists.
-        receipts: indices in the returned tuple, each of a tuple of floats that is written to a memory.
+        receipts: indices in the returned tuple, each with a memory; the tuple of floats at the index is written to it.
         nonzero: memory of floats; the call is skipped while all are zero.
         changed: two memories of equal size; the call is skipped while they are equal bit by bit.
     """

@@ -65,8 +65,8 @@ def _emitted(text: str, machine: Any, level: int) -> bytes:
     module = llvm.parse_assembly(text)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
-    # Loops are short and were written out where that helps; and vectors read what was written entry by entry, which
-    # waits.
+    # Loops are short and are already unrolled where that helps. Vector loads of entries that were stored one by one
+    # stall.
     tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = False
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
@@ -77,8 +77,8 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
     """Load machine code; the returned engine must stay alive as long as the code may be called.
 
     Args:
-        objects: object files that may call one another, and functions registered by `show`.
-        libm: functions of the platform's library that they call.
+        objects: object files, which may call one another and functions registered by `show`.
+        libm: functions of the platform's library that the object files call.
     """
     import llvmlite.binding as llvm
 

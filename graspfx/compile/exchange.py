@@ -1,4 +1,4 @@
-"""Exchanges with other software by machine code that calls its functions without the interpreter in between."""
+"""Exchanges with other software by machine code, which calls that software's functions without the interpreter."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ ALL_BITS, WITHOUT_SIGN = -1, 2**63 - 1
 
 
 class MachineExchange:
-    """Calls of other software's functions as machine code, exchange(buffer, place): 0, or 1 where a call has raised.
+    """Machine code exchange(buffer, place) that calls other software; it returns 0, or 1 if a call raised an exception.
 
-    The calls are made in order, with the same bits as by `calls.in_turn`. The caller must hold the interpreter's lock.
+    The calls are made in order, bit-identical to `calls.in_turn`. The caller must hold the interpreter's lock.
 
     Args:
         calls: calls whose memories have fixed addresses.
 
     Attributes:
         address: address of the function.
-        plan: words that its buffer must have at `place`.
+        plan: words that the buffer must contain at `place`.
 
     Raises:
         ImportError: LLVM is not installed.

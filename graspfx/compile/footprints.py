@@ -1,4 +1,4 @@
-"""Marks in the cache for separately compiled kernels, which can be read without loading LLVM."""
+"""Marks in the cache, readable without loading LLVM, that record which kernels were compiled separately."""
 
 from __future__ import annotations
 

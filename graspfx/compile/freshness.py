@@ -1,4 +1,4 @@
-"""Cache entries made from kernels, by the kernels' sources."""
+"""Cache entries made from kernels; the key of an entry covers the kernels' sources."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _is_ours(module: str) -> bool:
 
 
 def _number(module: str, name: str) -> str:
-    """Read a module's present number, which the module may have read from elsewhere on import."""
+    """Read a module's present number, which the module may have read from another source on import."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 

@@ -55,7 +55,7 @@ def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str,
     run = _lowered(function)
     kinds = parameter_kinds(function)
     if len(arguments) + len(keywords) > len(kinds) - 1 or _is_flat(arguments, kinds):
-        return run(*arguments, **keywords)  # numbers and buffers already
+        return run(*arguments, **keywords)  # arguments are numbers and buffers already
     order = list(kinds)[:-1]
     flat: list[Any] = []
     values = {**dict(zip(order, arguments, strict=False)), **keywords}
@@ -93,7 +93,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
 
 
 def _whole(result: Any, kind: Any) -> Any:
-    """Turn a kernel's numbers into the values that it returns."""
+    """Convert the numbers that a lowered kernel returns to values."""
     if get_origin(kind) is tuple:
         rest = list(result)
         return tuple(_take(part, rest) for part in get_args(kind))

@@ -15,7 +15,7 @@ PAGE = "see docs/development/records-and-kernels.md"
 
 
 def foreign_kernels(kernels: Mapping[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
-    """Select the kernels that are not of this package."""
+    """Select the third-party kernels."""
     return {name: kernel for name, kernel in kernels.items() if _is_foreign(kernel)}
 
 

@@ -23,7 +23,7 @@ def inline(function: F) -> F:
 def bound_late(function: F) -> F:
     """Mark a function of buffers and numbers with an integer result that compiled programs define themselves.
 
-    Calls of it stay calls by name; interpreted programs run the function itself.
+    Calls of the function remain calls by name. Interpreted programs run the function itself.
     """
     setattr(function, BOUND_LATE, True)
     return function

@@ -131,8 +131,8 @@ def build(
         folder: New or empty folder for the files.
 
     Returns:
-        The tag of the platforms on which they run, such as "manylinux_2_29_x86_64", whose C library has all functions
-        that the programs call.
+        The tag of the platforms on which the programs run, such as "manylinux_2_29_x86_64". The C library of these
+        platforms has all functions that the programs call.
 
     Raises:
         OSError: If there is no C compiler for linking, or it failed; the message gives the reason.
@@ -171,7 +171,7 @@ def build(
 
 
 def _jumps(names: tuple[str, ...]) -> str:
-    """Write functions such as `graspfx_sin`, whose meaning must be unknown to LLVM so that it does not fold them."""
+    """Write functions such as `graspfx_sin`, which hide C functions from LLVM so that it does not fold their calls."""
     lines = ['.section .note.GNU-stack,"",@progbits', ".text"]
     for name in names:
         own = f"graspfx_{name}"

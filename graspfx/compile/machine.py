@@ -37,7 +37,7 @@ class Machine:
     kernel's result, with numbers as floats.
 
     Args:
-        make: whether to compile what is not in the cache; else a LookupError.
+        make: whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
     """
 
     def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
@@ -101,10 +101,10 @@ def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
 
     Args:
         kernel: the function.
-        make: whether to write what is not in the cache; else a LookupError.
+        make: whether to write a program that is not in the cache; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: no LLVM to compile it with.
+        MissingPackageError: LLVM is needed and not installed.
     """
     require_llvm()
     parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
@@ -132,7 +132,7 @@ def compiled(kernel: Any, *, make: bool = True) -> Machine:
 
     Args:
         kernel: the function.
-        make: whether to compile what is not in the cache; else a LookupError.
+        make: whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
 
     Raises:
         MissingPackageError: LLVM is not installed.

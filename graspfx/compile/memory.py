@@ -38,7 +38,7 @@ class Memory:
         return self.floats[first:end]
 
     def place(self, array: FloatArray) -> int:
-        """Return the entry at which an array begins, counted from this memory's first one, even if it is separate."""
+        """Return the index of an array's first entry, counted from this memory's first entry, even outside of it."""
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
 
 
@@ -89,7 +89,7 @@ class Scattered:
     """Separate arrays as one buffer, for interpreted kernels.
 
     Args:
-        memory: memory in whose entries indices count.
+        memory: memory from whose first entry indices are counted.
         arrays: all arrays that a kernel may access.
     """
 

@@ -1,4 +1,4 @@
-"""Files and folders that only their user can write, for code and data that are trusted without further checks."""
+"""Files and folders to which only their user can write, for code and data that are trusted without further checks."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def read_own(file: Path) -> bytes | None:
     """Read a file that only its user can write; None for any other file, including links and pipes.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
     try:
@@ -62,7 +62,7 @@ def make_own(folder: Path) -> None:
     """Create a folder and its missing parents for its user alone.
 
     Raises:
-        OSError: it cannot be created.
+        OSError: the folder cannot be created.
     """
     missing = []
     while not folder.is_dir():

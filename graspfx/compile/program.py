@@ -13,7 +13,7 @@ from graspfx.compile.kernel import keep_lowerings
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory
 
-UNROLL = 400  # statements, which unrolls loops over fingers and axes of most scenes, but not over matrices of friction
+UNROLL = 400  # statements: unrolls most loops over fingers and axes, but not those over matrices of friction problems
 
 
 def program_source(

@@ -5,9 +5,9 @@
         touching: bool
         modes: Table = table("6", "1 + 4 * count")
 
-A field is a number (one entry: `float`, `int`, or `bool` as 0.0 and 1.0), a value class such as `Vector` (an entry for
-each of its numbers), another record, a group of records, an array, or a reference to a record elsewhere in the block.
-Sizes may be expressions of the record's own whole numbers. Fields follow one another without gaps.
+A field is a number (one entry: `float`, `int`, or `bool` as 0.0 and 1.0), a value class such as `Vector` (one entry per
+number), another record, a group of records, an array, or a reference to a record elsewhere in the block. Sizes may be
+expressions of the record's own whole numbers. Fields follow one another without gaps.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 
 R = TypeVar("R")
-Member = TypeVar("Member", covariant=True)  # a group of records also counts as one of their base classes
+Member = TypeVar("Member", covariant=True)  # a group of records is also a group of their base class
 _REFERENCE = "offset of a record from the record that names it"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: distance from its record to the other record
 
@@ -70,7 +70,7 @@ class Field:
         self.kind: Any = None
         self.reference = False
         self.offset = self.size = ""  # numbers, or expressions of the record's integers
-        self.start, self.terms = 0, dict[str, int]()  # what the offset consists of: a number, and sizes how many times
+        self.start, self.terms = 0, dict[str, int]()  # the offset: a number, plus sizes, each with its factor
 
     def place(self, record: Record) -> int:
         return record.offset + _formula(self.offset)(record)
@@ -132,7 +132,7 @@ class Record:
 
 
 class Many(Generic[Member]):
-    """A group of contiguous records, or of values with one in each record."""
+    """A group of contiguous records, or of one field's values in such records."""
 
     def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count

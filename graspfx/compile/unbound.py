@@ -1,4 +1,4 @@
-"""Detection of names in a kernel that may be used before assignment, for which machine code would read garbage."""
+"""Detection of names that a kernel may use before assignment; machine code would then read undefined values."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Flow:
     def turns(
         self, body: Sequence[ast.stmt], before: Bound, inside: Bound, *, once: bool = False, endless: bool = False
     ) -> Bound:
-        """Follow a loop's body once; an iteration starts with no more names than the first one."""
+        """Follow a loop's body once; no iteration starts with more names than the first iteration."""
         loop = Loop()
         self._loops.append(loop)
         behind = self.block(body, inside)
@@ -116,7 +116,7 @@ class Flow:
         return common([first, *loop.breaks])
 
     def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
-        """Return the names that are bound after `continue`: no more than at the start of the iteration."""
+        """Return the names bound after `continue`: at most those bound at the start of the iteration."""
         return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
 
     def assign(self, target: ast.expr, bound: frozenset[str]) -> frozenset[str]:

@@ -8,16 +8,16 @@ from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 
 ROUNDING = 1e-13  # relative to the largest force: smaller violations are rounding
-SINGULAR = 1e-10  # relative: a smaller pivot, compared with the coordinate's stiffness before releases, is zero
+SINGULAR = 1e-10  # relative to the coordinate's stiffness before releases: a smaller pivot is zero
 
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Size of a square: the number of contacts and the coordinates of each, the normal first."""
+    """Size of a square: the number of contacts, and the coordinates per contact, of which the normal is the first."""
 
     count: int  # number n of contacts
     coordinates: int  # number d of coordinates per contact
-    whole: bool  # a contact releases its tangents with its normal; else only normals count
+    whole: bool  # True if a contact releases its tangents together with its normal; otherwise only normals change
 
 
 @kernel
@@ -45,10 +45,10 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot the marked (1.0) of m coordinates, so that they carry no force; clear their marks.
+    """Pivot those of m coordinates that are marked (1.0), so that they carry no force; clear their marks.
 
-    The stiffest coordinate comes first. A singular stiffness then shows as pivots of rounding size; coordinates without
-    stiffness carry no force anyway.
+    The stiffest coordinate is pivoted first. A singular stiffness then leads to pivots of rounding size. These are
+    skipped, because coordinates without stiffness carry no force anyway.
     """
     while True:
         best = SINGULAR
@@ -77,9 +77,9 @@ def complement(
 
     Coordinates are ordered contact by contact, the normal first (index i d). `state` of a contact is 1 if it is
     engaged, 0 if released, and -1 if it must not change. Whole contacts release tangents with their normal; without
-    `back` they stay released. `vector` holds the force of an engaged normal and the displacement s of a released one.
-    `scale` is the magnitude of the forces. Pivots go to the worst violation; after 3 n pivots to the first one, which
-    terminates for every matrix with positive principal minors (Murty 1974).
+    `back`, released contacts stay released. `vector` contains the force of an engaged normal, and the displacement s of
+    a released normal. `scale` is the magnitude of the forces. Each pivot takes the worst violation; after 3 n pivots,
+    the first violation. The latter rule terminates for every matrix with positive principal minors (Murty 1974).
     """
     n, d = contacts.count, contacts.coordinates
     limit = 20 * n + 40
@@ -115,9 +115,10 @@ def complement(
 
 @kernel
 def settle(square: Table, vector: Floats, displacement: Floats, state: Floats, contacts: Contacts) -> None:
-    """Compute the forces of the engaged contacts into `vector`: f = K e over them alone, zero elsewhere.
+    """Write the forces to `vector`: f = K e over the engaged contacts alone, zero for the other contacts.
 
-    The square holds their stiffness with all others released, so that the position of a free finger costs no digits.
+    The square contains the stiffness of the engaged contacts with all other contacts released, so the position of a
+    free finger causes no loss of digits.
     """
     n, d = contacts.count, contacts.coordinates
     for i in range(n):

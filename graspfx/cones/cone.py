@@ -18,7 +18,7 @@ def contact_frame(normal: Vector, d: int) -> Matrix:
         return Matrix(x, y, z, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     if d == 2:
         return Matrix(x, y, z, -y, x, 0.0, 0.0, 0.0, 1.0)
-    # Duff et al. (2017): a basis without branches that lose digits
+    # Duff et al. (2017): a basis without branches and without loss of digits
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
@@ -27,10 +27,10 @@ def contact_frame(normal: Vector, d: int) -> Matrix:
 
 @kernel
 def turn_back(contact: ConeContact, d: int, theta: float, limited: bool) -> Face:
-    """Compute y_i = R(t_i), without its limit, with its status and the data of its slope.
+    """Compute y_i = R(t_i) before the limit; return the face of the cone with the data needed for the derivative.
 
-    theta = 1 returns the nearest force in the cone; theta = 0 keeps the normal force and scales the tangential one. If
-    forces are `limited`, a negative coefficient means no cone (NO_CONE) or a half-space (HALF_SPACE).
+    theta = 1 returns the nearest force in the cone; theta = 0 keeps the normal force and scales the tangential force.
+    If forces are `limited`, a negative coefficient means no cone (NO_CONE) or a half-space (HALF_SPACE).
     """
     mu = contact.coefficient
     trial = leading(contact.trial, d)

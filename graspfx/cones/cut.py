@@ -1,8 +1,8 @@
-"""Limit of a contact's force: the cone intersected with a ball, which keeps the projection a convex gradient.
+"""Limit of a contact's force: the intersection of cone and ball, so that the projection remains a convex gradient.
 
-The cone and the ball share the origin, so that the nearest force in both is the nearest force in the cone, shortened
-to the limit. The limit includes a soft finger's torsion, in units of the patch length, if friction bounds both;
-without friction only the force is shortened.
+The ball is centred at the apex of the cone. Therefore the nearest force in the intersection is the nearest force in the
+cone, shortened to the limit. If friction bounds force and torsion together, the limit includes a soft finger's torsion,
+in units of the patch length. Without friction only the force is shortened.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from graspfx.cones.problem import FREE, STICK, ConeContact, dot4, tangent_of, wi
 from graspfx.spatial import Vector, Vector4, dot
 
 NO_CONE = -1.0  # coefficient of a bilateral contact
-HALF_SPACE = -2.0  # coefficient of a contact that sticks tangentially with any force, and only pushes
+HALF_SPACE = -2.0  # coefficient of a contact that only pushes, and sticks under any tangential force
 LIFT = 3  # status of a half-space contact whose normal force is zero
 
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """Face of its cone onto which the return map has put a force, with the data of the slope."""
+    """Face of the friction cone onto which the return map has projected a force, with data for the derivative."""
 
     status: int
-    direction: Vector  # direction of the tangential force, if it slides
-    bend: float  # |y_t| / |t_t|, if it slides
+    direction: Vector  # direction of the tangential force, if the contact slides
+    bend: float  # |y_t| / |t_t|, if the contact slides
 
 
 @kernel
@@ -49,7 +49,7 @@ def limit_width(coefficient: float, d: int) -> int:
 
 @kernel
 def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
-    """Shorten a force over its first `width` entries to the limit; return it and the factor, 1 if it was shorter."""
+    """Shorten a force over its first `width` entries to the limit; return the force and the factor, at most 1."""
     size = force_size(force, width)
     if not size > limit:
         return force, 1.0
@@ -64,20 +64,20 @@ def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
 
 @kernel
 def is_plain(contact: ConeContact, d: int, limit: float, status: int) -> bool:
-    """True if y_i from `turn_back` is neither longer than its limit nor on a half-space's edge."""
+    """Tell whether y_i from `turn_back` is within its limit and not on the edge of a half-space."""
     return status != LIFT and not force_size(contact.force, limit_width(contact.coefficient, d)) > limit
 
 
 @kernel
 def cut_slope(contact: ConeContact, d: int, theta: float, limit: float, face: Face, x: Vector4) -> Vector4:
-    """Compute R'x for a contact of any status, with its limit."""
+    """Compute R'x, where R' is the derivative of the return map with the limit, for any status of a contact."""
     slope = cone_slope(face, contact.coefficient, theta, x)
     return ball_slope(contact.force, limit_width(contact.coefficient, d), limit, slope)
 
 
 @kernel
 def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
-    """Compute R'x of the return map without a limit."""
+    """Compute R'x, where R' is the derivative of the return map without a limit."""
     tangent = tangent_of(x)
     if face.status == LIFT:
         return with_tangent(0.0, tangent)
@@ -92,7 +92,7 @@ def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
 
 @kernel
 def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
-    """Compute the slope of `shorten` at a force y, times x: limit/|y| (x - y y'x/|y|^2), or x if y is short."""
+    """Compute the derivative of `shorten` at y times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
     size = force_size(force, width)
     if not size > limit:
         return x

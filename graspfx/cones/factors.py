@@ -15,7 +15,7 @@ PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # smallest ratio of a diagonal pivot to an
 
 @kernel
 def factor_definite(M: Table, size: int) -> None:
-    """Replace M >= 0 by its lower triangular factor L, M = L L'; a pivot of rounding size gives a column of zeros."""
+    """Replace M >= 0 by its lower triangular factor L, M = L L'; for a pivot of rounding size, the column is zero."""
     for j in range(size):
         own = M[j, j]
         left = own
@@ -60,9 +60,9 @@ def lower(L: Table, x: Floats, size: int) -> None:
 
 @kernel
 def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
-    """Replace M >= 0 by the inverse of its largest independent principal part, zeros elsewhere.
+    """Replace M >= 0 by the inverse of its largest non-singular principal part, with zeros elsewhere.
 
-    The largest pivot comes first; if none exceeds `least`, the rest is rounding. `kept` is scratch of the search.
+    The largest pivot is eliminated first. If no pivot exceeds `least`, the remainder is rounding. `kept` is work space.
     """
     for i in range(size):
         kept[i] = 0.0
@@ -96,7 +96,7 @@ def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
 def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
     """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); t changes.
 
-    With a rest of zero, A t becomes zero; the next call treats the remaining rounding as no motion.
+    If `rest` is zero, A t becomes zero up to rounding; later calls treat that rounding as zero.
     """
     own = square = 0.0
     for i in range(size):
@@ -122,10 +122,10 @@ def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> N
 
 @kernel
 def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
-    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M changes.
+    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is overwritten.
 
-    The pivot is the largest diagonal entry, unless an off-diagonal entry is much larger. Then it is a pair, in the axes
-    of its two eigenvectors, one with positive and one with negative sign (Bunch and Parlett 1971).
+    The pivot is the largest diagonal entry, unless an off-diagonal entry is much larger. In that case a 2 x 2 pivot is
+    used, in the axes of its two eigenvectors; one sign is positive and the other negative (Bunch and Parlett 1971).
 
     Args:
         M: Matrix, of which the lower triangle is read.
@@ -156,7 +156,7 @@ def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
 
 @kernel
 def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract h l l' for pivot r from M, and write it as number k; write zeros if nothing is left."""
+    """Subtract h l l' for pivot r from M, and write h and l as number k; write zeros if the pivot is zero."""
     pivot = M[r, r]
     signs[k] = -1.0 if pivot < 0.0 else 1.0
     inverse = signs[k] / math.sqrt(abs(pivot)) if pivot != 0.0 else 0.0
@@ -167,13 +167,13 @@ def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: in
 
 @kernel
 def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract the terms of the pair p > q of pivots from M, and write them as numbers k and k + 1."""
+    """Subtract the two terms of a 2 x 2 pivot, p > q, from M, and write the terms as numbers k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
     angle = 0.5 * elementary.atan2(b, half)
     cosine, sine = elementary.cos(angle), elementary.sin(angle)
     radius = math.sqrt(half * half + b * b)
-    high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # of opposite signs, because b is large
+    high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # eigenvalues, of opposite signs because b is large
     signs[k] = 1.0
     signs[k + 1] = -1.0
     for i in range(size):
@@ -189,7 +189,7 @@ def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats
 
 @kernel
 def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -> None:
-    """Subtract h l_k l_k' from the lower triangle of M, whose row and column r then vanish."""
+    """Subtract h l_k l_k' from the lower triangle of M; afterwards row and column r are zero."""
     for i in range(size):
         left = sign * columns[i, k]
         for j in range(i + 1):

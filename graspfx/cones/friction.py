@@ -2,12 +2,12 @@
 
 Both laws of a friction problem (`cones.problem`) are a return map with a dilatancy theta: f = R(t), t = f - c s for
 any c > 0. Associated law (theta = 1): R projects on the cone. With f0 = 0, f minimises 1/2 (f - K e)' K^-1 (f - K e)
-over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu
-f_n; for a large mu the solution may not be unique.
+over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is shortened to
+mu f_n. For a large mu the solution may not be unique.
 
 With limits each cone is cut off at |f_i| <= L_i (`cones.cut`), and the associated force still minimises the same
-function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. The resulting slip s
-belongs to the cone alone, so that a contact that sticks at its limit keeps its place.
+function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. Only the cone causes
+slip s, not the limit, so a contact that sticks at its limit keeps its place.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from graspfx.spatial import NOTHING, Matrix, Vector
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # law that the solution satisfies; if unresolved, all forces are zero
 ROUNDING = 1e-15  # relative to the forces: residual at which Newton's method stops
 CLOSE = 1e-13  # relative: residual that is accepted if rounding ends the descent earlier
-LEAST = 1e-6  # relative to the larger gain: smaller gains are raised to it; scenes only have zero damping (`approach`)
-NEAR = 1e-8  # value for a zero gain in each search of `approach`
-SEARCHES = 8  # largest number of such searches
+LEAST = 1e-6  # relative to the larger gain: smaller gains are raised to this (for zero gains see `approach`)
+NEAR = 1e-8  # relative value for a zero gain in each search of `approach`
+SEARCHES = 8  # largest number of searches in `approach`
 STEPS = 100  # evaluations before Coulomb's law restarts elsewhere
 DESCENT = 1000  # evaluations for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
 SHORTEST = 1e-2  # fraction of a Newton step below which Coulomb's law restarts elsewhere
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # its multiples fill an interval evenly, so that starts are reproducible
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # multiples modulo 1 fill an interval evenly and reproducibly
 RESTARTS = 16  # for offline use: at kip/kep = 1000 and mu = 1.5, 1 problem in 40 still falls back to the associated law
 
 
@@ -53,8 +53,8 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
     Args:
         frames: Contact frames, normal and tangents as rows.
-        motions: Row for each mode: its share beta_k, then for every contact three entries in the axes of the frames, or
-            four if d is 4; the fourth is the torsion about the normal.
+        motions: One row per mode: the share beta_k, then for every contact three entries in the axes of the frames, or
+            four if d is 4. The fourth entry is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
     problem.modes = count
@@ -78,10 +78,11 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
     """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
 
-    There are at most six unknowns. A contact of weight 0 has no force. A gain below 1e-6 of the other one is raised to
-    that, except a zero gain in the associated law, which is the limit of small gains (`approach`). Coulomb's law starts
-    from the given unknowns, then from the associated solution, then `restarts` times around that. If the problem is
-    compliant, (K^-1 + C)^-1 replaces K, with C_i / w_i on each coordinate of contact i.
+    There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 of the other gain is
+    raised to that value. An exception is a zero gain in the associated law, which is treated as the limit of small
+    gains (`approach`). The search for Coulomb's law starts from the given unknowns, then from the associated solution,
+    then `restarts` times around the associated solution. If the problem is compliant, (K^-1 + C)^-1 replaces K, with
+    C_i / w_i on each coordinate of contact i.
 
     Returns:
         Law of the solution, residual |f - f0 - K (e + s)| [N] (f and s satisfy the law exactly), and evaluations.
@@ -102,11 +103,12 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
 
 @kernel
 def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answer:
-    """Solve the associated law for a zero gain, raised to E, in repeated searches that remove the raise's last force.
+    """Solve the associated law for a zero gain, by repeated searches with the gain raised by E.
 
-    f = f0 + (K + E)(e + s) - E (e + s'), with s' of the previous search, is the proximal point method (Rockafellar
-    1976). It converges to f = f0 + K (e + s), the limit of small gains. Each search leaves the fraction eps / (eps +
-    lambda) of the error along a direction that contacts resist with lambda, where eps is the size of E.
+    Each search subtracts the force that E exerted in the previous search: f = f0 + (K + E)(e + s) - E (e + s'), with s'
+    of the previous search. This is the proximal point method (Rockafellar 1976). It converges to f = f0 + K (e + s),
+    the limit of small gains. Each search leaves the fraction eps / (eps + lambda) of the error along a direction in
+    which the contacts' resistance is lambda, where eps is the size of E.
 
     k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
@@ -136,7 +138,7 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
 
 @kernel
 def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the raise of k_e times the solution from the next g; return the change of that term, and y's size."""
+    """Subtract the solution times the raise of k_e from the next g; return the term's change, and the size of y."""
     change = size = 0.0
     for k in range(count):
         unknown = problem.unknowns[k]
@@ -153,7 +155,7 @@ def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tup
 
 @kernel
 def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the raise of k_i times the solution from the next f0; return the change of that term, and size of y."""
+    """Subtract the solution times the raise of k_i from the next f0; return the term's change, and the size of y."""
     h = gains.internal / (gains.external - gains.internal)
     change = size = 0.0
     for contact in problem.contacts:
@@ -199,7 +201,8 @@ def friction_force_square(
 ) -> Answer:
     """Compute the forces for any K > 0 in contact frames; the n d unknowns are e + s.
 
-    An asymmetric K also has a unique associated solution, but without a convex function the search may not find it.
+    The associated solution is also unique for an asymmetric K, but without a convex function the search may not find
+    it.
     """
     m = problem.count * d
     c = 0.0  # above every eigenvalue of K, so that the associated problem is convex
@@ -219,7 +222,7 @@ def solve(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
     restarts: int,
 ) -> Answer:  # fmt: skip
-    """Try Coulomb's law from the given unknowns, from the associated solution, and around it; else the associated."""
+    """Solve Coulomb's law from several starts (see `friction_force`); if all fail, return the associated solution."""
     unknowns = problem.unknowns
     start_others(problem, count)
     total = 0.0
@@ -267,7 +270,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Start the unknowns that the last search lacked: near zero, from the final g of the last equations."""
+    """Set the start of unknowns that the last search did not contain: near zero, from the final g of its equations."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:
@@ -312,7 +315,7 @@ def add_nothing(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: float) -> None:
-    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit; r_i c with compliances in series."""
+    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), where s uses y before the limit; r_i c if compliant."""
     for contact in problem.contacts:
         root = math.sqrt(contact.weight) if weighted else 1.0
         if problem.limited:
@@ -332,7 +335,8 @@ def newton(
 ) -> Search:
     """Solve g = 0 by a semismooth Newton method with a line search.
 
-    With `convex`, g is the gradient of a convex function, which decreases until the solution; else |g| must decrease.
+    With `convex`, g is the gradient of a convex function, and every step decreases that function. Otherwise every step
+    decreases |g|.
     """
     unknowns = problem.unknowns
     step = problem.step

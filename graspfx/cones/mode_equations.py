@@ -4,8 +4,9 @@ K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), with ka
 q_k. Let f = sqrt(W) y, y = R(t) and t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k. The unknowns are z, with
 kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)).
 
-If the stiffness is given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i between the same roots of W, with signs
-h_k and vectors v_k of any length, the equations are the same with v_k for q_k: z_k = h_k v_k'(y - f0 / sqrt(W)).
+The stiffness may also be given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i, scaled by the same square roots
+of W, with signs h_k and vectors v_k of any length. The equations are then the same with v_k in place of q_k:
+z_k = h_k v_k'(y - f0 / sqrt(W)).
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def set_trial(
 
 @kernel
 def compliant_share(problem: FrictionProblem, contact: ConeContact, internal: float) -> float:
-    """Compute r_i = 1 / (1 + k_i C_i), the share of a contact's gain under a compliance in series; 1 without one."""
+    """Compute r_i = 1 / (1 + k_i C_i), the share of a contact's gain that a series compliance leaves; 1 without one."""
     return 1.0 / (1.0 + internal * contact.compliance) if problem.compliant else 1.0
 
 
@@ -132,7 +133,7 @@ def cut_value(contact: ConeContact, d: int) -> float:
 
 @kernel
 def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[float, float]:
-    """Compute h of a mode, and |kappa / k_i - 1|; for modes with flexibility, their sign and a bound."""
+    """Compute h of a mode, and |kappa / k_i - 1|; for a flexible problem, the mode's sign and a bound."""
     if problem.flexible:
         return beta, gains.external / gains.internal
     external, internal = gains.external, gains.internal
@@ -194,7 +195,7 @@ def add_cut(
 
 @kernel
 def add_whole(problem: FrictionProblem, contact: ConeContact, d: int, count: int, sticks: bool, part: float) -> None:
-    """Add q_k'q_j of a contact; if it sticks and a compliance stands in series, add the fraction `part` of it."""
+    """Add q_k'q_j of a contact; if it sticks and has a series compliance, add only the fraction `part`."""
     H = problem.jacobian
     modes = contact.modes
     for k in range(count):
@@ -244,7 +245,7 @@ def add_edge(
         left, bent = sign * unknowns[k].left, sign * face.bend * unknowns[k].across
         if problem.compliant:
             left, bent = part * left, part * bent
-        if d > 3:  # two directions across: all tangents minus the sliding direction
+        if d > 3:  # two tangential directions across the sliding direction: all tangents minus that direction
             bent = -bent
             for j in range(count):
                 more = 0.0

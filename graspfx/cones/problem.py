@@ -1,8 +1,8 @@
-"""Block of a friction problem: contacts, unknowns, and scratch of the search.
+"""Block of a friction problem: contacts, unknowns, and work space of the search.
 
 The law is f = f0 + K (e + s), where f_i lies in the cone |f_t| <= mu f_n of contact i and s is the displacement lost to
-slip and release. A contact has d coordinates: its normal, up to two tangents, and as the fourth the torsion of a soft
-finger in units of its patch length, whose cone is the elliptic limit surface (Howe and Cutkosky 1996).
+slip and release. A contact has d coordinates: its normal, up to two tangents, and for a soft finger, as the fourth, the
+torsion in units of the patch length. The cone of a soft finger is the elliptic limit surface (Howe and Cutkosky 1996).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class ModePart(Record):
 
 
 class ConeContact(Record):
-    """Contact of a friction problem. Vectors are in its own frame, the normal first."""
+    """Contact of a friction problem. Vectors are in the contact's frame, the normal first."""
 
     weight: float  # w; not read by the square equations
     coefficient: float  # mu; a negative value selects another cone, if forces have limits (`cut`)
@@ -45,8 +45,8 @@ class ConeContact(Record):
 class Unknown(Record):
     """Unknown of a friction problem: z_k of a mode, or for a square an entry of w = e + s."""
 
-    value: float  # in and out: any start converges, the last sample's solution is the best one
-    share: float  # beta_k of a mode; its sign, if modes carry their flexibility
+    value: float  # in and out; the best start is the last sample's solution
+    share: float  # beta_k of a mode; the mode's sign if the problem is `flexible`
     gradient: float  # g, scratch
     start: float  # value at the start of a Newton step
     associated: float  # solution of the associated law
@@ -63,7 +63,7 @@ class FrictionProblem(Record):
     room: int  # number of unknowns for which there is space: MODES, or all coordinates of a square
     limited: bool  # each force is limited
     compliant: bool  # a compliance stands in series with each contact; not read by the square equations
-    flexible: bool  # modes carry their flexibility (`mode_equations`): no share, and any length
+    flexible: bool  # the modes define K^-1 (`mode_equations`): vectors v_k of any length with signs, without shares
     modes: int  # number of modes in use; not read by the square equations
     started: int  # number of unknowns with a start value, from the last search or from the caller
     contact_entries: int  # number of entries of one contact
@@ -75,7 +75,7 @@ class FrictionProblem(Record):
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Eigenvalues of K for scalar gains: along the modes, and across."""
+    """Eigenvalues of K for scalar gains: along the modes, and orthogonal to the modes."""
 
     external: float  # k_e [N/m]
     internal: float  # k_i [N/m]

@@ -12,7 +12,7 @@ from graspfx.cones.mode_equations import Merit, cut_value
 from graspfx.cones.problem import SLIDE, STICK, ConeContact, FrictionProblem, tangent_of
 from graspfx.spatial import Vector4, dot
 
-SMALL = 1e-13  # relative to a square's largest row: regularises Newton's matrix if nothing touches
+SMALL = 1e-13  # relative to a square's largest row: regularises Newton's matrix if no contact touches
 
 
 @kernel

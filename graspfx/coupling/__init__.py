@@ -1,1 +1,1 @@
-"""One sample of eq. (4): the fingers' motion in, forces and the object's wrench out; no clock, no device, no file."""
+"""One sample of eq. (4): computes forces and the object's wrench from the fingers' motion, without clock or files."""

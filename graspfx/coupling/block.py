@@ -6,7 +6,7 @@ from graspfx.compile.records import size_of, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.contact_state import Freedom
 
-# Of a grasp.
+# Fields of a grasp.
 DIMENSIONS = start_of(GraspState, "dimensions")
 EXTERNAL_STIFFNESS = start_of(GraspState, "external_stiffness")
 INTERNAL_STIFFNESS = start_of(GraspState, "internal_stiffness")
@@ -28,7 +28,7 @@ OBSERVED = start_of(GraspState, "observed")
 BODY = start_of(GraspState, "body")
 ROW = start_of(GraspState, "fingers")
 MESH = start_of(GraspState, "mesh")
-# Of a finger, from its row on.
+# Fields of a finger, counted from the start of its row.
 STRIDE = size_of(FingerState)
 CONTACT = start_of(FingerState, "contact")
 NORMAL = start_of(FingerState, "normal")

@@ -33,8 +33,8 @@ LACKING = ("coefficient", "patch", "radius", "pad")
 def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
     """List the entries that are constant in a run and select what is computed: counts, switches, offsets.
 
-    Other values are included only if they are gains, permanent zeros (also of a finger's friction, patch, radius or
-    pad), or weights of one without a fade.
+    A gain, and a finger's friction, patch, radius or pad, is included only if it is zero. A finger's weight is included
+    only if it is one and there is no fade.
 
     Args:
         grasp: block of the grasp.
@@ -57,7 +57,7 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
         fixed += [entry for entry in weights if S[entry] == 1.0]
     if has_problems(grasp):
         for problem in (grasp.problem, grasp.damping_problem):
-            fixed += [problem.offset, *choices(problem.offset)]  # the count too
+            fixed += [problem.offset, *choices(problem.offset)]  # including the count of contacts
         if "gradual" in live:
             fixed.remove(compliant_entry(grasp.damping_problem))
     if grasp.shape == MESH:
@@ -73,13 +73,13 @@ def gain_entries() -> list[int]:
 
 
 def matrix_entries(grasp: GraspState) -> list[int]:
-    """List the entries of matrix gains; none for scalar gains."""
+    """List the entries of matrix gains; the list is empty for scalar gains."""
     first = grasp.matrices.offset
     return list(range(first, first + grasp.matrix_entries))
 
 
 def split_entries(grasp: GraspState) -> list[int]:
-    """List the data of P except contact points and gaps: all data of a `SplitRule`."""
+    """List the entries that determine P, except contact points and gaps: the data of a `SplitRule`."""
     entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
     entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -93,7 +93,7 @@ def compliant_entry(problem: FrictionProblem) -> int:
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Tell whether the block has friction problems; without them, both would have the same place."""
+    """Tell whether the block has friction problems; if not, both references point to the same entry."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 
@@ -107,7 +107,7 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
         return np.array(entries_of(record, name, at=at), dtype=np.intp)
 
     def of_fingers(name: str) -> Index:
-        width = len(entries_of(FingerState, name))  # which an object without fingers does not show
+        width = len(entries_of(FingerState, name))  # an empty array needs it explicitly
         entries = [entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers]
         return np.array(entries, dtype=np.intp).reshape(len(entries), width)
 

@@ -17,9 +17,9 @@ from graspfx.spatial import ZERO, Vector, exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
-TURN = 0.5  # amplitude to either side [rad]
+TURN = 0.5  # amplitude of the rotation [rad]
 SAMPLES = 24  # samples per motion; the mean of a smooth force over one period converges faster than any power
-CREATES = 1e-6  # fraction of the peak; less is rounding
+CREATES = 1e-6  # smallest share of generated energy that exceeds rounding
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,13 @@ class LoopEnergy:
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
     """Find the closed motion, among a few that any grasp allows, on which the springs generate the most energy.
 
-    The contacts are fixed in the object, and the fingers in the world. The object turns by +-0.5 rad about each free
-    axis and moves sideways and back along each free direction and each diagonal of two, by half the displacement of its
-    contacts in that turn. The work is the integral of wrench'(v, w). The object's block is restored afterwards.
+    The contacts are fixed in the object, and the fingers are fixed in the world. The object turns by +-0.5 rad about
+    each free axis. At the same time it moves sideways and back, along each free direction and along each diagonal of
+    two free directions. The amplitude of that motion is half the displacement of the contacts in the turn. The work is
+    the integral of wrench'(v, w). The object's block is restored afterwards.
 
     Args:
-        grasped: grasped object with met or attached contacts.
+        grasped: grasped object, whose contacts have been set by `meet` or `attach`.
         fingers: finger positions (n, d) [m].
     """
     block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
@@ -67,7 +68,7 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
 
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """List rotation axes, 0 to 2, with the amplitude (d,) of the sideways motion."""
+    """List the motions: a rotation axis, 0 to 2, and the amplitude (d,) of the sideways motion."""
     d, body = grasped.dimensions, BodyState(grasped.body_state)
     free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)]) != 0.0
     centre = body.motion.array(Motion.position)[:d]

@@ -1,4 +1,4 @@
-"""The law as a matrix in contact frames, normals first, for principal pivoting."""
+"""The law as a matrix in contact frames, for principal pivoting. The normal is a contact's first coordinate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.spatial import Vector, Vector4, inner, with_torsion
 
 @kernel
 def assemble(grasp: GraspState, elastic: bool) -> None:
-    """Compute K and K e, or D and D e', in contact frames."""
+    """Compute K and K e if `elastic`, otherwise D and D e', in contact frames."""
     size = grasp.count * grasp.coordinates
     for p in range(size):
         for q in range(size):
@@ -30,7 +30,7 @@ def assemble(grasp: GraspState, elastic: bool) -> None:
 
 @kernel
 def add_gains(grasp: GraspState, out: Table, external: float, internal: float, elastic: float, damping: float) -> None:
-    """Add a gain matrix in contact frames to a square matrix: scalar gains, or elastic K + damping D."""
+    """Add a gain matrix in contact frames to a square matrix: of scalar gains, or `elastic` K + `damping` D."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             for j, other in enumerate(grasp.fingers):
@@ -45,7 +45,7 @@ def add_block(
     grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
     out: Table,
 ) -> None:  # fmt: skip
-    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F, without torsion."""
+    """Add F_i (elastic K_ij + damping D_ij) F_j' for two fingers; F are the contact frames, without torsion."""
     d, c = grasp.dimensions, grasp.coordinates
     for a in range(c):
         for b in range(c):

@@ -1,4 +1,4 @@
-"""From motion to displacement, in the object's frame: contact points, e = p - c, its rate, the fingers' weights."""
+"""Compute the fingers' displacements e = p - c, their rates, contact points and weights, in the object's frame."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from graspfx.surfaces.closed_form.proxy import MESH, closest_to_ball
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.walk import mesh_contact
 
-NOT_FINITE = 1  # a finger's motion is NaN or infinite, or its square would be
+NOT_FINITE = 1  # a finger's motion is NaN, infinite, or too large to be squared
 UNRESOLVED = 2  # the projection did not converge
 LOST = 3  # the object's motion or a force is not finite
 AGAIN = 4  # a contact point has moved: recompute the split and the forces
 EXCESSIVE = 5  # the law's force on a finger exceeds `force_bound`
-LARGEST = 1e150  # largest number whose square is finite; comparisons with NaN are false
+LARGEST = 1e150  # larger numbers may have infinite squares; comparisons with NaN are false
 
 
 @kernel
 def approach(grasp: GraspState) -> int:
     """Compute contact point, displacement, rate and weight of every finger; return 0, NOT_FINITE or LOST.
 
-    A ball fingertip is represented by its centre p, which touches the shape offset outwards by the radius; c is the
-    point of that offset surface where the centre lies at first touch. The reaction at the fingertip acts at the centre,
-    and the reaction at the contact acts at c, so a ball has the energy balance of a point.
+    A ball fingertip is represented by its centre p, which touches the shape's surface offset outwards by the radius.
+    The contact point c is the position of the centre on that offset surface at first touch. A reaction at the fingertip
+    acts at the centre p, and a reaction at the contact acts at c. The energy balance of a ball is therefore that of a
+    point.
     """
     motion = grasp.motion
     total = 0.0
@@ -55,8 +56,8 @@ def approach(grasp: GraspState) -> int:
 def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Compute e = p - c, c in world axes, and e' = p' - v - w x r of a finger at p in the object's frame.
 
-    r is the vector from the object's centre x to the point of the reaction, the fingertip or c, so that damping
-    generates no energy.
+    The vector r points from the object's centre x to the point where the reaction acts: the fingertip or c. With this
+    choice damping generates no energy.
     """
     motion = grasp.motion
     c = finger.contact
@@ -76,11 +77,12 @@ def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Compute contact point, normal, gap and weight of a finger at p in the object's frame.
 
-    With a coefficient of friction, the contact slips until the remaining displacement along the surface is e + s, that
-    of the last force. A sliding finger slips before this sample's motion; a free finger follows it and slips
-    afterwards.
-    With matrix gains and free slip, the contact slips after the motion, whether it touches or not. The springs then
-    hold w = e + s = K^-1 f, which has a part along the surface even for a normal force, and no energy is generated.
+    With a coefficient of friction, the contact point slips until the displacement along the surface is e + s of the
+    last force. The contact point of a sliding finger slips before this sample's motion. That of a free finger follows
+    the motion and slips afterwards.
+    With matrix gains and free slip, the contact point slips after the motion, whether the finger touches or not. The
+    displacement of the springs is then w = e + s = K^-1 f, which has a tangential part even for a normal force. No
+    energy is generated.
     """
     slips = finger.coefficient > 0.0
     if finger.touching and slips and finger.status == SLIDE:
@@ -97,7 +99,7 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
-    """Tell whether a free finger's weight matters; it does not for independent fingers without energy accounting."""
+    """Tell whether a free finger's weight is used: not if fingers are independent, frictionless and unobserved."""
     return not grasp.alone or grasp.friction or grasp.observed
 
 

@@ -1,4 +1,4 @@
-"""Equal gains: the conventional method (eqs. 1 and 7-8), each finger separately, without projector and matrices."""
+"""The conventional method for equal gains (eqs. 1 and 7-8): each finger separately, without projector or matrices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.spatial import inner, with_torsion
 
 @kernel
 def separate(grasp: GraspState) -> None:
-    """Compute f_i = w_i k e_i of every finger inside the object, along the normal only unless it sticks."""
+    """Compute f_i = w_i k e_i of every finger inside the object; the force is normal unless the finger sticks."""
     for finger in grasp.fingers:
         depth = inner(finger.normal, finger.displacement.vector)
         k = finger.weight * grasp.internal_stiffness
@@ -27,7 +27,7 @@ def separate(grasp: GraspState) -> None:
 
 @kernel
 def damp_alone(grasp: GraspState) -> None:
-    """Add b_i e_i' to the force of every touching finger; its normal force never pulls."""
+    """Add b_i e_i' to the force of every touching finger; the normal force of the sum never pulls."""
     for finger in grasp.fingers:
         if not finger.touching:
             continue

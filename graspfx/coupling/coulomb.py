@@ -30,16 +30,17 @@ from graspfx.coupling.torsion import set_anchor
 from graspfx.spatial import NOTHING, Vector4
 
 RESTARTS = 2  # restarts for Coulomb's law per sample; the last sample's solution is nearly always a good initial guess
-SYMMETRIC = 1e-12  # fraction of a matrix's largest entry
-SMALLEST = 1e-200  # [N]: less counts as no force, its square would
+SYMMETRIC = 1e-12  # tolerance of symmetry, relative to a matrix's largest entry
+SMALLEST = 1e-200  # smaller forces count as zero, because their squares underflow [N]
 
 
 @kernel
 def force_with_friction(grasp: GraspState) -> int:
     """Compute the elastic force f = K (e + s) in the friction cones, then damping in them; return 0 or UNRESOLVED.
 
-    The force satisfies Coulomb's law or, if no solution of it was found, the associated law. A sticking finger keeps
-    its contact point. For a slipping or free finger, `retained` determines the contact point of the next sample.
+    The force satisfies Coulomb's law or, if the search for Coulomb's law found no solution, the associated law. A
+    sticking finger keeps its contact point. For a slipping or free finger, `retained` determines the contact point of
+    the next sample.
     """
     fault = elastic_in_cones(grasp)
     if grasp.observed or grasp.limited:
@@ -110,7 +111,7 @@ def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bo
 
 @kernel
 def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Accept the present forces as the solution and as the next initial guess."""
+    """Accept the present forces as the solution and as the initial guess of the next search."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             e = in_frame(grasp, finger, finger.displacement)
@@ -130,7 +131,7 @@ def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
 
 @kernel
 def move_anchors(grasp: GraspState) -> None:
-    """Reset the torsion anchors of soft fingers that do not stick to the object's present rotation."""
+    """Set the torsion anchors of soft fingers that slip or are free to the object's present rotation."""
     if grasp.coordinates > 3:
         for finger in grasp.fingers:
             if finger.status != STICK:
@@ -141,8 +142,8 @@ def move_anchors(grasp: GraspState) -> None:
 def damping_in_cones(grasp: GraspState) -> int:
     """Add passive damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, and f = 0 where f0 is zero.
 
-    The implicit integrator has f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s,
-    for the object's new state, with s0 the slip of the elastic force, as one linear system.
+    With the implicit integrator, f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s is solved together with
+    the object's displacement u as one linear system. s0 is the slip of the elastic force.
     """
     if damping_stays(grasp):
         return 0
@@ -161,7 +162,7 @@ def damping_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def damping_stays(grasp: GraspState) -> bool:
-    """Add full damping if all fingers touch; tell whether the forces stay in the cones, otherwise undo it."""
+    """Add full damping if all fingers touch; tell whether the forces stay in the cones, and undo the damping if not."""
     closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
     if not closed or not all_touch(grasp) or not is_whole(grasp):
         return False
@@ -181,7 +182,7 @@ def damping_stays(grasp: GraspState) -> bool:
 
 @kernel
 def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
-    """Compute the elastic force on a recoiling object in modal unknowns, or in all unknowns if that fails to converge.
+    """Compute the elastic force on a recoiling object in modal unknowns; if these do not converge, in all unknowns.
 
     If all forces of the last sample lay inside their cones, the search starts from the present bilateral forces.
     """
@@ -273,7 +274,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients, limits and fingers without force; with `touching` these are the free fingers."""
+    """Write weights, coefficients, limits and which fingers carry force; with `touching`, only the touching ones do."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight
@@ -307,9 +308,9 @@ def all_touch(grasp: GraspState) -> bool:
 
 @kernel
 def symmetrise(grasp: GraspState, square: Table) -> bool:
-    """Symmetrise a matrix whose skew part is rounding; tell whether it was, so that the problem is convex.
+    """Symmetrise a matrix whose skew part is rounding; tell whether it was only rounding, so the problem is convex.
 
-    Scalar gains always give symmetric matrices, although rounding is large if one of two dampings is zero.
+    Matrices of scalar gains are always symmetrised, because their rounding errors are large if one damping is zero.
     """
     m = grasp.count * grasp.coordinates
     largest = skew = 0.0

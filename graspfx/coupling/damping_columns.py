@@ -1,4 +1,4 @@
-"""Columns of the law with damping: modes and levers of the touching fingers, and their sums."""
+"""Columns of the law with damping (modes and levers of the touching fingers), and their dot products."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from graspfx.grasp.rigid_modes import component
 def write_columns(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
 ) -> None:
-    """Write columns V, displacements and rates of the force-carrying coordinates, and the compliances in 1 / A.
+    """Write columns V, displacements and rates of the force-carrying coordinates, and the compliances of 1 / A.
 
     The contacts' `displacement` and `base_force` hold displacements and rates until `write_force`.
     """
@@ -54,7 +54,7 @@ def write_columns(
 
 @kernel
 def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
-    """Compute r_i = 1 / (1 + kid C_i), the fraction of kid at a finger's depth."""
+    """Compute r_i = 1 / (1 + kid C_i), the fraction of kid that acts at the finger's depth."""
     if not finger.touching:
         return 1.0
     return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
@@ -65,7 +65,7 @@ def add_up(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float, near: int, far: int, count: int,
     base: float,
 ) -> None:  # fmt: skip
-    """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping's, and V'e and V'e' of all columns."""
+    """Compute V'A^-1 V, V'V of elastic columns, V'R^-1 V of damping columns, and V'e and V'e' of all columns."""
     state, p = grasp.recoil, grasp.mode_count
     for j in range(count):
         e = rate = 0.0

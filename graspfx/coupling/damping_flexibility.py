@@ -1,16 +1,16 @@
-"""The law with damping of an object that moves under the forces of the sample, as a flexibility, O(n).
+"""The damped law for an object that moves under the forces of the sample, as a flexibility, O(n).
 
-Springs and dampers are parallel branches of the touching fingers (other fingers are removed from each branch
-separately), between the same roots of W:
+Springs and dampers are parallel branches of the touching fingers, each multiplied by W^1/2 from both sides. Other
+fingers are removed from each branch separately:
 
     K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
 
-J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the fraction of its damping that each finger has at its depth, G
-and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T and the columns V: Q,
-R Q if damping grows with depth, and the levers that are not sums of modes, R H' of the fingertips. The friction problem
-needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. It has 6 unknowns with rates at the
-contacts, 9 with rates at the fingertips, 12 and 15 with depth damping, and three more if torsion acts along axes other
-than the normals.
+J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. R contains the fraction of its damping that each finger exerts at its
+depth; G and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
+V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
+friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has 6 unknowns
+with rates at the contacts, 9 with rates at the fingertips, 12 and 15 with depth damping, and three more if torsion acts
+along axes other than the normals.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from graspfx.grasp.contact_state import motion_of
 from graspfx.grasp.rigid_modes import component
 from graspfx.spatial import NOTHING, dot
 
-SINGULAR = 1e-12  # relative bound on rounding in S, for motions of contacts without force
+SINGULAR = 1e-12  # relative bound on rounding in S, for motions that only contacts without force follow
 
 
 @kernel
@@ -50,10 +50,10 @@ def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slip
 
 @kernel
 def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> float:
-    """Write the law with damping into a problem of d coordinates per contact: its bilateral force and modes.
+    """Set up the friction problem of the damped law, d coordinates per contact: its bilateral force and its modes.
 
-    With `slipped`, the displacements are those that remain after slip. Return the largest entry of A, or 0.0 if the
-    bilateral force lies in the cones and is the solution.
+    With `slipped`, the problem uses the displacements that remain after slip. Return the largest entry of A, or 0.0 if
+    the bilateral force lies in the cones and is therefore the solution.
     """
     find_levers(grasp, True)
     state, per = grasp.recoil, 1.0 / grasp.period
@@ -101,7 +101,7 @@ def condense(
     grasp: GraspState, problem: FrictionProblem, d: int, gram: Table, external: float, internal: float, soft: bool,
     out: Table,
 ) -> None:  # fmt: skip
-    """Compute k_i E of a branch for the contacts that carry force; a gain of zero is exact, not a small number.
+    """Compute k_i E of a branch for the contacts that carry force; a gain of zero is treated exactly.
 
     With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over those
     without,
@@ -109,9 +109,9 @@ def condense(
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),
 
-    where B contains the fractions beta of the modes. The first bracket is singular only for motions that no contact
-    with force has. For the second, a factor of the inverse is updated for each coordinate without force: k_i = 0 makes
-    it a projector.
+    where B contains the fractions beta of the modes. The first bracket is singular only for motions in which no contact
+    with force moves. For the second bracket, a factor of the inverse is updated for each coordinate without force; with
+    k_i = 0 the inverse is a projector.
     """
     p, A = grasp.mode_count, grasp.recoil.work
     gap = abs(external - internal)
@@ -143,8 +143,8 @@ def release_modes(
 ) -> None:  # fmt: skip
     """Remove from A'A in `work`, the inverse of 1 + ..., the coordinates without force or with a compliance.
 
-    Each subtracts A'A t t'A'A / (r + t'A'A t), with t its components on the modes; A is changed by Potter's update of
-    square roots.
+    Each coordinate subtracts A'A t t'A'A / (r + t'A'A t), where t are its components on the modes. Potter's square-root
+    update computes the new A.
     """
     t, along = grasp.recoil.row, grasp.recoil.signs
     for i, finger in enumerate(grasp.fingers):
@@ -181,20 +181,20 @@ def add_branch(
     grasp: GraspState, gram: Table, part: Table, share: Table, vector: Floats, gain: float, unit: float, size: int,
     first: int, rest: int, beyond: bool,
 ) -> None:  # fmt: skip
-    """Add one branch, gain R - R Q part Q'R: to E, to its levers J', to N, and its force to the right sides.
+    """Add one branch, gain R - R Q part Q'R, to E, to the levers J' and to N, and its force to the right-hand sides.
 
     Args:
         grasp: block of the grasp.
-        gram: Gram matrix of its own columns.
+        gram: Gram matrix of the branch's columns.
         part: matrix E times the gain.
-        share: matrix T of its levers, if they are sums of modes.
+        share: matrix T of the branch's levers, if they are sums of modes.
         vector: V'e or V'e' of all columns.
         gain: gain k_i of the branch.
-        unit: factor on its displacement.
-        size: number of its columns.
-        first: index of its first mode among all columns.
-        rest: index of its first column if columns after the modes were counted from there.
-        beyond: whether its levers of rotations are separate columns.
+        unit: factor on the branch's displacement.
+        size: number of the branch's columns.
+        first: index of the branch's first mode among all columns.
+        rest: offset among all columns; column j of the branch, after its modes, is column rest + j of all.
+        beyond: whether the levers of rotations are separate columns.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns
@@ -256,7 +256,7 @@ def add_branch(
 
 @kernel
 def find_recoil(grasp: GraspState, count: int) -> None:
-    """Compute the object's motion u = N^-1 r, and add J'u to the columns' part of the force."""
+    """Compute the object's motion u = N^-1 r, and add J'u to the force coefficients of the columns."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     factor_definite(state.system, free)
     solve_factored(state.system, state.motion, free)
@@ -284,7 +284,7 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
 
 @kernel
 def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
-    """Tell whether all base forces lie inside their cones; then they are the solution."""
+    """Tell whether all base forces lie inside their cones; if so, they are the solution."""
     settled = True
     for contact in problem.contacts:
         if contact.status >= 0:

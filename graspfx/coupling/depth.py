@@ -1,9 +1,9 @@
-"""Damping that grows with depth: each finger has a compliant damper in series with the split one.
+"""Damping that grows with depth: each finger's split damper acts in series with another, compliant damper.
 
-D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i. s_i is the depth of the elastic
-force
-over the length `coupling.damping_depth`, at most 1, and b is the larger of the two dampings. In the second projection
-D_s replaces D. It is passive in every state, s_min D <= D_s <= D, and the force has no step at first touch.
+D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i. s_i is the depth that corresponds to
+the elastic force, divided by the length `coupling.damping_depth`, and at most 1. b is the larger of the two dampings.
+In the second projection D_s replaces D. D_s is passive in every state, because s_min D <= D_s <= D. The force has no
+step at first touch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SMALLEST = 1e-200  # lower bound of s, whose square underflows
 
 @kernel
 def damping_share(grasp: GraspState, finger: FingerState, normal: float) -> float:
-    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from an elastic normal force [N]; 1 without a damping depth."""
+    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from a normal elastic force [N]; 1 without a damping depth."""
     if not grasp.gradual:
         return 1.0
     kip = grasp.stiffest.x if grasp.dense else grasp.internal_stiffness
@@ -48,10 +48,10 @@ def is_whole(grasp: GraspState) -> bool:
 
 @kernel
 def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) -> None:
-    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames, by elastic forces at `start`.
+    """Change D to D_s and D e' to D_s e' in place, in contact frames, with the elastic forces in `start`.
 
-    A compliance 1/g in series with coordinate p subtracts D e_p e_p'D / (g + D_pp) from D, for each coordinate of each
-    touching finger in turn. The diagonal of D_s becomes the measure of pivots.
+    The matrix and the vector may be `per` times D and D e'. For each coordinate p of each touching finger in turn, a
+    series compliance 1/g subtracts D e_p e_p'D / (g + D_pp) from D. Pivots are then measured by the diagonal of D_s.
     """
     if not grasp.gradual:
         return

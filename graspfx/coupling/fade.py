@@ -15,14 +15,15 @@ BAND = FADE[1] - FADE[0]  # [m]
 def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     """Compute 1/2 |Kep^-1 - Kip^-1| [m/N], the largest singular value for matrices.
 
-    Times the sum of the other fingers' forces, it bounds the displacement of a free finger's contact, and thus the gap
-    below which the finger can touch again. It is zero for equal gains and for a singular stiffness.
+    Multiplied by the sum of the other fingers' forces, this compliance bounds the displacement of a free finger's
+    contact, and therefore the gap below which the finger can touch again. The result is zero for equal gains and for a
+    singular stiffness.
     """
     n, d = fingers, dimensions
     kep, kip = law.external.stiffness, law.internal.stiffness
     if isinstance(kep, float) and isinstance(kip, float):
         return compliance_of_numbers(kep, kip)
-    if isinstance(law.external, ObjectImpedance):  # by its translation, of which n fingers carry a part each
+    if isinstance(law.external, ObjectImpedance):  # each of n fingers carries one nth of the translational stiffness
         kep = law.external.stiffness[:d, :d] / n
     inverse: list[NDArray[np.float64]] = []
     for gain in (per_finger(kep, n, d), per_finger(kip, n, d)):
@@ -35,14 +36,14 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
 
 
 def compliance_of_numbers(kep: float, kip: float) -> float:
-    """Compute 1/2 |1/kep - 1/kip| [m/N]; zero if one of them is zero."""
+    """Compute 1/2 |1/kep - 1/kip| [m/N]; zero if kep or kip is zero."""
     if kep <= 0.0 or kip <= 0.0:
         return 0.0
     return 0.5 * abs(1.0 / kep - 1.0 / kip)
 
 
 def gaps(needed: float) -> tuple[float, float]:
-    """Choose the gaps of a fade that starts far enough away and extends over the default 8 mm [m]."""
+    """Choose the gaps of a fade [m]: it starts at `needed` or farther away, and extends over the default 8 mm."""
     return FADE if needed <= FADE[0] else (needed, needed + BAND)
 
 

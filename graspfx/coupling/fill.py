@@ -1,4 +1,4 @@
-"""The block of a grasped object before its first sample: its size and its contents."""
+"""Size and initial contents of a grasped object's block."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 BODY = start_of(GraspState, "body")
 EYE = np.eye(3).ravel()
-FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # of an object in d dimensions, among the six in space
+FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # indices of an object's freedoms, by d
 
 
 class Shape(Protocol):
-    """A shape for the coupling: kind, parameters and data of its closest-point kernel."""
+    """A shape for the coupling: the kind, the parameters and the data that its closest-point kernel uses."""
 
     @property
     def kind(self) -> int: ...
@@ -52,7 +52,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """The requested coupling of a `GraspedObject`. Errors are raised here, before the block exists.
+    """The requested coupling of a `GraspedObject`. Its constructor raises errors before the block is created.
 
     Attributes:
         count: number of fingers n.
@@ -194,7 +194,7 @@ class Grip:
 
     @property
     def columns(self) -> int:
-        """Count the largest number of columns of the law with damping: modes, twice with depth, and other levers."""
+        """Largest number of columns of the damped law: modes (twice as many with depth damping) and other levers."""
         free = _free(self) != 0.0
         modes, tips = int(free.sum()), 0 if self.rules.at_contact else int(free[3:].sum())
         softened = modes if self.gradual or "gradual" in self.live else 0
@@ -202,7 +202,7 @@ class Grip:
 
     @property
     def rays(self) -> bool:
-        """True if cones are rays, so that six unknowns suffice; otherwise principal pivoting without friction."""
+        """True if cones are rays, so that six unknowns suffice; else frictionless contact uses principal pivoting."""
         return self.pushes_apart and (self.implicit or not self.law.equal)
 
     @property
@@ -212,7 +212,7 @@ class Grip:
 
     @property
     def problems(self) -> bool:
-        """True if friction problems may give the forces: with a coefficient, along rays, or in balls of limits."""
+        """True if forces may be solutions of friction problems: with friction, along rays, or in balls of limits."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
         balls = self.limit is not None and holds and not (self.matrices or self.implicit)
         apart = "equal" in self.live or self.implicit or not self.law.equal
@@ -221,15 +221,15 @@ class Grip:
 
 @dataclass(frozen=True)
 class _Room:
-    """Size of a grasp's block, and places of its parts.
+    """Size of a grasp's block, and offsets of its parts.
 
     Attributes:
-        sizes: whole numbers of the state, which determine its size.
-        state: number of entries of the state, which the friction problems follow.
+        sizes: whole numbers in the state that determine the state's size.
+        state: number of entries of the state; the friction problems follow the state.
         unknowns: number of unknowns of a friction problem.
-        most: number of its modes.
+        most: largest number of modes of a friction problem.
         problem: number of entries of each of the two problems.
-        walks: number of entries of the mesh searches, which the mesh follows.
+        walks: number of entries of the mesh searches; the mesh follows the searches.
     """
 
     sizes: dict[str, int]
@@ -274,7 +274,7 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
     """Fill the whole block of a grasp, whatever its previous contents.
 
     Raises:
-        InputError: the block has another length.
+        InputError: the block's length is wrong.
     """
     if block.size != block_size(grip):
         raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block of the right size")
@@ -349,7 +349,7 @@ def _fill_freedom(grasp: GraspState, free: NDArray[np.bool_]) -> None:
     freedom.shifts, freedom.turns = shifts, turns
     for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
         grasp.buffer[freedom.axes[k].offset : freedom.axes[k].offset + 3] = axis
-    # all or none of a kind give the same directions in any frame; the plane has one fixed axis
+    # if all or none are free, the directions are the same in any frame; the plane's rotation axis is fixed
     grasp.mixed = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
 
@@ -381,7 +381,7 @@ def whole_gain(gain: FloatArray, d: int) -> FloatArray:
     """Extend a gain of an object in d dimensions to all six degrees of freedom.
 
     Raises:
-        InputError: the matrix has another size.
+        InputError: the matrix has the wrong size.
     """
     places = FREEDOMS[d]
     if len(gain) != len(places):

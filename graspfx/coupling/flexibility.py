@@ -1,8 +1,8 @@
-"""The law of an object that moves under the sample's forces, as a flexibility in modal unknowns, O(n).
+"""The law for an object that moves under the sample's forces, as a flexibility in modal unknowns, O(n).
 
-With the implicit integrator (`recoil`), forces follow a stiffness M in series with the object's compliance C. For
-scalar gains its inverse is a multiple of the identity plus a few columns V, also if restricted to the contacts that
-carry force:
+With the implicit integrator (`recoil`), forces follow from a stiffness M, which includes the object's compliance C in
+series. For scalar gains the inverse of M is a multiple of the identity plus a few columns V, even if it is restricted
+to the contacts that carry force:
 
     W^1/2 M^-1 W^1/2 = [I + V Y V'] / kip,    Y = diag(kip / kappa_k - 1) + kip T C T'    (elastic, V = Q),
 
@@ -78,7 +78,7 @@ def near_share(grasp: GraspState, j: int, u: int) -> float:
 
 @kernel
 def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, gain: float, triangular: bool) -> None:
-    """Replace coordinate a of a contact's columns V by that of the modes V L, Y = L diag(h) L', times a gain."""
+    """Replace coordinate a of a contact's columns V by gain times that of the modes V L, with Y = L diag(h) L'."""
     row, L = grasp.recoil.row, grasp.recoil.gram
     for k in range(count):
         row[k] = gain * contact.modes[k].motion[a]

@@ -1,4 +1,4 @@
-"""Frictionless contact for scalar gains: normal forces with one unknown per mode."""
+"""Frictionless contact for scalar gains: computes normal forces with one unknown per mode."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from graspfx.spatial import Vector4, inner
 def frictionless_force(grasp: GraspState) -> int:
     """Compute the elastic force f = K (e + s) along the normals, then damping; return 0 or UNRESOLVED.
 
-    Tangents carry no force, so q_k'f needs the modes' normal entries only, if the internal gain is the larger one.
-    Otherwise the convex function contains the tangential part of the modes, and all coordinates are needed.
+    Tangents carry no force. If the internal gain is the larger one, q_k'f therefore needs only the modes' normal
+    entries. Otherwise the convex function contains the tangential part of the modes, and all coordinates are needed.
     """
     fault = elastic_without_friction(grasp)
     if grasp.observed or grasp.limited:
@@ -104,7 +104,7 @@ def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gain
 
 @kernel
 def write_normal_forces(grasp: GraspState, problem: FrictionProblem, elastic: bool) -> None:
-    """Write the solution of a normal problem to the fingers' forces; the elastic solution determines touching."""
+    """Write the solution of a normal problem to the fingers' forces; the elastic solution decides which touch."""
     for i, finger in enumerate(grasp.fingers):
         f = problem.contacts[i].force.x
         for a in range(grasp.dimensions):

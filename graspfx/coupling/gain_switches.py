@@ -16,9 +16,9 @@ READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times 
 
 
 def contradiction(block: Any) -> str:
-    """Name a switch that contradicts the gains in a block; empty if none does, or for matrix gains.
+    """Name a switch that contradicts the gains in a block; the name is empty if none does, or for matrix gains.
 
-    Writing a gain directly into a block does not update the switches, and the forces would then be wrong.
+    A gain that is written directly into a block does not update the switches, so forces would be wrong.
 
     Args:
         block: block of a `GraspState`, or a memoryview of it.

@@ -13,7 +13,7 @@ from graspfx.spatial import IDENTITY, Matrix, Vector
 
 WEIGHT_FLOOR = 1e-12  # a metric must be positive; the cone removes the remaining force of a faded finger
 
-ALONE, LITERAL, SYMMETRIC = 0, 1, 2  # rule of a pair of gains: equal, or a form of the coupling
+ALONE, LITERAL, SYMMETRIC = 0, 1, 2  # rule that composes a pair of gains: equal gains, literal or symmetric form
 KEP, KED, KIP, KID = 0, 1, 2, 3
 OBJECT, WORLD, CONTACT = 0, 1, 2  # axes of the gains
 
@@ -60,18 +60,18 @@ def is_up_to_date(grasp: GraspState) -> bool:
 
 @kernel
 def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out: Table) -> None:
-    """Compute E A + (I - E) B, or F A F' + H B H', of the external gain A and the internal one B, E = P on forces.
+    """Compute E A + (I - E) B, or F A F' + H B H', from the external gain A and the internal gain B; E f = P f.
 
-    With q_k the modes, b_k their blend, L^2 the weights, w_k = L q_k and u_k = L^-1 q_k: E = sum_k b_k w_k u_k',
-    F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. With the square roots, a mode of blend b
-    has the gain b kep + (1 - b) kip, as in the literal form for scalars. Only u_k'A and u_k'B are needed, one row per
-    mode; the projector is never formed. If A acts on the object, its contribution at the contacts is added to the
+    Modes are q_k with blends b_k, weights are L^2, w_k = L q_k, and u_k = L^-1 q_k. Then E = sum_k b_k w_k u_k',
+    F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. With the square roots, the gain of a mode
+    with blend b is b kep + (1 - b) kip, as in the literal form for scalars. Only u_k'A and u_k'B are needed, one row
+    per mode; the projector is never formed. If A acts on the object, its contribution at the contacts is added to the
     internal part.
     """
     spread(grasp, internal, out)
     if rule == ALONE:
         return
-    spread(grasp, external, grasp.square)  # memory of the projection, which comes later in the sample
+    spread(grasp, external, grasp.square)  # work space of the projection, which runs later in the sample
     for k in range(grasp.mode_count):
         fill_rows(grasp, k, external.whole or internal.whole, grasp.square, out)
     if rule == LITERAL:
@@ -146,16 +146,16 @@ def add_symmetric(grasp: GraspState, out: Table) -> None:
 
 
 def roots(blend: float) -> tuple[float, float]:
-    """Compute a mode's factors in F and in I - H: sqrt(b) and 1 - sqrt(1 - b) of its blend b."""
+    """Compute a mode's factors in F and in I - H: sqrt(b) and 1 - sqrt(1 - b), where b is the mode's blend."""
     return math.sqrt(blend), 1.0 - math.sqrt(1.0 - blend)
 
 
 @kernel
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
-    """Write a gain X as a square matrix in object axes: L R'X R L per finger, R'X R if whole, zero for the object.
+    """Write a gain X as a square matrix in object axes: L R'X R L per finger, R'X R if `whole`, zero if of the object.
 
-    R rotates from the object's axes to those of the gain: the world's axes or a finger's contact frame. The gain of
-    torsion, over the patch length, is the finger's scalar gain; soft fingers allow no other gain.
+    R rotates from the object's axes to the axes of the gain, which are the world's axes or a finger's contact frame.
+    Torsion divided by the patch length uses the finger's scalar gain; soft fingers allow scalar gains only.
     """
     n, d, c, m = grasp.count, grasp.dimensions, grasp.coordinates, grasp.components
     if gain.of_object:
@@ -189,7 +189,7 @@ def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
 
 @kernel
 def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table) -> None:
-    """Write weight R'X R, d x d; R is omitted for gains in the object's axes or without axes."""
+    """Write weight * R' X R, d x d; R is omitted for gains in the object's axes or without axes."""
     d = grasp.dimensions
     if grasp.axes_of_gains == OBJECT:
         for a in range(d):
@@ -204,7 +204,7 @@ def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table
 
 @kernel
 def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> None:
-    """Write column b of weight R'X R, from c, column b of R times the weight."""
+    """Write column b of weight * R' X R, where c is the weight times column b of R."""
     x = 0.0 + X[0, 0] * c.x + X[0, 1] * c.y
     y = 0.0 + X[1, 0] * c.x + X[1, 1] * c.y
     z = 0.0
@@ -220,7 +220,7 @@ def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> N
 
 @kernel
 def keep_skew(square: Table, largest: float, out: Table) -> float:
-    """Copy the matrix with the largest skew part so far, which generates energy in closed motions; return its size."""
+    """Copy a matrix whose skew part, which generates energy, is the largest so far; return the largest size."""
     skew = 0.0
     for p in range(square.columns):
         for q in range(p):

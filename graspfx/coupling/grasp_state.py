@@ -1,4 +1,4 @@
-"""The state of a grasped object in a block: the object, its coupling, its fingers and the solvers' work space."""
+"""Block of a grasped object: state of the object, the coupling and the fingers, and work space of the solvers."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class FingerState(FramedContact):
     force: Vector  # force on the object, W [N]
     contact_world: Vector  # c, W [m]
     local: Vector4  # force, O, and torsion / rho [N]
-    split_contact: Vector  # c, weight and normal that the modes were computed from
+    split_contact: Vector  # c, weight and normal from which the modes were computed
     split_weight: float
     split_normal: Vector
-    share: float  # weight in the metric: the device's mass over the mean, 1 for equal devices
+    share: float  # weight in the metric: the device's mass divided by the mean mass, 1 for equal devices
     coefficient: float  # mu
     status: int  # 0 free, 1 stick, 2 slide, with a coefficient of friction
     retained: Vector4  # e + s, displacement that remains after slip and release, O [m]
@@ -37,20 +37,20 @@ class FingerState(FramedContact):
     twist_axis: Vector  # direction in which torsion acts on the object, O
     moment: Vector  # torsion on the object, W [N m]
     radius: float  # radius of a ball fingertip, 0 for a point [m]
-    elastic: Vector4  # `local` without damping, if needed
-    sqrt_weight: float  # only with a projection
-    gains_contact: Vector  # c, weight and normal that K and D were computed from
+    elastic: Vector4  # elastic part of `local`, if needed
+    sqrt_weight: float  # square root of `weight`, only with a projection
+    gains_contact: Vector  # c, weight and normal from which K and D were computed
     gains_weight: float
     gains_normal: Vector
-    walk: Ref[MeshFinger]  # its state on a mesh shape
-    limit: float  # largest force of its device, infinite without a limit [N]
-    cut: float  # limit at which its cone is cut off, infinite if it is not cut [N]
+    walk: Ref[MeshFinger]  # search state of the finger on a mesh shape
+    limit: float  # largest force of the finger's device, infinite without a limit [N]
+    cut: float  # limit at which the finger's cone is cut off, infinite for a whole cone [N]
     saturated: bool  # force is at its limit
     law_force: Vector  # force by the law, before limits, W [N]
-    carried: Vector4  # P f, its part of the smallest force with the same wrench, O [N]
+    carried: Vector4  # P f: the finger's part of the smallest forces with the same wrench, O [N]
     normal_world: Vector  # normal into the object, W, if some finger is soft or has friction
     twist_axis_world: Vector
-    pad: float  # k of its compliant fingertip, 0 if rigid [N/m^1.5]
+    pad: float  # stiffness k of the compliant fingertip, 0 if rigid [N/m^1.5]
 
 
 class Gain(Record):
@@ -58,25 +58,25 @@ class Gain(Record):
 
     whole: bool  # one (n d) x (n d) matrix, otherwise n matrices d x d
     of_object: bool  # 6 x 6 external gain on the object's degrees of freedom (`object_gains`)
-    first: int  # its first entry among those of all four gains
+    first: int  # index of the gain's first entry among the entries of all four gains
 
 
 class PadState(Record):
     """A finger's compliant fingertip in the search for its depth (`pad`)."""
 
     depth: float  # delta [m]
-    whole: Vector4  # e, from which the law receives e - delta n
-    push: float  # f_n of a pass [N]
-    stretch: float  # e_n - delta of that pass [m]
+    whole: Vector4  # e; the law uses e - delta n
+    push: float  # f_n of the present pass [N]
+    stretch: float  # e_n - delta of the present pass [m]
     before_push: float  # f_n of the previous pass
     before_stretch: float
     from_push: float  # f_n of the pass from which the next step starts
     from_stretch: float
     from_depth: float
     bound: float  # row sum of the normals' part of K [N/m]
-    pushes: bool  # pushed in the sample for which B was filled
-    presses: bool  # may have a depth
-    moves: bool  # is not held at zero depth
+    pushes: bool  # whether the finger pushed in the sample for which B was filled
+    presses: bool  # whether the fingertip may have a depth
+    moves: bool  # whether the depth is free, not held at zero
 
 
 class GraspState(Record):
@@ -99,7 +99,7 @@ class GraspState(Record):
     fade_end: float
     at_contact: bool  # the reaction acts at the contact point, otherwise at the fingertip
     implicit: bool  # forces and the object's displacement are solved together
-    arm_low: float  # rms arms over which a rotation joins the external space [m]
+    arm_low: float  # rms arms between which a rotation enters the external space [m]
     arm_high: float
     shape: int  # kind
     parameters: Vector  # parameters of the shape, zero for a mesh
@@ -116,11 +116,11 @@ class GraspState(Record):
     unknowns: int  # n c, and the object's free directions under the implicit integrator
     components: int  # n c for matrix gains, else 0
     matrix_entries: int  # entries of all four gains, 0 if they are scalars
-    object_freedoms: int  # 6 if the external gains act on the object, else 0
+    object_freedoms: int  # 6 if the external gains are those of the object, else 0
     law: int  # friction law of this sample's elastic force: 0 Coulomb's, 1 the associated law
     residual: float  # residual of that law [N]
-    force_bound: float  # largest force that the law may give a finger; more is a fault [N]
-    excess: float  # the force of that fault [N]
+    force_bound: float  # largest force that the law may compute for a finger; a larger force is a fault [N]
+    excess: float  # force that exceeded the bound [N]
     problem: Ref[FrictionProblem]  # of the elastic force
     damping_problem: Ref[FrictionProblem]  # of the damping force
     rays: bool  # scalar gains without friction: forces along the normals
@@ -142,14 +142,14 @@ class GraspState(Record):
     squeeze: float  # lambda of `scaling` in this sample, with a safety chain
     outer: float
     gradual: bool  # damping grows with depth (`depth`)
-    damping_depth: float  # depth over which it grows [m]
+    damping_depth: float  # depth at which damping reaches its full value [m]
     stiffest: Vector  # for matrix gains: the largest eigenvalues of kip, ked and kid
     padded: bool  # some finger has a compliant fingertip (`pad`)
-    padded_count: int  # n if some finger has one, else 0
+    padded_count: int  # n if some finger has a compliant fingertip, else 0
     pads_known: bool  # B has been filled
     pad_passes: int  # passes of the last search for depths
     recoils: bool  # the object moves under the sample's forces, with scalar gains (`recoil`)
-    recoil_entries: int  # entries of `recoil`, 0 if it does not
+    recoil_entries: int  # entries of `recoil`, 0 without recoil
     gains_known: bool
     gains_rotation: Matrix  # the object's rotation from which K and D were computed
     freedom: Freedom
@@ -163,7 +163,7 @@ class GraspState(Record):
     diagonal: Floats = floats("unknowns")  # diagonal of `square` before pivoting
     start: Floats = floats("count * coordinates")  # input of a projection: displacement, or elastic force
     marks: Floats = floats("count * coordinates")  # 1.0 for a contact coordinate to be released
-    engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 left alone
+    engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 unchanged
     part: Table = table("count * coordinates", "count * coordinates")  # K or D / T alone, implicit integrator
     rest: Floats = floats("count * coordinates")  # vector of `part`
     levers: Table = table("6", "count * coordinates")  # G in contact frames, implicit integrator
@@ -171,12 +171,12 @@ class GraspState(Record):
     damping: Table = table("components", "components")  # D
     mode_rows: Table = table("24", "components")  # L^-1 q_k, L q_k, and their products with two gains
     mode_products: Table = table("6", "6")
-    wrenches: Table = table("object_freedoms", "2 * object_freedoms")  # of the modes, and their reduction
+    wrenches: Table = table("object_freedoms", "2 * object_freedoms")  # wrenches of the modes, and their reduction
     motions: Table = table("object_freedoms", "object_freedoms")  # motions of the object for unit motions of the modes
     free_gain: Table = table("object_freedoms", "object_freedoms")  # K_o or D_o on the free degrees of freedom
     modal_gain: Table = table("object_freedoms", "object_freedoms")  # A of `object_gains`
-    held: Floats = floats("object_freedoms")  # mode of each degree of freedom, -1 without one
-    directions: Table = table("6", "1 + 4 * count")  # length, then contact forces that have a wrench (`scaling`)
+    held: Floats = floats("object_freedoms")  # mode of each degree of freedom, -1 if no mode holds it
+    directions: Table = table("6", "1 + 4 * count")  # directions with a wrench: length, forces (`scaling`)
     skewest_stiffness: Table = table("components", "components")  # K with the largest skew part so far
     skewest_damping: Table = table("components", "components")
     matrices: Floats = floats("matrix_entries")  # kep, ked, kip, kid

@@ -1,4 +1,4 @@
-"""A grasped object: its state block, named views of it, and one sample at a time."""
+"""A grasped object: owns a state block, offers named views of the block, and computes samples."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-UNCOUPLED = 1e-12  # relative bound below which the coupling of translations and rotations in K_o is rounding
+UNCOUPLED = 1e-12  # relative bound below which an entry of K_o between translation and rotation is rounding
 
 
 class _Fades(NamedTuple):
-    """Present start of the fade, and the shortfall of earlier ones in the run [m]."""
+    """Present start of the fade, and the largest shortfall of earlier fades in the run [m]."""
 
     start: float
     shortfall: float = 0.0
@@ -51,8 +51,9 @@ class _Fades(NamedTuple):
 class GraspedObject:
     """n fingers coupled to one object in d dimensions.
 
-    In every sample, write `finger_position` and `finger_velocity` (n, d), call `sample()`, and read `force` (n, d) on
-    the object. The object's wrench is in the body's part of the block, ready for `body.step`.
+    In every sample, write `finger_position` and `finger_velocity` (n, d), call `sample()`, and read `force` (n, d), the
+    forces on the object. `sample` also writes the object's wrench to the body's part of the block, where `body.step`
+    reads it.
 
     Args:
         fingers: number of fingers n.
@@ -60,9 +61,9 @@ class GraspedObject:
         period: sampling period T [s].
         law: gains of eq. (4).
         rules: contact rules.
-        shape: shape of the object; None only with attached contacts, which are then at the object's centre.
+        shape: shape of the object; None only with attached contacts. They are then at the object's centre.
         fill_body: function that writes the object's parameters and initial state into its part of the block.
-        radius: radius of the ball fingertips, one or (n,) [m]; zero is a point.
+        radius: radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
         limit: largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
             limits.
         live: names of fields of `GraspState` that may change during a run; programs do not fold them as constants.
@@ -95,7 +96,7 @@ class GraspedObject:
         fill_block(self.block, grip, period)
         self.state = GraspState(self.block)
         self._fades = _Fades(self.state.fade_start)
-        self._grasp = GraspState(memoryview(self.block))  # its items are Python floats, twice as fast as array items
+        self._grasp = GraspState(memoryview(self.block))  # Python floats, twice as fast as array items
         self.coordinates = self.state.coordinates
         self._shaped = shape is not None
         self._walks: Many[MeshFinger] | None = None
@@ -116,7 +117,7 @@ class GraspedObject:
         self._walk_anew()
 
     def _walk_anew(self) -> None:
-        """Set the distance at which mesh searches begin to the range of the fade."""
+        """Limit the range of mesh searches to that of the fade; without a fade the range is infinite."""
         if self._walks is None:
             return
         self._walks.array(MeshFinger.reach)[:] = np.inf
@@ -124,7 +125,7 @@ class GraspedObject:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
     def adopt(self, other: GraspedObject) -> None:
-        """Adopt the law and fade range of another grasped object, whose numbers are already in this block."""
+        """Adopt the law and fade range of another grasped object; this block already contains its numbers."""
         self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
@@ -150,9 +151,10 @@ class GraspedObject:
 
     @property
     def watched_entries(self) -> list[int]:
-        """Entries of `block` that no run changes and that are read outside its samples too.
+        """Entries of `block` that no run changes and that are also read outside of samples.
 
-        They are gains, from which matrices are composed once, and the data of P, by which a recording splits forces.
+        These are the gains, from which matrices are composed once, and the data of P, with which a recording splits
+        forces.
         """
         return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
 
@@ -163,12 +165,12 @@ class GraspedObject:
 
     @property
     def shortfall(self) -> float:
-        """Largest distance so far by which the fade started too close to the surface [m]; 0 if it never did."""
+        """Largest distance so far by which the fade started too close to the surface [m]; 0 without a shortfall."""
         return max(self._fades.shortfall, self.state.shortfall)
 
     @property
     def fade_needed(self) -> float:
-        """Gap at which the fade should have started for the forces so far [m]; 0 if its start was sufficient."""
+        """Gap at which the fade should have started for the forces so far [m]; 0 if it started far enough away."""
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
@@ -185,7 +187,7 @@ class GraspedObject:
 
     def set_fade(self, low: float, high: float) -> None:
         """Set the gaps over which a free finger fades out of the grasp [m]."""
-        if low != self._fades.start:  # a shortfall belongs to the fade from which it was measured
+        if low != self._fades.start:  # a shortfall is relative to the present start of the fade
             most = max(self._fades.needed, _needed(self._fades.start, self.state.shortfall))
             self._fades = _Fades(low, self.shortfall, most)
             self.state.shortfall = 0.0
@@ -207,7 +209,7 @@ class GraspedObject:
     def meet(self, position: FloatArray) -> None:
         """Find each finger's contact point and face on the shape from its initial position, (n, d) [m].
 
-        Attached contacts stay at these points.
+        Attached contacts keep the points found here.
         """
         if not self._shaped:
             return
@@ -224,9 +226,10 @@ class GraspedObject:
     def depths(self, position: FloatArray) -> FloatArray:
         """Compute the penetration depth of fingers at (n, d) as vectors from the surface, in world axes, (n, d) [m].
 
-        It is zero for a finger outside. For an attached contact it is the displacement from the contact point.
+        The depth of a finger outside is zero. For an attached contact the result is the displacement from the contact
+        point.
         """
-        if not self._shaped:  # attached to its centre, which `meet` does not change
+        if not self._shaped:  # contacts are attached to the object's centre, and `meet` does not move them
             self.finger_position[:] = position
             approach(self._grasp)
         away: FloatArray = position - self.contact_position
@@ -239,12 +242,11 @@ class GraspedObject:
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
-        """Compute compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero at full damping.
+        """Compute compliances C_i of the dampers in series, one per finger (n,) [m/(N s)]; zero at full damping.
 
         Args:
-            at_rest: whether to use the forces of the last sample, which had zero rates; otherwise zero forces, for
-                which
-                the compliances are infinite.
+            at_rest: if True, use the forces of the last sample, whose rates were zero; if False, use zero forces, for
+                which the compliances are infinite.
         """
         if not self.state.gradual:
             return np.zeros(self.fingers)
@@ -266,12 +268,12 @@ class GraspedObject:
         return SplitRule.of(self.state)
 
     def object_gains(self) -> tuple[FloatArray, ...]:
-        """Compute K for translations, for rotations and internal, and D external and internal, (m, m), object axes.
+        """Compute K of translations, K of rotations, internal K, external D and internal D, (m, m) in object axes.
 
-        Each soft finger has an additional row, its torsion over its patch length, after its forces.
+        A soft finger has an additional row after its forces: its torsion divided by its patch length.
 
-        They are those of the contacts and weights of the last sample. If K_o couples translations with rotations, all
-        of K counts as translational, because the remainder would not be a stiffness.
+        The matrices use the contacts and weights of the last sample. If K_o couples translations with rotations, all
+        of K is returned as translational, because the rotational remainder would not be a stiffness.
         """
         block = self.block.copy()
         grasp = GraspState(block)
@@ -292,9 +294,9 @@ class GraspedObject:
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
-        """Warn of matrix gains whose skew part can generate energy: once, and again if it grows tenfold.
+        """Warn of matrix gains whose skew part can generate energy: once, and again if the part grows tenfold.
 
-        Samples do not warn; the caller that runs them calls this function.
+        Samples do not warn; the caller that runs the samples calls this method.
         """
         if self.matrices:
             self.law.warn_if_active("stiffness", self.state.skewest_stiffness.array(self.state.components))
@@ -350,7 +352,7 @@ def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> st
 
 
 def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
-    """Name the gain that contributes most to a force above the bound, and the quantity that it multiplies."""
+    """Name the gain that contributes most to a force above the bound, and the displacement or rate it multiplies."""
     state, shares = grasped.state, []
     for share, part in ("external", grasped.law.external), ("internal", grasped.law.internal):
         for quantity, field, unit, per in (

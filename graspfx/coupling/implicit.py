@@ -1,4 +1,4 @@
-"""The sample with the implicit integrator: forces and the object's displacement from one linear system."""
+"""The sample with the implicit integrator: one linear system for the forces and the object's displacement."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from graspfx.coupling.recoil import inertia, lever
 
 @kernel
 def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condensed: bool) -> None:
-    """Compute the law in contact frames for the end of the sample, the object's displacement u eliminated.
+    """Compute the law in contact frames at the end of the sample, with the object's displacement u eliminated.
 
-    f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), with the object's compliance C. G has the moment arms
-    of the contacts and H those of the points where the rate is taken. If condensed, K and D are those of the touching
-    fingers only, so a free finger's position has no effect; with a coefficient of friction, e is the displacement after
-    slip.
+    f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), with the object's compliance C. G contains the moment
+    arms of the contacts, and H the moment arms of the points where rates are computed. If `condensed`, K and D are
+    those of the touching fingers only, so a free finger's position has no effect. With a coefficient of friction, e is
+    then the displacement after slip.
     """
     m, size = grasp.count * grasp.coordinates, grasp.unknowns
     for p in range(size):

@@ -33,7 +33,7 @@ def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -
 
     f = s + P d, s = kip e + kid e', d = (kep - kip) e + (ked - kid) e', P = sum_k sqrt(w) q_k beta_k q_k' sqrt(w).
     """
-    # without rotations the modes are the free translations, known at compile time
+    # without rotations the modes are the free translations, whose number is known at compile time
     modes = grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts
     count = modes if kep != kip or ked != kid else 0  # equal gains do not need P
     width, soft = grasp.width, grasp.coordinates > 3
@@ -87,7 +87,7 @@ def combine_matrices(grasp: GraspState, elastic: bool, damping: bool) -> None:
 
 @kernel
 def keep_elastic(grasp: GraspState) -> None:
-    """Copy the forces to the elastic ones, before damping is added."""
+    """Copy the forces to `elastic`, before damping is added."""
     for finger in grasp.fingers:
         finger.elastic = finger.local
 

@@ -1,9 +1,9 @@
-"""The step `limit` of a sample: limits the law's forces to those the devices can display, before the object moves.
+"""The step `limit` of a sample: before the object moves, limits the law's forces to what the devices can display.
 
-A limit at the device only would generate energy, because the object would receive forces that are not displayed. The
-limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again, so the
-elastic force stays the gradient of a convex function (`graspfx.cones.cut`). Forces that are still too large are scaled
-(`graspfx.coupling.scaling`).
+A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
+limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again. The
+elastic force then remains the gradient of a convex function (`graspfx.cones.cut`). Forces that are still too large are
+scaled (`graspfx.coupling.scaling`).
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ NEARLY = 1.0 - 1e-12  # fraction of a limit from which a force counts as limited
 
 @kernel
 def limit(grasp: GraspState, fault: int) -> int:
-    """Bring the forces of a sample within the limits; give `fault`, or UNRESOLVED.
+    """Reduce the forces of a sample to the limits; return `fault`, or UNRESOLVED.
 
-    The block keeps the law's unlimited forces and marks the fingers at a limit. Forces within the limits are unchanged.
+    The block stores the law's unlimited forces and marks the fingers at a limit. Forces within the limits are
+    unchanged.
     """
     store_law(grasp)
     if fault != 0 or not exceeds(grasp):
@@ -55,7 +56,7 @@ def limit(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def limit_again(grasp: GraspState) -> None:
-    """Scale forces that were added after `limit`, and their reaction; the sum counts as the law's force."""
+    """Limit forces to which an addition was made after `limit`; also add the addition to the law's forces."""
     for finger in grasp.fingers:
         finger.law_force -= finger.force
     react(grasp)
@@ -75,7 +76,7 @@ def forget_limits(grasp: GraspState) -> None:
 
 @kernel
 def store_law(grasp: GraspState) -> None:
-    """Copy the forces, in world axes, to the law's; no finger is at a limit yet."""
+    """Store the forces, in world axes, as the law's forces, and clear the marks of fingers at a limit."""
     react(grasp)
     for finger in grasp.fingers:
         finger.saturated = False
@@ -95,7 +96,7 @@ def exceeds(grasp: GraspState) -> bool:
 
 @kernel
 def width(grasp: GraspState) -> int:
-    """Count the limited entries of a force, including torsion if friction bounds both together."""
+    """Count the limited entries of a force; torsion is included if friction bounds it together with the force."""
     return 4 if grasp.friction else 3
 
 
@@ -114,8 +115,8 @@ def mark(grasp: GraspState, inside: bool) -> None:
 def is_inside(grasp: GraspState) -> bool:
     """Tell whether the projection can respect the limits.
 
-    It cannot with the implicit integrator, with matrix gains without a coefficient of friction, or with sticking
-    compliant fingertips.
+    The projection cannot respect limits with the implicit integrator, with matrix gains without a coefficient of
+    friction, or with sticking compliant fingertips.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
         return False
@@ -124,7 +125,7 @@ def is_inside(grasp: GraspState) -> bool:
 
 @kernel
 def force_in_cut_cones(grasp: GraspState) -> int:
-    """Compute the forces in the cut cones, first elastic, then with damping; return 0 or UNRESOLVED."""
+    """Compute the elastic force in the cut cones, then add damping in them; return 0 or UNRESOLVED."""
     if grasp.padded:
         fault = press(grasp)
         if fault != 0:
@@ -142,7 +143,7 @@ def force_in_cut_cones(grasp: GraspState) -> int:
 
 @kernel
 def limit_alone(grasp: GraspState) -> None:
-    """Limit each finger separately for equal gains: shorten its elastic force, then the sum with damping."""
+    """For equal gains, limit each finger separately: shorten its elastic force, then the sum with damping."""
     for finger in grasp.fingers:
         finger.local = finger.elastic
     shorten_all(grasp)
@@ -166,10 +167,10 @@ def shorten_all(grasp: GraspState) -> None:
 
 @kernel
 def force_in_balls(grasp: GraspState) -> int:
-    """Compute the forces nearest to the law's, in the norms of K^-1 and D^-1, with |f_i| <= L_i.
+    """Compute the forces with |f_i| <= L_i that are nearest to the law's forces, in the norms of K^-1 and D^-1.
 
-    Contacts are attached or sticking. Fingers that the law released stay free, and the others only push. Return 0 or
-    UNRESOLVED.
+    Contacts are attached or sticking. Fingers that the law released stay free; touching fingers only push. Return 0
+    or UNRESOLVED.
     """
     gains = Gains(grasp.external_stiffness, grasp.internal_stiffness)
     fault = force_in_ball(grasp, grasp.problem, gains, True)

@@ -1,4 +1,4 @@
-"""Gains of the object in a state block: its stiffness K_o distributed over the contacts, K_ep = X K_c X'."""
+"""Object gains in a state block: the object's stiffness K_o distributed over the contacts, K_ep = X K_c X'."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import Vector, cross, dot
 
 NOTHING_HELD = 1e-13  # relative bound below which a stiffness pivot of unheld degrees of freedom is rounding
-WIDE = 6  # entries of K_o per row, forces before moments; some are zero in the plane and on the line
+WIDE = 6  # entries per row of K_o, forces before moments; some entries are zero in the plane and on the line
 
 
 @kernel
 def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out: Table) -> None:
     """Add X K_c X' = sum_jk A_jk w_j w_k' to a square matrix, exactly symmetric.
 
-    w_k = L q_k are the modes' forces, rows of `mode_rows` from `first` on; rows from `scratch` on are overwritten.
-    A = T^+ K_c T^+', with the modes' wrenches T, is K_o for unit motions of the modes (`modal_gain`).
+    w_k = L q_k are the modes' forces, stored in rows of `mode_rows` from `first` on. Rows from `scratch` on are
+    overwritten. A = T^+ K_c T^+', where T are the modes' wrenches, is K_o for unit motions of the modes (`modal_gain`).
     """
     fill_modal_gain(grasp, gain, first)
     count, rows, A = grasp.mode_count, grasp.mode_rows, grasp.modal_gain
@@ -42,7 +42,7 @@ def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out
 
 @kernel
 def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
-    """Compute A from the modes' wrenches and K_o, condense unheld degrees of freedom, and soften short arms."""
+    """Compute A from the modes' wrenches and K_o; condense degrees of freedom that no mode holds; soften short arms."""
     free = grasp.freedom.shifts + grasp.freedom.turns
     fill_wrenches(grasp, first)
     fill_free_gain(grasp, gain)
@@ -197,7 +197,7 @@ def transform(grasp: GraspState, free: int) -> None:
 
 @kernel
 def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
-    """Release unheld degrees of freedom, in which the object follows its stiffness."""
+    """Eliminate the degrees of freedom that no mode holds; in these the object moves until its force is zero."""
     A = grasp.modal_gain
     least = 0.0
     for z in range(count, free):
@@ -211,11 +211,11 @@ def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
 
 @kernel
 def soften_short_arms(grasp: GraspState, count: int) -> None:
-    """Keep the stiffness at the fingertips bounded and continuous if a rotation's arm is inside the blend.
+    """Keep the stiffness at the fingertips bounded and continuous if a rotation's arm lies within the blend.
 
-    The upper arm l2 of the blend replaces the arm, so that the stiffness at a fingertip is at most K_o / (W l2^2) with
-    the sum of weights W. A compliance (1 - beta) / (beta tr A) in series leaves the rotation to the internal part as
-    the arm approaches the lower one.
+    The upper arm l2 of the blend replaces the rotation's arm. The stiffness at a fingertip is therefore at most
+    K_o / (W l2^2), where W is the sum of weights. A series compliance (1 - beta) / (beta tr A) moves the rotation to
+    the internal part as its arm approaches the lower arm of the blend.
     """
     A, shifts = grasp.modal_gain, grasp.freedom.shifts
     trace = 0.0

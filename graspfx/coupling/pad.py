@@ -4,12 +4,13 @@ A pad's depth delta reduces the displacement in eq. (4) to e - delta n. The elas
 
     f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
 
-with a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths are the
-zero of k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part
-of K. Each pass evaluates the law's elastic force, by any of its solvers, at the present depths. It finds the next
-depths from the model f_n + B (change of e_n - delta) and the pads' power law. B is updated by secants (Broyden 1965)
-and stays in the block for the next sample. If a step does not help, B becomes the normals' part of K, which bounds
-every slope: this proximal step always decreases the function.
+with a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths solve
+k_i delta_i^1.5 - f_n,i(e - delta n) = 0. The left side is the gradient of a convex function, because
+0 <= d f_n/d e_n <= the normals' part of K. Each pass evaluates the law's elastic force at the present depths, with the
+solver of the contact rule. The pass then computes the next depths from the model f_n + B (change of e_n - delta) and
+the pads' power law. B is updated by secants (Broyden 1965) and is kept in the block for the next sample. If a step does
+not reduce the residual enough, B is set to the normals' part of K, which bounds every slope. That proximal step always
+decreases the convex function.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def press(grasp: GraspState) -> int:
 
 @kernel
 def relax(grasp: GraspState) -> None:
-    """Restore the displacements of pressed pads; those of released fingers may have changed."""
+    """Restore the displacements of pressed pads; the displacements of released fingers may have changed."""
     for i, finger in enumerate(grasp.fingers):
         if grasp.pads[i].depth > 0.0:
             finger.displacement = grasp.pads[i].whole
@@ -82,7 +83,7 @@ def relax(grasp: GraspState) -> None:
 
 @kernel
 def elastic(grasp: GraspState) -> int:
-    """Compute the elastic force of the law by its solver; return 0 or a fault."""
+    """Compute the elastic force of the law with the solver of the contact rule; return 0 or a fault."""
     if grasp.friction:
         return elastic_in_cones(grasp)
     if grasp.rays:
@@ -106,7 +107,7 @@ def take_depths(grasp: GraspState) -> None:
 
 @kernel
 def measure(grasp: GraspState) -> tuple[float, float]:
-    """Compute max |f_n - k delta^1.5| and its tolerance; write f_n and e_n - delta of the pass."""
+    """Compute max |f_n - k delta^1.5| and its tolerance; store f_n and e_n - delta of this pass."""
     miss = force = 0.0
     longest = stiffest = 0.0
     for i, finger in enumerate(grasp.fingers):
@@ -124,7 +125,7 @@ def measure(grasp: GraspState) -> tuple[float, float]:
 
 @kernel
 def store_pass(grasp: GraspState) -> None:
-    """Copy f_n and e_n - delta of this pass to those of the previous pass."""
+    """Store f_n and e_n - delta of this pass as those of the previous pass."""
     for i in range(grasp.count):
         pad = grasp.pads[i]
         pad.before_push = pad.push
@@ -133,7 +134,7 @@ def store_pass(grasp: GraspState) -> None:
 
 @kernel
 def accept(grasp: GraspState) -> None:
-    """Start the next step, or the next sample, from this pass."""
+    """Store this pass as the starting point of the next step or the next sample."""
     for i in range(grasp.count):
         pad = grasp.pads[i]
         pad.from_push = pad.push
@@ -143,7 +144,7 @@ def accept(grasp: GraspState) -> None:
 
 @kernel
 def learn(grasp: GraspState) -> None:
-    """Update B by Broyden's method: the smallest change that maps the last change of e_n - delta to that of f_n.
+    """Update B by Broyden's method: make the smallest change so that B maps the last change of e_n - delta to f_n's.
 
     Rows of fingers without force are unchanged.
     """
@@ -166,7 +167,7 @@ def learn(grasp: GraspState) -> None:
 
 @kernel
 def same_touch(grasp: GraspState) -> bool:
-    """Tell whether the pushing fingers are those for which B was filled, and store the present ones."""
+    """Tell whether the pushing fingers are those for which B was filled; store which fingers push now."""
     same = grasp.pads_known
     grasp.pads_known = True
     for i in range(grasp.count):
@@ -179,7 +180,7 @@ def same_touch(grasp: GraspState) -> bool:
 
 @kernel
 def fill_slope(grasp: GraspState) -> None:
-    """Set B to the normals' part of K, and compute its row sums."""
+    """Set B to the normals' part of K, and compute the row sums of that part."""
     assemble(grasp, True)
     c = grasp.coordinates
     for i in range(grasp.count):
@@ -195,7 +196,7 @@ def fill_slope(grasp: GraspState) -> None:
 def predict(grasp: GraspState, proximal: bool) -> None:
     """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of pressed pads by Newton's method.
 
-    A finger without force gets no depth, except in a proximal step, which may only decrease its depth.
+    A finger without force gets no depth, except in a proximal step, which may only decrease that finger's depth.
     """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):

@@ -1,11 +1,12 @@
-"""Bilateral forces on an object that moves under them in the sample: eq. (4) at the end of the sample, O(n).
+"""Bilateral forces on an object that moves within the sample under these forces, O(n): eq. (4) at the sample's end.
 
-With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T), where u is the object's displacement by the forces,
+With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T). The forces displace the object by u:
 
     [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
 
-C the object's compliance, G the moment arms of the contacts and H those of the points where rates are taken. With
-numbers for gains G K G' = kip G W G' + (kep - kip) T' beta T, T = Q'sqrt(W) G' a row for each mode.
+where C is the object's compliance. G contains the moment arms of the contacts, and H the moment arms of the points
+where rates are computed. For scalar gains G K G' = kip G W G' + (kep - kip) T' beta T, where T = Q'sqrt(W) G' has one
+row per mode.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from graspfx.spatial import ZERO, Vector, Vector4, cross, dot, with_torsion
 def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
     """Compute the bilateral forces and the displacement u, with or without damping.
 
-    With `slipped`, the displacements are those after slip, e + s of the elastic force.
+    With `slipped`, the displacements are those after slip: e + s, with the slip s of the elastic force.
     """
     ked = grasp.external_damping if damped else 0.0
     kid = grasp.internal_damping if damped else 0.0
@@ -72,7 +73,7 @@ def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
 
 @kernel
 def find_levers(grasp: GraspState, damped: bool) -> None:
-    """Compute the levers of this sample; contact levers only if the modes changed or do not contain them."""
+    """Compute the levers of this sample; recompute contact levers only if they may have changed."""
     state = grasp.recoil
     if not state.current or state.twisted:
         write_roots(grasp)
@@ -84,7 +85,7 @@ def find_levers(grasp: GraspState, damped: bool) -> None:
 
 @inline
 def damping_share(grasp: GraspState) -> Table:
-    """Return T of the damping's levers."""
+    """Return the matrix T of the levers of damping."""
     return grasp.recoil.damping_share if grasp.recoil.distant else grasp.recoil.elastic_share
 
 
@@ -92,8 +93,9 @@ def damping_share(grasp: GraspState) -> Table:
 def write_levers(grasp: GraspState, at_tip: bool, share: Table, weight: Table) -> None:
     """Compute T = Q'sqrt(W) G' of all free directions, and G W G' of the rotations.
 
-    That of translations is known: sqrt(sum w) for the mode that each of them is, nothing for another. A turn about a
-    takes mode k along by a . sum_i sqrt(w_i) r_i x q_k(i), and two turns have a'(sum_i w_i (r_i^2 I - r_i r_i')) b.
+    For a translation, T is known: sqrt(sum w) for the mode of that translation, and zero for the other modes. For a
+    rotation about a and mode k, T is a . sum_i sqrt(w_i) r_i x q_k(i). For rotations about a and b, G W G' is
+    a'(sum_i w_i (r_i^2 I - r_i r_i')) b.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
     total = 0.0
@@ -125,7 +127,7 @@ def write_levers(grasp: GraspState, at_tip: bool, share: Table, weight: Table) -
 
 @kernel
 def second_moment(grasp: GraspState, at_tip: bool) -> tuple[float, Vector, Vector, Vector]:
-    """Compute sum w r^2 and the rows of sum w (r r' - rho^2 a a'), a the axis of torsion and rho the patch length."""
+    """Compute sum w r^2 and the rows of sum w (r r' - rho^2 a a'); a is the torsion axis, rho the patch length."""
     square = 0.0
     x = y = z = ZERO
     for finger in grasp.fingers:
@@ -145,14 +147,14 @@ def second_moment(grasp: GraspState, at_tip: bool) -> tuple[float, Vector, Vecto
 
 @kernel
 def write_roots(grasp: GraspState) -> None:
-    """Write the roots of the weights."""
+    """Write the square roots of the weights."""
     for finger in grasp.fingers:
         finger.sqrt_weight = math.sqrt(finger.weight)
 
 
 @kernel
 def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: float, damped: bool, slipped: bool) -> None:
-    """Compute u from V'e in `stretch` and V'e' in `rate`; translations, of equal inertia, are eliminated first."""
+    """Compute u from V'e in `stretch` and V'e' in `rate`; eliminate translations first, whose inertias are equal."""
     state, system, motion = grasp.recoil, grasp.recoil.system, grasp.recoil.motion
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
     near, far = state.elastic_share, damping_share(grasp)
@@ -212,7 +214,7 @@ def lever_of_shift(near: Table, far: Table, s: int, a: int, root: float, kep: fl
 
 @kernel
 def moment_of_displacements(grasp: GraspState, kip: float, kid: float, damped: bool, slipped: bool) -> Vector:
-    """Compute the moment about the object's centre of w (kip e + kid e'), e at the contacts, e' where rates are."""
+    """Compute the moment of w (kip e + kid e') about the object's centre, with separate levers for e and e'."""
     moment = ZERO
     for finger in grasp.fingers:
         e = finger.retained if slipped else finger.displacement

@@ -26,7 +26,7 @@ from graspfx.spatial import NOTHING, ZERO, dot
 
 @kernel
 def sample(grasp: GraspState) -> int:
-    """Compute forces and wrench from the motion; return FINE, or the fault for which every force is zero."""
+    """Compute forces and wrench from the motion; return FINE, or a fault, after which every force is zero."""
     fault = couple(grasp)
     if grasp.limited:
         fault = limit(grasp, fault)
@@ -54,7 +54,7 @@ def couple(grasp: GraspState) -> int:
 
 @kernel
 def find_excess(grasp: GraspState) -> int:
-    """Return EXCESSIVE and store the largest force if the law's force on a finger exceeds the bound; else FINE."""
+    """Return EXCESSIVE if the law's force on a finger exceeds the bound, and store that force; else return FINE."""
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE
     for finger in grasp.fingers:
@@ -70,7 +70,7 @@ def find_excess(grasp: GraspState) -> int:
 
 @kernel
 def resplit(grasp: GraspState) -> None:
-    """Update the split, if the gains need it, and K and D of matrix gains."""
+    """Update the split if the gains require one, and update K and D of matrix gains."""
     if grasp.mixed:
         turn_axes(grasp)
     if not grasp.equal or grasp.recoils:
@@ -81,7 +81,7 @@ def resplit(grasp: GraspState) -> None:
 
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
-    """Compute the forces on the object. AGAIN, if `again` allows it, requires a new split."""
+    """Compute the forces on the object. The result AGAIN, returned only if `again` is true, requires a new split."""
     if grasp.attached:
         return attached(grasp)
     if grasp.padded:
@@ -129,7 +129,7 @@ def let_go(grasp: GraspState) -> None:
 
 @kernel
 def check_fade(grasp: GraspState) -> None:
-    """Update the shortfall of `fade_start`; a finger closer than 1/2 |1/kep - 1/kip| sum |f| can touch again."""
+    """Update the shortfall of `fade_start`: a free finger closer than 1/2 |1/kep - 1/kip| sum |f| can touch again."""
     release = grasp.release
     if not grasp.dense:
         release = compliance_of_numbers(grasp.external_stiffness, grasp.internal_stiffness)
@@ -143,8 +143,8 @@ def check_fade(grasp: GraspState) -> None:
 def external_forces(grasp: GraspState, out: Floats) -> int:
     """Write the external part P f of this sample's forces, three components per finger in object axes [N].
 
-    P is that of `two_forces.divide`, from the grasp's modes; the function returns FINE. After the tick the body has
-    moved, so the axes are those of the recorded pose.
+    P is computed from the grasp's modes and equals that of `two_forces.divide`. The function returns FINE. It runs
+    after the body has moved, so the object axes are those of the recorded pose.
     """
     if grasp.fade:
         for finger in grasp.fingers:
@@ -178,7 +178,7 @@ def along_mode(grasp: GraspState, mode: Floats) -> float:
 
 @kernel
 def attached(grasp: GraspState) -> int:
-    """Compute bilateral forces, with the implicit integrator for the object's new state; return 0."""
+    """Compute bilateral forces; with the implicit integrator, for the object's new state. Return 0."""
     apart = grasp.observed or grasp.limited
     if apart:
         attach(grasp, False)
@@ -190,7 +190,7 @@ def attached(grasp: GraspState) -> int:
 
 @kernel
 def attach(grasp: GraspState, damped: bool) -> None:
-    """Compute eq. (4) with or without its damping."""
+    """Compute the force of eq. (4), with or without damping."""
     if grasp.recoils:
         recoil(grasp, damped, False)
         return

@@ -1,11 +1,11 @@
-"""Scaling of forces into limits: first the internal force, then all of it, in the cones and along the same wrench.
+"""Scaling of forces to limits: first the internal force alone, then the whole force.
 
-Let a = P f be the smallest contact forces with the same wrench, and b = f - a the remaining internal force. The scaled
-force is alpha (a + lambda b). lambda is the largest in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with
-alpha = 1. If there is none, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >=
-lambda_c
-all forces are in their cones; below it a finger would slip or pull. P is the projector for the points where the forces
-act, over the components that contacts transmit: only the normal ones without friction.
+Scaled forces stay in their cones, and the direction of the wrench is kept. Let a = P f be the smallest contact forces
+with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b). lambda is
+the largest number in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with alpha = 1. If no such number exists,
+lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >= lambda_c all forces are in their
+cones; below lambda_c a finger would slip or pull. P is the projector for the points where the forces act. It contains
+only the force components that contacts transmit: without friction, the normal components.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import NOTHING, Vector, Vector4, cross, dot, orthogonalise, with_torsion
 
 LIMIT_MARGIN = 1.0 - 1e-14  # used fraction of a limit, so that rounding never activates the device's own limit
-ROUNDING = 1e-15  # fraction of a finger's force, tolerance of its cone
+ROUNDING = 1e-15  # tolerance of a finger's cone, relative to the finger's force
 LEAST = 1e-14  # fraction of the longest wrench direction, below which a direction counts as zero
-TOUCHING = 1.0 + 4e-15  # factor on a limit with its margin, so that projected forces count as within it
+TOUCHING = 1.0 + 4e-15  # factor on a limit with its margin, so that projected forces count as within the limit
 HALVINGS = 60  # bisections of an interval, down to rounding
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTIONS = 80  # golden-section steps
@@ -29,7 +29,7 @@ NORMAL_ONLY = 1  # force that a contact transmits: 0 none, 1 along the normal, 2
 
 
 class DirectionPart(Record):
-    """A finger's part of a contact-force direction; for normal forces only, it is the first entry."""
+    """A finger's part of a contact-force direction; a contact with normal force only uses just the first entry."""
 
     force: Vector4
 
@@ -103,9 +103,9 @@ def capacity(grasp: GraspState, finger: FingerState) -> int:
 def wrench_modes(grasp: GraspState) -> int:
     """Write orthonormal directions of transmitted contact forces that have a wrench; return their number.
 
-    They span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that transmits
-    normal force only has one coordinate, the first of its four, so that small directions have no rounding errors across
-    it.
+    The directions span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that
+    transmits normal force only uses one coordinate, the first of its four, so that small directions have no rounding
+    errors in its tangents.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
     for k in range(shifts + turns):
@@ -186,7 +186,7 @@ def project(grasp: GraspState, elastic: bool, count: int) -> None:
 
 @kernel
 def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> float:
-    """Compute the depth of a_i + lambda b_i in its cone, mu f_n - |f_t| or f_n, plus a tolerance for rounding."""
+    """Compute the distance of a_i + lambda b_i inside its cone, mu f_n - |f_t| or f_n, plus a rounding tolerance."""
     f, x = finger.local, squeezed(finger, squeeze)
     normal = dot(x.vector, finger.normal)
     slack = ROUNDING * math.sqrt(f.x * f.x + f.y * f.y + f.z * f.z + f.t * f.t)
@@ -199,7 +199,7 @@ def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> flo
 
 @kernel
 def least_squeeze(grasp: GraspState) -> float:
-    """Find lambda_c, the zero of the concave cone depth: for lambda in [lambda_c, 1] every force is in its cone."""
+    """Find lambda_c, the zero of the concave `depth_in_cone`; for lambda in [lambda_c, 1] all forces are in cones."""
     least = 0.0
     if grasp.attached:
         return least
@@ -236,7 +236,7 @@ def lightest(grasp: GraspState, low: float) -> float:
 
 @kernel
 def most_squeeze(grasp: GraspState, low: float) -> float:
-    """Find the largest lambda in [low, 1] without overload, given that `low` has none."""
+    """Find the largest lambda in [low, 1] without overload; `low` itself must be without overload."""
     high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -7,16 +7,17 @@ from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import ZERO, cross, dot, with_torsion
 
-QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn
+QUARTER = 2.0  # 4 cos^2 of half the angle, for a quarter turn
 
 
 @kernel
 def twist(grasp: GraspState, finger: FingerState) -> None:
     """Compute a finger's torsion rho theta, its rate, and the direction a of its moment on the object.
 
-    A fingertip does not turn: theta is minus the angle about the normal n of the object's rotation since its anchor, in
-    swing and twist: 2 atan2(v . n, w) of the quaternion (v, w). It changes by minus a . (turn), a = [w^2 n + w n x v +
-    (v . n) v] / (w^2 + (v . n)^2): torsion that acts along a is conservative; a = n as the paper's forces act at c.
+    A fingertip does not turn. The object's rotation since the anchor, with the quaternion (v, w), is divided into swing
+    and twist; theta is minus the twist angle about the normal n, 2 atan2(v . n, w). A small turn of the object changes
+    theta by minus a . (turn), where a = [w^2 n + w n x v + (v . n) v] / (w^2 + (v . n)^2). Torsion that acts along a is
+    therefore conservative. If the reaction acts at c, as in the paper, torsion acts along a = n.
     """
     if not finger.touching:
         set_anchor(grasp, finger, finger.retained.t)
@@ -44,7 +45,7 @@ def twist(grasp: GraspState, finger: FingerState) -> None:
 
 @kernel
 def set_anchor(grasp: GraspState, finger: FingerState, torsion: float) -> None:
-    """Set a finger's anchor to the object's present rotation, where its torsion is `torsion` [m]."""
+    """Set a finger's anchor to the object's present rotation, at which the torsion rho theta is `torsion` [m]."""
     motion = grasp.motion
     finger.anchor = motion.rotation
     finger.torsion_at_anchor = torsion

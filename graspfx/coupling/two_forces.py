@@ -1,4 +1,4 @@
-"""External part P f of a grasp's forces and of their dual displacements; the rest is internal."""
+"""External part of a grasp's forces, P f, and of the displacements, P'e; the remainder is internal."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from graspfx.spatial import SWEEPS
 FloatArray = NDArray[np.float64]
 
 FEWEST = 4  # from this number of samples on, numpy adds entry by entry
-SLIGHT = 1e-40  # weight of a faded finger: it vanishes in sums with other fingers, but leaves the finger a motion
+SLIGHT = 1e-40  # weight of a faded finger: negligible in sums over fingers, but the finger's motion stays defined
 ROUNDING = 1e-31  # relative bound on the squared dot product of orthogonal rows
 LEAST_ARM = 1e-6  # fraction of the largest arm below which rotations are separated by Jacobi's method
 
 
 @dataclass(frozen=True)
 class SplitRule:
-    """All that a grasp's P is made of besides its contact points and gaps.
+    """The data that determine a grasp's P, except contact points and gaps.
 
     Attributes:
         dimensions: number of dimensions d.
         translations, rotations: world axes along and about which the object is free, three each.
-        blend: rms arms over which a rotation joins the external space [m]; None if any arm has full weight.
-        fade: gaps over which a free finger fades out of the grasp [m]; None if no finger does.
+        blend: rms arms over which a rotation enters the external space [m]; None for full weight at any arm.
+        fade: gaps over which a free finger fades out of the grasp [m]; None without a fade.
         shares: weight of each finger in the metric.
         patches: patch lengths of the fingers, zero for hard ones [m].
         reaction: point at which the object receives a force, "fingertip" or "contact".
@@ -77,7 +77,7 @@ class SplitRule:
 
     @property
     def is_local(self) -> bool:
-        """Whether P depends on the position of the object's centre: it rotates, and not every translation is free."""
+        """Whether P depends on the position of the object's centre: if it rotates and some translation is locked."""
         return any(self.rotations) and not all(self.translations[: self.dimensions])
 
 
@@ -85,7 +85,7 @@ class Samples(NamedTuple):
     """Contacts of one grasp over r samples.
 
     Attributes:
-        contact: contact points c in world axes, (n, d, r) [m]; relative to the object's centre if the rule `is_local`.
+        contact: contact points c in world axes, (n, d, r) [m]; relative to the object's centre if `rule.is_local`.
         gap: gaps (n, r) [m]; None without a fade.
         normal: normals into the object in world axes, (n, 3, r); None without soft fingers.
     """
@@ -98,7 +98,7 @@ class Samples(NamedTuple):
 def divide(
     rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
 ) -> FloatArray:
-    """Compute the external part P f of forces f, or P'e of displacements e; results do not depend on the block size.
+    """Compute the external part P f of forces f, or P'e of displacements e; results do not depend on the number r.
 
     With orthonormal modes q_k and blends beta_k of `rigid_modes`, weights w and z_k = sum_i q_k(i) . f_i / sqrt(w_i),
 
@@ -108,11 +108,11 @@ def divide(
         rule: rule of the grasp.
         samples: contacts of the grasp.
         whole: forces f [N] or displacements e [m] in world axes, (n, d, r).
-        torsion: torsion of soft fingers, over their patch length [N] or times it [m], (n, r).
+        torsion: torsion of soft fingers, (n, r): tau / rho [N], or rho theta [m] if `dual`.
         dual: whether `whole` holds displacements.
 
     Returns:
-        The external part, (n, d, r), or (n, 4, r) with soft fingers, whose last component is that of the torsion.
+        The external part, (n, d, r). With soft fingers it is (n, 4, r), and the last component is the torsion.
     """
     n, d, r = whole.shape
     if 0 < r < FEWEST:
@@ -163,7 +163,7 @@ def _rotations(
     """Compute orthogonal motions of the contacts under the free rotations, as in `rigid_modes`.
 
     Returns:
-        Motions times sqrt(w) (k, n c, r), the squares of their lengths (k, r), and their blends (k, r).
+        Motions times sqrt(w) (k, n c, r), squares of the lengths of these rows (k, r), and blends (k, r).
     """
     contact, d = samples.contact, rule.dimensions
     n, _, r = contact.shape
@@ -196,12 +196,13 @@ def _rotations(
 def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
     """Orthogonalise rows (k, m, r) by rotations, or by Gram-Schmidt if all arms are above `enough`.
 
-    Above `enough` every blend is 1, and P depends only on the span of the rows. Otherwise the rows must be singular
-    vectors. The smallest singular value is at least the volume over the largest product of the others.
+    If all arms are above `enough`, every blend is 1, and P depends only on the span of the rows. Otherwise the rows
+    must be singular vectors. The smallest singular value is at least the volume divided by the largest product of the
+    other singular values.
     """
     plain = modes.copy()
     for k in range(1, len(plain)):
-        for j in [*range(k)] * 2:  # twice is enough
+        for j in [*range(k)] * 2:  # two passes make the rows orthogonal to rounding
             size = (plain[j] * plain[j]).sum(axis=0)
             along = (plain[j] * plain[k]).sum(axis=0)
             plain[k] -= np.divide(along, size, out=np.zeros_like(along), where=size > 0.0) * plain[j]
@@ -237,12 +238,12 @@ def _jacobi(rows: FloatArray) -> FloatArray:
 
 
 def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:
-    """Compute tau / rho of soft fingers [N], zero for hard ones, from moments rho (tau / rho) a (..., n, 3)."""
+    """Compute tau / rho [N] from moments rho (tau / rho) a, (..., n, 3); zero for hard fingers."""
     square = (axis * axis).sum(axis=-1) * np.array(rule.patches)
     along = (moment * axis).sum(axis=-1)
     return np.asarray(np.divide(along, square, out=np.zeros_like(along), where=square > 0.0))
 
 
 def moment_of(rule: SplitRule, torsion: FloatArray, axis: FloatArray) -> FloatArray:
-    """Compute the moments rho (tau / rho) a of torsions over their patch lengths, (..., n, 3) [N m]."""
+    """Compute the moments rho (tau / rho) a from tau / rho, (..., n, 3) [N m]."""
     return np.asarray((np.array(rule.patches) * torsion)[..., None] * axis)

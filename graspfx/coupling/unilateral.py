@@ -20,7 +20,7 @@ LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has 
 
 @kernel
 def unilateral(grasp: GraspState, again: bool) -> int:
-    """Project the elastic force on the cones, then damping there; give 0, UNRESOLVED or AGAIN.
+    """Project the elastic force on the cones, then add damping in them; return 0, UNRESOLVED or AGAIN.
 
     Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers). Damping: f = f0 + D (e' + s) in C, with
     f_i = 0 where f0_i = 0.
@@ -46,8 +46,8 @@ def unilateral(grasp: GraspState, again: bool) -> int:
 def update_touching(grasp: GraspState, again: bool) -> bool:
     """Mark the fingers that push, and tell whether the forces must be recomputed.
 
-    A released sticking finger gets the contact point without its anchor, and a second pass is required. Otherwise it
-    would have no force in this sample and touch again in the next.
+    A released sticking finger gets the contact point that it would have without an anchor, and a second pass is
+    required. Without the second pass the finger would exert no force in this sample and touch again in the next.
     """
     anew = False
     for finger in grasp.fingers:
@@ -63,7 +63,7 @@ def update_touching(grasp: GraspState, again: bool) -> bool:
 
 @kernel
 def project(grasp: GraspState) -> int:
-    """Compute the elastic force in the cones; release tangents without friction, and whole fingers that stick."""
+    """Compute the elastic force in the cones; release tangents, or whole fingers if they stick."""
     n, c = grasp.count, grasp.coordinates
     m = n * c
     if grasp.recoils and grasp.stick:
@@ -95,7 +95,7 @@ def project(grasp: GraspState) -> int:
         unresolved = complement(
             grasp.square, grasp.vector, grasp.diagonal, grasp.engaged, contacts, attempt == 0, scale
         )
-        # a sticking finger is released as a whole, which is no cone: if pivoting cycles, only release
+        # releasing a sticking finger as a whole is not a projection on a cone, so pivoting may cycle: then only release
         if unresolved == 0 or not grasp.stick:
             break
     if grasp.dense and not grasp.stick:
@@ -117,7 +117,7 @@ def all_push(grasp: GraspState) -> bool:
 
 @kernel
 def retain(grasp: GraspState) -> None:
-    """Compute e + s of freely slipping contacts: s is `vector`, but zero along the normals of pushing fingers."""
+    """Compute e + s of freely slipping contacts: s is in `vector`; along the normals of pushing fingers s is zero."""
     for i, finger in enumerate(grasp.fingers):
         for a in range(grasp.coordinates):
             p = i * grasp.coordinates + a
@@ -131,7 +131,7 @@ def retain(grasp: GraspState) -> None:
 
 @kernel
 def damp(grasp: GraspState) -> int:
-    """Add the damping force, projected on the cones and passive; without clamping it is the rate term of (26)."""
+    """Add the damping force, projected on the cones and passive. Without clamping it is the rate term of eq. (26)."""
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
         keep_elastic(grasp)
@@ -153,7 +153,7 @@ def damp(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
             p = i * c + a
-            # a clamped normal holds a rate, its tangents are still forces; released coordinates carry none
+            # the entry of a clamped normal is a rate, while its tangents are still forces; others carry no force
             if not carries(grasp, finger, a) or (a == 0 and grasp.engaged[i] == 0.0):
                 grasp.vector[p] = 0.0
             elif a == 0:
@@ -164,7 +164,7 @@ def damp(grasp: GraspState) -> int:
 
 @kernel
 def assemble_damping(grasp: GraspState) -> None:
-    """Compute D and f0 + D e' of the coordinates that carry force; release all others."""
+    """Compute D and f0 + D e' of the coordinates that carry force; release all other coordinates."""
     for i, finger in enumerate(grasp.fingers):
         write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
     assemble(grasp, False)
@@ -182,9 +182,9 @@ def assemble_damping(grasp: GraspState) -> None:
 
 @kernel
 def make_regular(grasp: GraspState) -> None:
-    """Regularise a singular D (ked or kid zero) by 1e-8 of its diagonal, including its force.
+    """Regularise a singular D (ked or kid zero) by 1e-8 of its diagonal, and add the force of that damping.
 
-    The law stays passive, and no pivot is of rounding size.
+    The law remains passive, and every pivot is larger than rounding errors.
     """
     if not grasp.singular:
         return

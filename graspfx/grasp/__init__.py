@@ -1,1 +1,1 @@
-"""Mathematics of eq. (4): contacts, grasp matrix, split, impedances, unilateral contact."""
+"""The mathematics of eq. (4): contacts, grasp matrix, split, impedances, unilateral contact."""

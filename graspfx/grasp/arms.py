@@ -1,8 +1,8 @@
 """Moment arms of contacts about their centroid, accurate even for contacts far away or nearly on a line.
 
-A rotation about the line through nearly collinear contacts moves them by h R, other rotations by R. This difference of
-products loses eps / h in ordinary arithmetic. It is computed in pairs of floats, value and rounding error (Dekker 1971,
-Knuth 1969), and rounded once.
+A unit rotation about the line through nearly collinear contacts moves them by h R; other rotations move them by R. In
+ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h. Here it is
+computed in pairs of floats, value and rounding error (Dekker 1971, Knuth 1969), and rounded once.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
 
     Args:
         points: Contact points, (..., n, d) [m], d = 2 or 3.
-        principal: In space, take axes u_k along the principal axes of the contacts instead of the world's.
+        principal: In space, use the principal axes of the contacts as axes u_k instead of the world's axes.
 
     Returns:
-        Axes: (1, 1) in the plane, (..., 3, 3) in space with one axis per row, or (3, 3) for the world's. Fields:
+        Axes: (1, 1) in the plane, (..., 3, 3) in space with one axis per row, or (3, 3) for the world's axes. Fields:
         (..., axes, n, d) [m]. Offset c - c_0: (..., d) [m].
     """
     *sets, n, d = points.shape
@@ -67,7 +67,7 @@ def two_product(a: FloatArray, b: FloatArray) -> Pair:
 
 
 def add(x: Pair, y: Pair) -> Pair:
-    """Add two pairs, to about 1e-32 of the larger."""
+    """Add two pairs, with an error of about 1e-32 of the larger pair."""
     s, e = two_sum(x[0], y[0])
     t, f = two_sum(x[1], y[1])
     s, e = two_sum(s, e + t)

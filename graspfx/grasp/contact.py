@@ -28,7 +28,7 @@ UNIT = 1e-8  # tolerance for orthonormal frames, and for a frame's last axis to 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """n contacts in d dimensions and their m components, contact by contact, forces before moments.
+    """n contacts in d dimensions and their m force components, ordered by contact, forces before moments.
 
     | model | line | plane | space |
     |---|---|---|---|
@@ -37,14 +37,14 @@ class Contacts:
     | soft | as hard | as hard | hard, and the torsion about the normal |
     | full | as hard | hard, and t_z | hard, and t_x t_y t_z |
 
-    A model may also be a selection matrix (k, d + moments). It has a row for each component, expressed in the
-    components of the full model in the contact's axes, forces before moments. Rows are orthonormal, and each is of
-    forces alone or of moments alone.
+    A model may also be a selection matrix (k, d + moments). Each row defines a component by coefficients of the full
+    model's components in the contact's axes, forces before moments. Rows are orthonormal. A row contains either only
+    forces or only moments.
 
-    In the plane and on the line the normal allows no torsion, so that soft equals hard. Axes are the world's unless
-    frames are given.
+    In the plane and on the line there is no torsion about the normal, so a soft contact equals a hard contact. The axes
+    of contacts are the world's axes unless frames are given.
 
-    Leading axes hold many sets of n contacts with the same models.
+    Leading array axes contain many sets of n contacts with the same models.
 
     Attributes:
         points: Contact points, (..., n, d) [m].
@@ -75,7 +75,7 @@ def contacts(
     """Check a description of contacts and compute its components.
 
     Args:
-        points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of them, (..., n, d).
+        points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).
         normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Frictionless contacts need them;
             so do soft contacts in space, unless frames are given.
         model: Name or selection matrix, one for all contacts or one per contact.
@@ -120,7 +120,7 @@ def contact_points(points: ArrayLike) -> FloatArray:
     """Check contact points (..., n, d), and copy them.
 
     Raises:
-        InputError: The shape is another one, or values are not finite.
+        InputError: The shape is wrong, or values are not finite.
     """
     p = finite("points", points)
     if p.ndim < 2 or not p.size or p.shape[-1] not in MOMENTS:
@@ -139,7 +139,7 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack rows (k, d); some are given for each set of contacts, some once for all sets."""
+    """Stack rows (k, d); each row is given per set of contacts, or once for all sets."""
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
@@ -188,13 +188,13 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return directions and axes like `_components`, for a selection of the contact's axes, given as rows."""
+    """Return directions and axes like `_components`, for a selection matrix and the contact's axes as rows."""
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
 def unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Scale normals to unit length; normals of one set of contacts serve all sets."""
+    """Scale normals to unit length; normals of a single set apply to all sets of contacts."""
     vectors = finite("normals", normals, largest=np.inf)
     if vectors.shape not in (shape, shape[-2:]):
         raise InputError("normals", vectors, f"an array of shape {shape}, one normal for each point")

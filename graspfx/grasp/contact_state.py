@@ -1,4 +1,4 @@
-"""Records of contacts, free directions and rigid modes: the input and output of a sample's split."""
+"""Records of contacts, free directions and rigid modes, which are the input and output of a sample's split."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from graspfx.spatial import Matrix, Vector
 class Contact(Record):
     """A contact of a finger, in the object's axes."""
 
-    contact: Vector  # c on the surface, which is offset by the radius of a ball fingertip [m]
+    contact: Vector  # c on the surface; for a ball fingertip, on the surface offset by the radius [m]
     normal: Vector  # unit normal into the object
     patch: float  # patch length rho of a soft finger, 0 for a hard one [m]
     weight: float
@@ -45,5 +45,5 @@ class ModeMotion(Record):
 
 @inline
 def motion_of(mode: Floats, i: int, width: int) -> ModeMotion:
-    """Return finger i's part of a mode, which is its blend followed by `width` entries for each finger."""
+    """Return finger i's part of a mode. A mode's row contains the blend, then `width` entries per finger."""
     return ModeMotion(mode.buffer, mode.offset + (1 + width * i))

@@ -1,8 +1,8 @@
 """Eq. (4) for point contacts on a free object, by one best-fitting rigid motion instead of G, G^+ and P.
 
 f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and scalar gains. P d is the rigid motion
-that fits the field d best: its mean and a rotation about the centroid. Weights are equal, all translations and
-rotations are free, and a tolerance decides the rank, without a blend.
+that fits the field d best: the mean of d, and a rotation about the centroid. Weights are equal, and all translations
+and rotations are free. The rank is determined with a tolerance, without a blend.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def shifted(grasp: PointGrasp) -> None:
     e, rate, f = grasp.displacement, grasp.rate, grasp.force
     n, d = grasp.count, grasp.dimensions
     for i in range(d):
-        mean = 0.0 * grasp.points[i]  # NaN if the contact's position is
+        mean = 0.0 * grasp.points[i]  # NaN if the contact's position is NaN
         for j in range(i, n * d, d):
             mean += a * e[j] + b * rate[j]
         mean /= n
@@ -68,7 +68,7 @@ def shifted(grasp: PointGrasp) -> None:
 
 @kernel
 def between_two(grasp: PointGrasp) -> None:
-    """Compute the forces of two contacts: P d is the mean, and the difference of the two across their line."""
+    """Compute the forces of two contacts: P d is the mean and, across their line, the difference of the field d."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     d = grasp.dimensions
@@ -98,7 +98,7 @@ def in_plane(grasp: PointGrasp) -> None:
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     n = grasp.count
-    x0, y0 = p[0], p[1]  # relative to the first contact, since the origin may be far away
+    x0, y0 = p[0], p[1]  # coordinates relative to the first contact, because the origin may be far away
     cx = cy = mx = my = 0.0
     for j in range(0, 2 * n, 2):
         cx += p[j] - x0
@@ -126,12 +126,12 @@ def in_plane(grasp: PointGrasp) -> None:
 def in_space(grasp: PointGrasp, modes: Table | None) -> None:
     """Compute the forces in space: P d is the mean and a rotation, in the frame of the line nearest to the contacts.
 
-    If `modes` has room, write the rotations as modes instead.
+    If `modes` has rows, write the rotations as modes instead.
 
-    q leads from the first contact to the farthest one. Let x be the coordinate along which q is longest and
-    u = (1, t, s) = q / q_x. Rotations are taken about u, y and z. The arms about u are those of v = y - t x and
-    w = z - s x, formed in pairs of floats, so that small arms are as accurate as large ones. The 3 x 3 matrix of
-    moments is graded; elimination of y and z before u loses no accuracy as contacts approach a line.
+    q points from the first contact to the farthest contact. Let x be the coordinate along which q is longest, and
+    u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u are those of v = y - t x and w = z - s x,
+    which are computed in pairs of floats, so small arms are as accurate as large arms. The 3 x 3 matrix of moments is
+    graded. Elimination of y and z before u therefore loses no accuracy as contacts approach a line.
     """
     p = grasp.points
     origin = vector_at(p, 0)

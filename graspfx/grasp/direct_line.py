@@ -54,8 +54,9 @@ class Moments:
 class Pivots:
     """Factor L D L' of the moments: inverses of D about y and z, its last entry or 0, and the entries of L.
 
-    If contacts lie on a line: the axis along it, (1, y, z) about u, y and z, the inverse of its moment, and the unit
-    vector of its motion among the orthonormal ones about y, z and u. Otherwise zeros.
+    The remaining entries are zero unless contacts lie on a line. They are then the axis along the line, (1, y, z) about
+    u, y and z; the inverse of its moment; and the unit vector of its motion in terms of the orthonormal motions about
+    y, z and u.
     """
 
     y: float
@@ -100,7 +101,7 @@ def halves(x: float) -> tuple[float, float]:
 
 @kernel
 def centre_of(grasp: PointGrasp, line: Line) -> Centre:
-    """Write x, v and w of every contact, in pairs of floats, to the place of its force; return their means."""
+    """Compute x, v and w of every contact in pairs of floats; write them in place of its force; return the means."""
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     a, b, ix, iy, iz, t, s = grasp.stiffness, grasp.damping, line.x, line.y, line.z, line.t, line.s
     x0, y0, z0 = p[ix], p[iy], p[iz]
@@ -169,7 +170,7 @@ def pivots_of(grasp: PointGrasp, line: Line, m: Moments, noise: float) -> Pivots
     if not arm > (grasp.tolerance * grasp.tolerance * total + grasp.count * noise) * square:
         grasp.rank = 5
         if arm > 0.0:
-            # principal axis by inverse iteration; each step leaves h^2 of the error, where h is the arm about the axis
+            # principal axis by inverse iteration; each step multiplies the error by h^2, h the arm about the axis
             by = bz = 0.0
             for _ in range(TURNS):
                 about_y = t + axis_y
@@ -223,7 +224,7 @@ def turn_forces(grasp: PointGrasp, line: Line, centre: Centre, turn: Vector) -> 
 def turn_modes(grasp: PointGrasp, line: Line, centre: Centre, p: Pivots, modes: Table) -> None:
     """Write the rotations as orthonormal modes: about y, then z, then u.
 
-    If contacts lie on a line, write the two rotations that are orthogonal to the one about that line.
+    If contacts lie on a line, write the two rotations that are orthogonal to the rotation about that line.
     """
     f = grasp.force
     ix, iy, iz, t, s = line.x, line.y, line.z, line.t, line.s

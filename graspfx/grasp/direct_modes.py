@@ -17,7 +17,7 @@ HALF = math.sqrt(0.5)
 def couple_rows(
     grasp: PointGrasp, points: Floats, displacement: Floats, rate: Floats, force: Floats, rows: int
 ) -> None:  # fmt: skip
-    """Compute the forces of many grasps of one size in one call; `grasp` holds the gains and scratch for one grasp."""
+    """Compute the forces of many equally large grasps; `grasp` contains gains, and work space for one of them."""
     size = grasp.count * grasp.dimensions
     for row in range(rows):
         at = row * size
@@ -32,7 +32,7 @@ def couple_rows(
 
 @kernel
 def mode_rows(grasp: PointGrasp, points: Floats, modes: Floats, ranks: Floats, rows: int) -> None:
-    """Write the modes and ranks of many grasps of one size, a row for each grasp."""
+    """Write the modes and ranks of many equally large grasps, one row per grasp."""
     size = grasp.count * grasp.dimensions
     room = size * (2 * grasp.dimensions if grasp.dimensions > 2 else 2 * grasp.dimensions - 1)
     for row in range(rows):
@@ -92,7 +92,7 @@ def across_two(grasp: PointGrasp, modes: Table) -> None:
 
 @kernel
 def turn_in_plane(grasp: PointGrasp, modes: Table) -> None:
-    """Write the rotation about the centroid, if the contacts have an arm."""
+    """Write the rotation about the centroid, unless all contacts coincide."""
     p, n = grasp.points, grasp.count
     x0, y0 = p[0], p[1]
     cx = cy = arm = 0.0

@@ -1,4 +1,4 @@
-"""Division of contact forces into external and internal parts, also by kinds of split for analysis only."""
+"""Divide contact forces into external and internal parts, by any kind of split, including one for analysis only."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def divide(
         External and internal forces, with the shape of `force`.
 
     Raises:
-        InputError: `Split` refuses an argument, or one is given that the kind does not use.
+        InputError: An argument is invalid for `Split`, or the kind does not use it.
         UnknownNameError: The kind is unknown.
     """
     if kind not in get_args(AnyKind):

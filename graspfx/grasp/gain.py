@@ -1,4 +1,4 @@
-"""Gain of an impedance: a number, numbers per finger, or matrices; check, text and change of axes."""
+"""Gains of an impedance, which are numbers, numbers per finger, or matrices: checks, text and rotation of axes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SYMMETRIC = 1e-9  # relative asymmetry up to which a matrix counts as symmetric
 
 
 def turned_gain(gain: Gain, R: FloatArray) -> Gain:
-    """Rotate each finger's matrix, R K R'; a full matrix only if one R serves all fingers."""
+    """Rotate each finger's matrix, R K R'. A full matrix can be rotated only if all fingers have the same R."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain
@@ -72,7 +72,7 @@ def gain_text(gain: Gain, unit: str) -> str:
 
 
 def equal_gains(outer: Gain, inner: Gain) -> bool:
-    """True if two gains are equal, even if one is written once for all fingers and the other for each."""
+    """Tell whether two gains are equal, even if one is given once for all fingers and the other per finger."""
     a, b = np.asarray(outer), np.asarray(inner)
     if a.ndim == b.ndim:
         return np.array_equal(a, b)

@@ -34,9 +34,9 @@ class Grasp(Carded, GraspMatrix):
         normals: Normals into the object, (n, d) or (..., n, d).
         model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
             `grasp.contact.Contacts`); or a name from the literature: FPC or PwoF, PCWF or HF, SF.
-        frames: Axes of each contact as columns, the last one the normal, (n, d, d) or (..., n, d, d); the world's axes
-            if None.
-        origin: Reference point o of moments, (d,), or one for each set [m]; zero if None.
+        frames: Axes of each contact as columns, of which the last is the normal, (n, d, d) or (..., n, d, d); the
+            world's axes if None.
+        origin: Reference point o of moments, (d,), or one point for each set [m]; zero if None.
         free: Mask of the w degrees of freedom in which the object can move; rows of the others are omitted.
 
     Attributes:
@@ -46,7 +46,7 @@ class Grasp(Carded, GraspMatrix):
         moment_rows: Mask of the rows that are moments of the wrench, (w,).
 
     Raises:
-        InputError: As for `grasp.contact.contacts`, or the origin or mask does not fit.
+        InputError: An argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.
     """
 
     def _card(self) -> Card:
@@ -97,7 +97,7 @@ class Grasp(Carded, GraspMatrix):
     def force_closure(
         self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
     ) -> ForceClosure:
-        """Test whether pushing contacts can make every wrench; see `grasp.quality.closure.force_closure`."""
+        """Test whether pushing contacts can exert every wrench; see `grasp.quality.closure.force_closure`."""
         from graspfx.grasp.quality.closure import force_closure
 
         self.require_one("force_closure")
@@ -114,7 +114,7 @@ class Grasp(Carded, GraspMatrix):
         about: ArrayLike | None = None,
         tolerance: float = 1e-3,
     ) -> Margin:
-        """Find the largest ball of wrenches that bounded pushes can make; see `grasp.quality.margin.wrench_margin`."""
+        """Find the largest ball of wrenches that bounded pushes can exert; see `grasp.quality.margin.wrench_margin`."""
         from graspfx.grasp.quality.margin import wrench_margin
 
         self.require_one("margin")

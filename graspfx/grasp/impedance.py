@@ -25,7 +25,7 @@ Pair = Literal["stiffness", "damping"]
 LOOP_RADIUS = 0.005  # radius of the closed motion whose energy the warning states [m]
 FLOAT = np.dtype(np.float64)
 MOST_HEADS = 64  # grasp sizes and tolerances that a coupling caches
-GROWN = 10.0  # growth since the last warning that causes another; a finger that fades in starts with a small skew part
+GROWN = 10.0  # growth that causes another warning; while a finger fades in, the skew part grows from a small value
 
 
 class ActiveCouplingWarning(UserWarning):
@@ -69,15 +69,17 @@ class Coupling(Carded):
     finger and (d, d) matrices as L K L, so that contacts with a small weight get a small force. Full matrices enter as
     given.
 
-    The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. It then creates
-    energy on closed motions, and a warning states how much, once and again whenever the energy has grown tenfold. The
-    form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree for scalar gains.
+    The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. An asymmetric
+    stiffness creates energy on closed motions. A warning states how much, and is repeated whenever the energy has grown
+    tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree for
+    scalar gains.
 
     If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
     method, eqs. 20-23). The same holds for the damping.
 
-    With an `ObjectImpedance` as the external one, K_ep is its share for these contacts, which P leaves as it is:
-    K = K_ep + (I - P) K_ip, (I - P) K_ip (I - P)' in the form "symmetric" or where K_ip is a number.
+    If the external impedance is an `ObjectImpedance`, K_ep is its stiffness distributed over these contacts, and P does
+    not change it. Then K = K_ep + (I - P) K_ip; in the form "symmetric", or if K_ip is a number, the internal part is
+    (I - P) K_ip (I - P)'.
 
     Args:
         external: Impedance with K_ep and K_ed.
@@ -85,7 +87,7 @@ class Coupling(Carded):
         form: "literal" or "symmetric".
 
     Raises:
-        UnknownNameError: The form is another one.
+        UnknownNameError: The form is neither "literal" nor "symmetric".
     """
 
     external: Impedance | ObjectImpedance
@@ -111,7 +113,7 @@ class Coupling(Carded):
 
     @property
     def of_object(self) -> bool:
-        """True if the external gains are those of the object."""
+        """True if the external impedance is an `ObjectImpedance`."""
         return isinstance(self.external, ObjectImpedance)
 
     @property
@@ -150,8 +152,8 @@ class Coupling(Carded):
         """Compute contact forces on the object, (m,) or (..., m) [N]; scalar gains need one projection.
 
         With scalar gains, the kernels of `PointCoupling` compute forces of hard contacts on a free object in O(n),
-        without a matrix. Many sets of contacts then get the same bits as each set alone; in other cases they agree to
-        rounding.
+        without a matrix. Forces of many sets of contacts are then bit-identical to those of each set alone; in other
+        cases they agree up to rounding.
 
         Args:
             split: Split of the contacts.
@@ -179,7 +181,7 @@ class Coupling(Carded):
         return f if difference is None else f + split.project(difference)
 
     def _head_for(self, split: Split) -> FloatArray | None:
-        """Return the numbers that a kernel of point contacts takes; None if a gain is not a number."""
+        """Return the input numbers of a kernel for point contacts; None if a gain is not a number."""
         grasp = split.points
         key = grasp.fingers, grasp.dimensions, split.point_tolerance
         head = self._heads.get(key)
@@ -194,7 +196,7 @@ class Coupling(Carded):
         return head
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Return how a pair of gains makes a matrix: "equal" if they are equal, else the form."""
+        """Return the rule by which a pair of gains is composed: "equal" if they are equal, else the form."""
         outer, inner = self._pair(pair)
         if self.of_object:
             return "symmetric" if isinstance(inner, float) else self.form
@@ -306,7 +308,7 @@ def spread(gain: Gain, split: Split) -> FloatArray:
 
 
 def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
-    """Expand a gain of point contacts to (n, d, d), a matrix per finger; return a full matrix (m, m) as it is.
+    """Expand a gain of point contacts to (n, d, d), a matrix per finger; return a full matrix (m, m) unchanged.
 
     Raises:
         InputError: The gain does not fit the contacts.

@@ -36,7 +36,7 @@ def grasp_matrix(
 
 
 class GraspMatrix:
-    """Matrix of contacts on an object, with the meaning of its rows and columns; `Grasp` documents the arguments."""
+    """Grasp matrix with the meaning of its rows and columns. The arguments are those of `Grasp`."""
 
     def __init__(
         self,
@@ -121,8 +121,8 @@ class GraspMatrix:
         """Return a matrix (..., w, m) with the row space of G, torsion columns times a length; and the length (...).
 
         The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
-        divided by the rms contact radius R, which is the length. If a translation is locked, the rotation's row keeps
-        the motion of the centroid, so that a knob turns about its own axis.
+        divided by the rms contact radius R. R is the returned length. If a translation is locked, the rotation's row
+        includes the motion of the centroid, so that a knob turns about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes

@@ -1,4 +1,4 @@
-"""Stiffness and damping that the fingers feel at the object, and their distribution over contacts."""
+"""Stiffness and damping between fingers and object, given for the object, and their distribution over contacts."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 class ObjectImpedance(Carded):
     """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts K_o x.
 
-    As the external part of a `Coupling` they are distributed over the contacts so that the object has the stated
-    stiffness with any number of fingers: with N spanning the null space of G', M the split's metric and
-    X = M G'(G M G')^+,
+    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the stiffness
+    at the object is the stated one for any number of fingers. With N spanning the null space of G', the split's metric
+    M, and X = M G'(G M G')^+,
 
         K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
 
-    K_c condenses out degrees of freedom that the contacts cannot hold, so that neither the unit of moments nor the
-    reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which is K_o where G has full rank:
-    K_ep is symmetric and creates no energy, and the internal part adds nothing to what the object feels.
+    In K_c the degrees of freedom that the contacts cannot hold are condensed out, so neither the unit of moments nor
+    the reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which equals K_o if G has full rank.
+    K_ep is symmetric and creates no energy. The internal part adds nothing to the stiffness at the object.
 
     K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
-    a certificate counts.
+    a certificate includes.
 
     Args:
         stiffness: Stiffness K_o, (w, w), forces before moments [N/m, N, N m/rad]; its diagonal (w,), or on a line a
@@ -77,7 +77,7 @@ class ObjectImpedance(Carded):
         return f"{gain_text(self.stiffness, 'N/m, N m/rad')}, {gain_text(self.damping, 'N s/m, N m s/rad')}"
 
     def turned(self, R: FloatArray) -> ObjectImpedance:
-        """Return both in other axes, R (d, d) from the present ones."""
+        """Return the impedance in other axes; R (d, d) rotates from the present axes."""
         w = len(self.stiffness)
         d = FREEDOMS.get(w)
         if d is None or R.shape != (d, d):
@@ -90,7 +90,7 @@ class ObjectImpedance(Carded):
         return ObjectImpedance(_even(T @ self.stiffness @ T.T), _even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
-        """Return both for the object's motion at another point (d,) [m]: S'K S, where S x is the motion at `point`."""
+        """Return the impedance at another point (d,) [m], S'K S and S'D S, where S x is the motion at `point`."""
         if self.point is None:
             return self
         r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
@@ -106,7 +106,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
-        InputError: The degrees of freedom of the impedance are not those of the grasp.
+        InputError: The degrees of freedom of impedance and grasp differ.
     """
     m, sets = split.components, split.sets
     grasp = split.grasp
@@ -127,8 +127,8 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
 def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> FloatArray:
     """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) after release of unheld degrees of freedom.
 
-    T (w, r) has full rank; its columns are the wrenches of unit modal forces. Forces and moments are scaled by their
-    stiffness, not by T, in which a moment may be rounding.
+    T (w, r) has full rank; its columns are the wrenches of unit modal forces. Forces and moments are scaled by the
+    stiffness, not by the entries of T, because a moment in T may be rounding.
     """
     if not K.any():
         return np.zeros((T.shape[1],) * 2)

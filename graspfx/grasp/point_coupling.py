@@ -1,4 +1,4 @@
-"""Eq. (4) for point contacts on a free object, in place: one block holds points, displacements, rates and forces."""
+"""Eq. (4) for point contacts on a free object, in place: points, displacements, rates and forces share one block."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ ENGINES = ("auto", "compiled", "interpreted")
 class PointCoupling(Carded):
     """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    The coupling takes n hard fingers on a free object, and scalar gains. P d is then the rigid motion that fits a field
-    d of displacements best, so that neither G nor P is formed. The error is a few roundings of the largest force, even
-    if contacts lie nearly on a line, far from the origin, or close together.
+    The coupling is for n hard fingers on a free object and scalar gains. P d is then the rigid motion that fits a field
+    d of displacements best, so neither G nor P is computed. The error is a few roundings of the largest force, even if
+    contacts lie nearly on a line, far from the origin, or close together.
 
     Write `points`, `displacement` and `rate`, call `compute()`, and read `force`. All four are (n, d) views of one
     array and remain valid for the object's lifetime. A `rate` that is never written is zero. Non-finite inputs give NaN
@@ -61,7 +61,7 @@ class PointCoupling(Carded):
     Raises:
         InputError: Gains are matrices, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is outside
             [0, 1).
-        UnknownNameError: The engine is another one.
+        UnknownNameError: The engine is unknown.
         MissingPackageError: The engine is "compiled" and llvmlite is missing.
     """
 

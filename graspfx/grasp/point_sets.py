@@ -21,8 +21,8 @@ FloatArray = NDArray[np.float64]
 Space = TypeVar("Space")
 Numbers = tuple[float, float, float, float]  # kep, ked, kip, kid
 
-LOAD = 1_000  # contacts: interpreting them takes some milliseconds, loading machine code ten times as long
-COMPILE = 300_000  # contacts: interpreting them takes as long as compiling
+LOAD = 1_000  # number of contacts whose interpretation takes a tenth of the time to load machine code
+COMPILE = 300_000  # number of contacts whose interpretation takes as long as compiling
 
 COUPLE, COUPLE_ROWS, MODE_ROWS = (
     KernelOnDemand(kernel, few=LOAD, load=LOAD, make=COMPILE)
@@ -41,7 +41,7 @@ def warm() -> None:
 
 
 class Workspace:
-    """Workspace of one thread for the forces of n contacts: one block with the kernel bound to it."""
+    """Workspace of one thread for the forces of n contacts: a block, and the kernel that operates on it."""
 
     def __init__(self, n: int, d: int) -> None:
         self._contacts = n
@@ -166,7 +166,7 @@ def point_force(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatAr
 
 
 def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
-    """Compute forces (N, n d) of N sets of point contacts (N, n, d), with the bits of `point_force`."""
+    """Compute forces (N, n d) of N sets of point contacts (N, n, d), bit-identical to those of `point_force`."""
     N, n, d = points.shape
     block = np.zeros(block_size(n, d))
     block[: len(head)] = head

@@ -26,7 +26,7 @@ def smoothstep(x: float, low: float, high: float) -> float:
 
 @inline
 def faded_weight(share: float, gap: float, start: float, end: float) -> float:
-    """Compute a contact's weight in the metric: its share up to the gap `start`, falling to 0 at `end` [m]."""
+    """Compute a contact's weight in the metric: `share` up to the gap `start`, decreasing to 0 at the gap `end` [m]."""
     return share * (1.0 - smoothstep(gap, start, end))
 
 
@@ -43,7 +43,7 @@ def rigid_modes(
     With `width` 4, a finger's part ends with the torsion about its normal in units of its patch length rho:
     sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for a finger that exerts no torsion.
 
-    The `whole` set also has the rotations whose blend is zero: all rigid motions of the contacts.
+    The `whole` set also contains rotations whose blend is zero, and therefore all rigid motions of the contacts.
 
     Returns:
         The number of modes, and the number of rotations with an arm above `NO_ARM` whose blend is less than 1.
@@ -81,7 +81,7 @@ def write_rotation(
     contacts: Many[Contact], freedom: Freedom, dimensions: int, k: int, origin: Vector, mean: Vector, width: int,
     modes: Table,
 ) -> None:  # fmt: skip
-    """Write the contacts' motion under free rotation k, minus its part in the free translations."""
+    """Write the contacts' motion under free rotation k, without the component along the free translations."""
     mode = modes[freedom.shifts + k]
     axis = freedom.axes[freedom.shifts + k].vector
     field = cross(axis, origin + mean)  # motion of the centroid; zero if all translations are free
@@ -127,7 +127,7 @@ def keep_rotations(
 
 @kernel
 def separate_mode(modes: Table, count: int, k: int) -> None:
-    """Orthogonalise mode k, whose rms arm is little more than rounding, to `count` other modes."""
+    """Orthogonalise mode k, whose rms arm is close to rounding, against `count` other modes."""
     for j in range(count):
         along = 0.0
         for a in range(1, modes.columns):

@@ -65,21 +65,21 @@ class Split(Carded):
     forces, and its transpose Q = G'(G M G')^+ G M on displacements. M Q and M (I - Q) are symmetric and positive
     semidefinite, G M (I - Q) = 0, and P = P' = Q for M = I.
 
-    P depends only on the row space of G: not on the origin or unit of moments, nor on the object's frame. A `Grasp` is
-    therefore factored with moments about the contacts' centroid in units of their rms radius R, so that its rank
-    depends on lengths alone. With rotations in radians, and translations and torsion of a contact in units of R, a unit
-    motion of the object counts if the rms displacement of the contacts exceeds `tolerance` R. At the default, if
-    contacts lie within 1e-6 R of a line, the rotation about that line is internal. The rank does not depend on the
-    metric. (If translations are locked, a rotation keeps its own axis.)
+    P depends only on the row space of G. It does not depend on the origin or unit of moments, nor on the object's
+    frame. A `Grasp` is therefore factored with moments about the contacts' centroid, in units of the contacts' rms
+    radius R, so that the rank depends on lengths alone. Rotations are in radians, and translations and torsion of a
+    contact in units of R. A unit motion of the object is external if the rms displacement of the contacts exceeds
+    `tolerance` R. With the default, if contacts lie within 1e-6 R of a line, the rotation about that line is internal.
+    The rank does not depend on the metric. (If translations are locked, a rotation keeps its own axis.)
 
-    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. A rotation about the line
-    through the contacts then also has to move them by more than the rounding of their coordinates.
+    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. For a rotation about the line
+    through the contacts to be external, it must then also move them by more than the rounding of their coordinates.
 
     Many sets of contacts, or a stack of matrices (..., w, m), are split in one call, each independently. `rank` and
     `condition` are then arrays (...), `external` and `internal` (..., m, m).
 
-    Contacts with moments need a metric that relates radians to metres (`Grasp.metric`). Without one, M = I equates 1
-    rad with 1 m, so that the result depends on the unit of length, and a warning is given.
+    Contacts with moments need a metric that relates radians to metres (`Grasp.metric`). Without a metric, M = I equates
+    1 rad with 1 m, so the result depends on the unit of length, and a warning is given.
 
     Args:
         G: `Grasp`, or matrix (w, m) or (..., w, m). The rank of a matrix is the number of singular values above
@@ -373,7 +373,7 @@ class Split(Carded):
 def metric_of(
     G: object, kind: str, metric: ArrayLike | None, weights: ArrayLike | None, stiffness: ArrayLike | None
 ) -> ArrayLike | None:
-    """Return the metric that a kind of split names, with mean 1 over forces; or the argument `metric` if none is named.
+    """Return the metric of a kind of split, with mean 1 over forces; without a kind, return the argument `metric`.
 
     Raises:
         InputError: Both a metric and a kind are given; weights or stiffness are missing, or given for another kind;
@@ -419,7 +419,7 @@ def fraction(name: str, argument: float) -> float:
 
 
 def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
-    """True if an array's leading axes fit those of the sets of contacts; with one set, any do."""
+    """Tell whether an array's leading axes fit those of the sets of contacts; for one set, any leading axes fit."""
     if not sets:
         return True
     try:
@@ -444,7 +444,7 @@ def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> t
     independent = lengths > least
     graded = independent.sum(axis=-1) == counting.sum(axis=-1)
     if graded.any():
-        # rows differ much in length, and each is accurate relative to its own; unit rows keep that accuracy
+        # lengths of rows differ greatly; each row is accurate relative to its length, and unit rows keep that accuracy
         unit = np.where(independent, 1.0 / np.where(independent, lengths, 1.0), 0.0)[..., None] * A
         rows = np.where(graded[..., None, None], np.linalg.svd(unit, full_matrices=False)[2], rows)
     return _transposed(rows * counting[..., None]), values * counting

@@ -80,8 +80,8 @@ def unilateral_force(
     C*: slip lifts off), and `law` reports it; for a symmetric K its solution exists, is unique and is always found.
 
     For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i touches
-    inside x_ci of (25), and a single finger feels 2 kep kip/(kep + kip). For a symmetric K and s in C* the solution is
-    the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
+    inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s in C*
+    the solution is the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
 
     Args:
         stiffness: Matrix K, (m, m) [N/m], m = n d, whose symmetric part is positive semidefinite.
@@ -139,7 +139,7 @@ def unilateral_force(
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
-    """Find pushing forces (n, d) in contact frames, frictionless or sticking, and whether none was found."""
+    """Find pushing forces (n, d) in contact frames, frictionless or sticking; also tell whether the search failed."""
     m = len(e)
     square = np.zeros((m, m))
     vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)

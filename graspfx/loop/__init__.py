@@ -1,1 +1,1 @@
-"""Events in time: devices, the hands that hold them, plants, the servo and recordings."""
+"""The loop in time: devices, plants, hands, the servo, and the rows of recordings."""

@@ -1,4 +1,4 @@
-"""Adapts a vendor's C functions to a loop without Python, by generated machine code."""
+"""Adapts a vendor's C functions to a loop without Python; the adapter is generated machine code."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from graspfx.errors import InputError
 from graspfx.loop.device_calls import Calls
 from graspfx.loop.velocity import VelocityEstimator
 
-KINDS = "ptr", "i64", "double", "i64"  # of the arguments of `estimate_after`
+KINDS = "ptr", "i64", "double", "i64"  # types of the arguments of `estimate_after`
 
 
 class Adapter:
-    """The machine code of a device's C functions, with the memory that it works on.
+    """The machine code that calls a device's C functions, and the memory that it uses.
 
     Attributes:
         context: memory whose address the functions receive.
@@ -40,7 +40,7 @@ class Adapter:
         self.context, self._owners = context, owners
 
     def value(self, code: int) -> float:
-        """Return the number behind a negative code: a function's return value, or the buffer entry that was tested."""
+        """Return the tested number that caused a negative code: a function's return value, or an entry of a buffer."""
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
@@ -95,11 +95,11 @@ def adapt(
 
     A factor after entries, such as `* 0.001`, multiplies them after an `out` call or before an `in` call. Types are
     void, char, short, int, long, uint, ulong, i8 to i64, u8 to u64, float and double. `u32[3]` before a function's name
-    is a returned struct of three numbers, of which the first is tested. The block of `ask` and `read` holds positions,
-    then velocities; the block of `write` and `stop` holds forces.
+    declares that the function returns a struct of three numbers; the first number is tested. The block of `ask` and
+    `read` contains positions, then velocities; the block of `write` and `stop` contains forces.
 
-    Each call is tested separately. A fault ends the function, so no later call hides it; `stop` makes all of its calls
-    nevertheless.
+    Each call is tested separately. After a fault, later calls of the same text are not made, so that they cannot hide
+    the fault. Only `stop` makes all of its calls even after a fault.
 
     Args:
         library: `ctypes.CDLL`, or an object with ctypes functions of these names.
@@ -107,8 +107,8 @@ def adapt(
         fault: condition for a fault: comparisons of a return value or of a buffer's entry, joined by `or`, such as
             "< 0 or status[5] == 0".
         held: condition, in the same form, for a `read` without a new sample.
-        errors: call that pops the newest error from the library's stack, 0 for none. It is called after every call
-            until the stack is empty; an error is a fault.
+        errors: call that pops the newest error from the library's stack and returns 0 if there is none. After each call
+            of another function, it is called repeatedly until the stack is empty. Any error is a fault.
         shape: shape (k, d) of the device.
         velocity: estimator of velocities if `read` gives positions only; None if it gives both.
         settings: values of the settings that the texts name.
@@ -150,7 +150,7 @@ def adapt(
 
 
 def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
-    """Load the velocity kernel, which later functions call."""
+    """Load the velocity kernel, which the adapted functions call."""
     from graspfx.compile.symbol import symbol_of
     from graspfx.loop.velocity import estimate_after
 

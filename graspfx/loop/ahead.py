@@ -1,7 +1,7 @@
-"""The programs that a wheel brings: `python -m graspfx.loop.ahead FOLDER` compiles them (`graspfx.compile.library`).
+"""Compile the programs of a wheel: `python -m graspfx.loop.ahead FOLDER` (see `graspfx.compile.library`).
 
-It needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which they run. Where `ziglang` is
-installed, the module of `steps` for browsers is one of them (`graspfx.compile.webassembly`).
+The command needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which the programs run. If
+`ziglang` is installed, it also compiles the module of `steps` for browsers (`graspfx.compile.webassembly`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BY_THEMSELVES = (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows
 
 
 def programs() -> dict[str, tuple[str, LlvmProgram]]:
-    """Write all programs in LLVM's language: by the key by which each is looked for, its name and itself."""
+    """Write all programs in LLVM's language: map the key of each program to its name and the program."""
     found = {
         step_program.program_key(): ("steps", llvm_program(step_program.source())),
         footprint(beat.beat): ("beat", llvm_program(beat.source())),
@@ -38,7 +38,7 @@ def programs() -> dict[str, tuple[str, LlvmProgram]]:
 
 
 def modules(steps: LlvmProgram) -> dict[str, tuple[str, bytes]]:
-    """Compile the module of `steps` for browsers; none without `ziglang`."""
+    """Compile the module of `steps` for browsers; without `ziglang` the result is empty."""
     if find_spec("ziglang") is None:
         return {}
     return {webassembly.module_key(step_program.program_key()): ("steps", webassembly.build(steps))}

@@ -1,4 +1,4 @@
-"""The arena of a scene: the blocks of its parts, and the `World` that gives the place of each quantity in them."""
+"""The arena of a scene: the blocks of all parts, and the `World`, which lists the place of each quantity in them."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class ForeignKernel:
-    """A third-party kernel, not in `kernels.KERNELS`, and the entries of the world that hold its number.
+    """A third-party kernel (one not in `kernels.KERNELS`), and the entries of the world that contain its number.
 
     Attributes:
         kernel: The function.
-        parameters: Names of its arguments after the first place: `t` and `T` are floats, `beside` is the place of a
-            block.
-        blocks: Blocks that it uses.
-        entries: Entries of the world's memory.
+        parameters: Names of the kernel's arguments after the first place: `t` and `T` are floats, `beside` is the place
+            of a block.
+        blocks: Blocks that the kernel uses.
+        entries: Entries of the world's memory that contain the kernel's number.
     """
 
     kernel: Kernel
@@ -94,11 +94,12 @@ class ForeignKernel:
 class Arena:
     """Parts of a scene laid out for `steps`.
 
-    Plants and guests receive the period, and plants their hands.
+    The arena passes the period to plants and guests, and the hands to their plants.
 
     Args:
         parts: Parts of the scene.
-        memory: Memory of their blocks; separate blocks are possible, because machine code can address them.
+        memory: Memory that contains the blocks. A block may also lie outside, because machine code addresses each block
+            directly.
         record: Whether rows are recorded.
 
     Attributes:
@@ -153,7 +154,7 @@ class Arena:
         return Scattered(self.memory, self.arrays)
 
     def place(self, array: FloatArray | None) -> int:
-        """Return the place of an array or of a part of one; NONE for None."""
+        """Return the place of an array or of a view of a block; NONE for None."""
         return NONE if array is None else self.memory.place(array)
 
     # Blocks -----------------------------------------------------------------------------------------------------------
@@ -269,7 +270,7 @@ class Arena:
                 memory[entry] = value
 
     def _kernel(self, kernel: Kernel, parameters: tuple[str, ...], *blocks: FloatArray) -> int | ForeignKernel:
-        """Return a kernel's number, or a `ForeignKernel` that receives a number later."""
+        """Return a kernel's number, or a `ForeignKernel`, whose number is set later."""
         number = number_of(kernel)
         return ForeignKernel(kernel, parameters, blocks, []) if number is None else number
 
@@ -315,7 +316,7 @@ class Arena:
         return [fingers[f] for f in range(self.n)]
 
     def _tip(self, f: int, position: int) -> int:
-        """Return the place of the fingertip's true position, or of its reading if that is unknown."""
+        """Return the place of the fingertip's true position, or of its reading if the true position is unknown."""
         if self.parts.layout.simulated:
             for m, memory in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
@@ -537,7 +538,7 @@ class Arena:
         return [places[k] for k in range(len(numbers))]
 
     def _loop_columns(self) -> Iterator[tuple[str, int, int]]:
-        """List the columns that a real-time loop fills, each with its first place and its size."""
+        """List the columns that a real-time loop fills: name, first place and size of each."""
         if self.loop is None:
             return
         state, place, columns = LoopState(self.loop), self.place(self.loop), self.parts.layout.columns

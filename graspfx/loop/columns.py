@@ -1,4 +1,4 @@
-"""Columns of a recorded row: the table of all columns, the selection that a scene has, and the row-taker protocol."""
+"""Columns of recorded rows: the table of all columns, a scene's selection of them, and the protocol of row takers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
-ENTRIES = {  # entries along the dimensions that are the same in all recordings
+ENTRIES = {  # names of entries, for dimensions that are the same in all recordings
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
     "quaternion": ("x", "y", "z", "w"),
@@ -26,11 +26,11 @@ ENTRIES = {  # entries along the dimensions that are the same in all recordings
     "call": ("read", "write"),
     "share": ("soft", "trust", "squeeze", "outer"),
 }
-REST = "rest"  # key of a change: forces decay from its tick on, because the run ends ("end") or was stopped ("stop")
+REST = "rest"  # key of a change: from that tick on forces decay; its value is "end" of the run, or "stop"
 
 
 class RunFault(NamedTuple):
-    """A fault at a tick; from there on every force is zero."""
+    """A fault at a tick; from that tick on every force is zero."""
 
     tick: int
     message: str
@@ -48,7 +48,7 @@ class RowTaker(Protocol):
         ...
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return rows (r, width), the index in them of the next tick, and the number of ticks that still fit.
+        """Return rows (r, width), the next tick's index in these rows, and the number of ticks that still fit.
 
         The tick at index r writes row r. With one row every m ticks it writes row r / m, if m divides r.
         """
@@ -78,11 +78,11 @@ class Declared(NamedTuple):
         dimensions: names of its dimensions, space-separated; none for a single number.
         unit: unit of its numbers.
         meaning: description of the quantity.
-        filled: origin of its values: "sample" (the coupling's sample of a grasp), "servo" (the tick around it),
-            "observer" (the ledger of energies), "safety" (the chain) or "loop" (the exchange with devices in real
-            time).
-        when: property of `Layout` that tells whether the column exists. Without one it always exists; with "always" it
-            also exists in recordings of every format.
+        filled: origin of the values: "sample" (the coupling's sample of a grasp), "servo" (the tick around the sample),
+            "observer" (the ledger of energies), "safety" (the safety chain) or "loop" (the exchange with devices in
+            real time).
+        when: property of `Layout` that tells whether the column exists. An empty name means that the column always
+            exists; "always" means that it also exists in recordings of every format.
         kind: type of its numbers in a file; rows hold float64 only.
     """
 
@@ -190,7 +190,7 @@ FORCES = ("internal_force", "external_force", "internal_moment", "external_momen
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity: its place in a row, its shape per tick, the names of its dimensions, its unit and its meaning."""
+    """A recorded quantity: position in a row, shape per tick, names of the dimensions, unit and meaning."""
 
     name: str
     where: slice
@@ -231,9 +231,10 @@ class Layout:
         normals: whether contact normals are known, for fingers that are soft or have friction.
         torsion_axes: whether torsion acts along an axis other than the normal.
         timed: whether the run follows the wall clock.
-        varying: whether its devices report largest forces that depend on their position; they are then recorded.
-        switched: whether some of its devices have switches.
-        devices: names of the devices of such a run.
+        varying: whether devices of a run in real time report largest forces that depend on the position; these forces
+            are then recorded.
+        switched: whether some device of a run in real time has switches.
+        devices: names of the devices of a run in real time.
         raw: raw numbers of some devices: a name, a count and "int64" or "float64" for each.
         predicted: indices of the objects whose split needs the centre that the implicit integrator predicts.
         absent: names of columns that a recording of an earlier format does not have.
@@ -264,7 +265,7 @@ class Layout:
     omitted: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the constructor's arguments only; the other process builds the views of columns."""
+        """Pickle the constructor's arguments only; the receiving process computes the columns again."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
@@ -286,7 +287,7 @@ class Layout:
 
     @property
     def bytes_on_disk(self) -> int:
-        """Bytes per row at the end of a run: in the part, and in the file with both forces and the time."""
+        """Bytes per row at the end of a run: of the partial file, and of the file with internal and external forces."""
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
     @cached_property
@@ -408,7 +409,7 @@ class Selection:
 
     @property
     def is_whole(self) -> bool:
-        """True where every number of every tick is recorded."""
+        """True if every number of every tick is recorded."""
         return self.every == 1 and self.layout == self.whole
 
     def cut(self, rows: FloatArray, tick: int = 0) -> FloatArray:
@@ -421,8 +422,8 @@ class Selection:
 def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
     """Lay out only the columns of these names, or all columns if no names are given.
 
-    A name denotes a column, a group of columns (`objects/bar`, `objects/bar/energy`), or a variable computed from
-    columns (`internal_force`), which are then recorded.
+    A name denotes a column, a group of columns (`objects/bar`, `objects/bar/energy`), or a computed variable
+    (`internal_force`). For a computed variable, the columns from which it is computed are recorded.
 
     Raises:
         UnknownNameError: an unknown name; the message lists close matches.

@@ -34,23 +34,23 @@ UNITS = {
     "latency": "s",
     "lateness": "s",
 }
-METHODS = ("open", "read", "write", "stop", "close")  # of every device
+METHODS = ("open", "read", "write", "stop", "close")  # methods of every device
 
 
 @dataclass(frozen=True, repr=False)
 class Features(Carded):
-    """The features of a device, known before it is opened. An unknown one is None, never zero."""
+    """The features of a device, known before the device is opened. An unknown feature is None, never zero."""
 
     fingers: int  # k, the number of channels
     dimensions: int  # d
     workspace: tuple[FloatArray, FloatArray] | None = None  # lower and upper corner, (d,) each [m]
-    continuous_force: float | None = None  # [N]; 0: it displays no force
+    continuous_force: float | None = None  # [N]; 0 for a device that displays no force
     peak_force: float | None = None  # largest force in every direction [N]; a `LimitedDevice` may report more
-    stiffness: float | None = None  # largest stiffness that it displays stably at its rate [N/m]
-    damping: float | None = None  # largest virtual damping at its rate [N s/m]
+    stiffness: float | None = None  # largest virtual stiffness that is stable at the device's rate [N/m]
+    damping: float | None = None  # largest virtual damping that is stable at the device's rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
-    resolution: float | None = None  # of a fingertip position [m]
+    resolution: float | None = None  # resolution of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
     watchdog: float | None = None  # time after the last `write` until the hardware removes its force [s]; None: never
     rate: float | None = None  # largest rate of reading and writing [Hz]
@@ -71,7 +71,7 @@ class Features(Carded):
 
 
 class Device(Protocol):
-    """One piece of hardware, or its simulation, that moves `features.fingers` fingertips.
+    """A piece of hardware, or its simulation, that moves `features.fingers` fingertips.
 
     A driver is a module with `connect(**settings) -> Device`. `connect` does not touch the hardware; `open` does.
     Checking a scene connects all of its devices to learn their features and to find wrong settings (an InputError that
@@ -124,10 +124,10 @@ def lacking(device: object) -> list[str]:
 
 @runtime_checkable
 class AskedDevice(Protocol):
-    """A device that answers requests. All devices are asked before the first is read: n round trips take one's time."""
+    """A device that answers requests. All devices are asked before the first is read, so round trips overlap."""
 
     def ask(self) -> None:
-        """Send the request that the next `read` receives the answer to. Without it, `read` sends the request itself.
+        """Send a request, whose answer the next `read` receives. If `ask` was not called, `read` sends the request.
 
         Raises DeviceError if the hardware is lost.
         """
@@ -143,7 +143,7 @@ class QuenchableDriver(Protocol):
     def quench(self, **settings: object) -> None:
         """Connect to the hardware anew, set its force to zero and disconnect.
 
-        It is called from another process, after the process that opened the device has ended.
+        `quench` is called from another process, after the process that opened the device has ended.
 
         Args:
             settings: settings of `connect`.
@@ -161,7 +161,7 @@ class LimitedDevice(Protocol):
     def largest_force(self) -> FloatArray:
         """Largest force of each fingertip in every direction at the last reading, (k,), above zero [N].
 
-        For a `FusedDevice` it is a view of its block, which `reading` updates.
+        For a `FusedDevice` the array is a view of the device's block, which the kernel `reading` updates.
         """
         ...
 
@@ -177,7 +177,7 @@ class RangedDevice(Protocol):
 
 @runtime_checkable
 class SwitchedDevice(Protocol):
-    """A device with switches: buttons, pedals, a switch that closes when it is held."""
+    """A device with switches: buttons, pedals, or a deadman switch, which is closed while it is held."""
 
     @property
     def switches(self) -> int:
@@ -219,12 +219,12 @@ class OperatedDevice(Protocol):
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
-        """Make the plant for a hand with this `operator`, or with one whose reactions are no later."""
+        """Make the plant for a hand with this `operator`, or with an operator whose reaction delay is no longer."""
         ...
 
 
 def is_hardware(device: object) -> bool:
-    """Tell whether a device is real hardware, which follows the wall clock and which a person may hold."""
+    """Tell whether a device is real hardware, which needs real time and which a person may hold."""
     return not isinstance(device, SimulatedDevice)
 
 
@@ -242,9 +242,9 @@ class DevicePorts(NamedTuple):
 class FusedDevice(SimulatedDevice, Protocol):
     """A simulated device that exposes its block and its kernels: a run reads and writes it without Python calls.
 
-    After `open`, and after its plant has been made and placed, each sample copies the entries `sensed` of its plant to
-    its block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`, calls `writing(S, 0)`
-    and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
+    The device must be open, and its plant made and placed. Each sample then copies the entries `sensed` of the plant's
+    block to the device's block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`, calls
+    `writing(S, 0)`, and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
     """
 
     @property
@@ -264,7 +264,7 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def sensed(self) -> Index:
-        """Entries of its plant's block that its sensors measure, in order; none before it has a plant."""
+        """Entries of the plant's block that the device's sensors measure, in order; empty before a plant is made."""
         ...
 
     @property
@@ -274,12 +274,12 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def writing(self) -> Kernel:
-        """Kernel writing(S, o). It returns 0, or the code of the fault for which it has stopped."""
+        """Kernel writing(S, o). It returns 0, or the code of the fault that has stopped the device."""
         ...
 
     @property
     def stopping(self) -> Kernel:
-        """Kernel stopping(S, o); it sets zero force and discards delayed forces."""
+        """Kernel stopping(S, o), which sets the force to zero and discards delayed forces."""
         ...
 
     def fault_text(self, code: int) -> str:
@@ -305,7 +305,8 @@ def limit_port(device: FusedDevice) -> int | None:
 def fused(device: Device) -> FusedDevice | None:
     """Return the device if its kernels do everything that its methods do.
 
-    None if it has no kernels, or if its class overrides the `read`, `write` or `stop` of a class with kernels.
+    Return None if the device has no kernels, or if its class overrides `read`, `write` or `stop` of a class with
+    kernels.
     """
     if isinstance(device, FusedDevice) and unaltered(
         device, ("read", "write", "stop"), ("reading", "writing", "stopping")

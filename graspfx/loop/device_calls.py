@@ -10,10 +10,10 @@ FRESH, REPEAT = 0, 1  # return values; less than zero is a fault
 class Calls(NamedTuple):
     """Addresses of C functions `int64 f(void *context, double *block)`: 0 fresh, 1 held, less than zero a fault.
 
-    The block of `ask` and `read` holds positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0 has
-    filled both. Any other return value is a fault. The block of `write` and `stop` holds forces (k, d) [N]; `write`
-    receives only finite forces within `features.peak_force`. `stop` sets zero force, whatever the block holds. A
-    function that waits delays the loop.
+    The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
+    has filled both. Any other return value is a fault. The block of `write` and `stop` contains forces (k, d) [N];
+    `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, whatever the block
+    contains. A function that waits delays the loop.
 
     In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. A device that was not
     asked in a turn, or was already written, is therefore asked again before it is stopped.
@@ -37,8 +37,8 @@ class Calls(NamedTuple):
 class CallsDevice(Protocol):
     """A device that offers C functions while it is open, for a loop without Python.
 
-    It also has all methods of a `Device`, which open it, read it before the run and stop it afterwards. They take over
-    where the C functions stop.
+    The device also has all methods of a `Device`. These methods open the device, read it before the run, stop it
+    afterwards, and replace the C functions when the loop without Python ends.
     """
 
     @property
@@ -49,9 +49,10 @@ class CallsDevice(Protocol):
 
 @runtime_checkable
 class DrivingDevice(Protocol):
-    """A device driven by its vendor's thread, which calls once per period; its functions may be called only there.
+    """A device driven by its vendor's thread, which calls a function once per period.
 
-    Devices that share such a thread are driven through one of them.
+    The device's C functions may be called only in that thread. Devices that share a thread are driven through one of
+    these devices.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""Exchange with devices in plain Python: ask, read, write, stop. Exceptions become messages that name the device."""
+"""Exchange with Python devices: ask, read, write, stop. Exceptions are converted to messages that name the device."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 ZERO = "all forces are zero"
 DRIVERS = Exception, SystemExit  # includes SystemExit, so that a library's `sys.exit` does not end a run with hardware
 READ_TIME, WRITE_TIME = start_of(LoopState, "io_read"), start_of(LoopState, "io_write")
-CALLS = "ask", "read", "write", "stop"  # message for a device that may hang while it exerts a force
+CALLS = "ask", "read", "write", "stop"  # calls that may hang while a device exerts a force
 
 
 @dataclass
@@ -38,21 +38,21 @@ class Port:
     position: FloatArray
     velocity: FloatArray
     command: FloatArray
-    memory: FloatArray  # whether the device could be read, then the three above and the limits
-    limit: FloatArray | None = None  # of a device whose largest force depends on its position
+    memory: FloatArray  # whether the device could be read, then the three arrays above and the limits
+    limit: FloatArray | None = None  # limits of a device whose largest force depends on its position
     misses: FloatArray | None = None  # successive samples without a new reading (1,), if a safety chain counts them
     elapsed: FloatArray | None = None  # periods since the last tick (1,), if a safety chain uses them
     time: float | None = None  # time of the last reading [s]
-    cause: FloatArray | None = None  # why forces decay (1,), if a safety chain lets them
+    cause: FloatArray | None = None  # cause for which the safety chain lets forces decay (1,); None without a chain
 
     def let_go(self, cause: int) -> bool:
-        """Let forces decay because of this device, unless they already do; False without a safety chain."""
+        """Let the safety chain decay the forces for this cause, unless they decay already; False without a chain."""
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
 
     def begin(self, periods: int) -> None:
-        """Begin a tick `periods` periods after the last one; nothing is read yet."""
+        """Begin a tick, `periods` periods after the last tick; mark the device as not read."""
         self.memory[0] = 0.0
         if self.elapsed is not None:
             self.elapsed[0] = periods
@@ -75,11 +75,11 @@ def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
 
 
 class DevicePort:
-    """A Python device at its port. Each call returns a message if something is wrong, or an empty string.
+    """A Python device and its port. Each method that calls the device returns an error message, or an empty string.
 
     Args:
-        port: memory through which it is read and written.
-        station: device and its fingers.
+        port: memory through which the device is read and written.
+        station: device and the fingers that it moves.
         fingers: names of the scene's fingers.
         period: sampling period T [s].
         guards: guards of hardware.
@@ -91,10 +91,10 @@ class DevicePort:
         fitting: relation of the device to the scene.
         readings: state and statistics of its readings in the run.
         log: recording of its further readings; None if they are not recorded.
-        place: number of its first call among those of all devices, from 1 (`call_of`).
-        is_unstopped: whether the last attempt to stop it failed.
-        is_up: whether its deadman switch was open at the last reading.
-        watches: whether an open deadman switch removes the force; before a run there is no force.
+        place: number of the device's first call among the calls of all devices, from 1 (`call_of`).
+        is_unstopped: whether the last attempt to stop the device failed.
+        is_up: whether the device's deadman switch was open at the last reading.
+        watches: whether an open deadman switch removes the force; False before a run, when there is no force.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class DevicePort:
         self.hardware = is_hardware(self.device)
         self.place = 1 + len(CALLS) * port.station
         self.readings = Readings(port.position.shape, period, guards if self.hardware else None, self.fitting.frame)
-        self._since = self.fitting.every - 1  # ticks since it was called
+        self._since = self.fitting.every - 1  # ticks since the device was called
         self.workspace = self.device.features.workspace
         self.log: PortLog | None = None
         self.is_up = False
@@ -116,12 +116,12 @@ class DevicePort:
 
     @property
     def fingers(self) -> list[int]:
-        """Indices of the fingers that it moves."""
+        """Indices of the fingers that the device moves."""
         return [finger for finger in self.channels if finger >= 0]
 
     @property
     def is_gone(self) -> bool:
-        """Whether one of its calls has failed; it is then not read again."""
+        """Whether a call of the device has failed; the device is then not read again."""
         return self.readings.is_gone
 
     @is_gone.setter
@@ -129,7 +129,7 @@ class DevicePort:
         self.readings.is_gone = is_it
 
     def open(self, period: float) -> str:
-        """Prepare for one reading and one writing per period."""
+        """Open the device for one reading and one writing per period."""
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
@@ -148,7 +148,7 @@ class DevicePort:
         return ""
 
     def read(self, periods: int) -> str:
-        """Read into the port, `periods` periods after the last time, if the device is called in this tick."""
+        """If the device is called in this tick, read it into the port, `periods` periods after the last tick."""
         port, readings = self.port, self.readings
         port.begin(periods)
         if self.log is not None:
@@ -182,7 +182,7 @@ class DevicePort:
         return ""
 
     def write(self) -> str:
-        """Display the forces at the port, if the device is called in this tick."""
+        """If the device is called in this tick, display the forces at the port."""
         if self._since:
             return ""
         frame = self.fitting.frame
@@ -220,7 +220,7 @@ class DevicePort:
         """Check the deadman switch. If it is open, let the safety chain remove the force and return the reason."""
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
-            return f"returned {abbreviate(switches)} for its switches, expected a integer with one bit per switch"
+            return f"returned {abbreviate(switches)} for its switches, expected an integer with one bit per switch"
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
             return ""
@@ -232,7 +232,7 @@ class DevicePort:
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Describe a failed call; the message of a simulation is used unchanged."""
+        """Describe a failed call; the error message of a simulated device is used unchanged."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)
@@ -240,10 +240,10 @@ class DevicePort:
 
 
 class DeviceExchange:
-    """Python devices in their order.
+    """Exchange with all Python devices, in their order.
 
     Attributes:
-        exits: marks when a driver's call runs, so that a signal can interrupt it.
+        exits: record of whether a driver's call runs, so that a signal can interrupt the call.
         call: number of the device call that is running, 0 for none; another process may read it.
     """
 
@@ -254,7 +254,7 @@ class DeviceExchange:
 
     @property
     def hardware(self) -> DeviceExchange:
-        """The real devices among them."""
+        """Exchange with the real devices only."""
         part = DeviceExchange(each for each in self.ports if each.hardware)
         part.exits, part.call = self.exits, self.call
         return part
@@ -291,7 +291,7 @@ class DeviceExchange:
         """Write the forces to the devices, up to the first failure; return its message.
 
         Raises:
-            Interruption: a signal has come while a driver let no exception pass, or a second one: no force comes after.
+            Interruption: a signal arrived that a driver's code suppressed, or a second signal; no force is written.
         """
         if self.exits.at_once:
             raise Interruption(self.exits.cause)
@@ -308,7 +308,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, first those that still respond; list those of them that fail."""
+        """Set the force of every device to zero, responding devices first; list the failures of these."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:
@@ -328,19 +328,19 @@ class DeviceExchange:
 
 
 def call_of(place: int, names: Sequence[str]) -> str:
-    """Return the device call that a number denotes, from the names of all devices; empty for none."""
+    """Describe the device call that a number denotes, with the device's name; empty if it denotes none."""
     number, call = divmod(place - 1, len(CALLS))
     return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
 
 def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
-    """Run each call even if another raises an exception; list the error messages."""
+    """Make each call even if another call raises an exception; list the error messages."""
     texts: list[str] = []
     for i, call in enumerate(calls):
         try:
             texts.append(call())
         except BaseException:
-            _all(calls[i + 1 :])  # the exception then continues
+            _all(calls[i + 1 :])  # then the exception propagates
             raise
     return [text for text in texts if text]
 
@@ -356,13 +356,13 @@ def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
 
 
 class LoopLog:
-    """Record each tick's time and the duration of device calls, and read and write the devices.
+    """Reads and writes the devices, and records the time of each tick and the duration of device calls.
 
     Args:
         memory: Memory of the loop, `LoopState`.
         layout: Layout of its rows.
-        devices: Devices in plain Python, whose ports record further readings.
-        pacer: Pacer that each tick has waited for.
+        devices: Python devices, whose ports record further readings.
+        pacer: Pacer for which each tick has waited.
     """
 
     def __init__(self, memory: FloatArray, layout: Layout, devices: DeviceExchange, pacer: Pacer) -> None:

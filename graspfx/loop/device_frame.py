@@ -76,7 +76,7 @@ class Frame:
         )
 
     def _box(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return a box in the axes of the scene inside a device's box, as large as its proportions allow."""
+        """Return a box in the scene's axes that lies inside the device's box, as large as its proportions allow."""
         half = 0.5 * (np.asarray(upper, dtype=float) - lower)
         middle = self.place(0.5 * (np.asarray(upper, dtype=float) + lower))
         outer = np.abs(self.axes) @ half
@@ -95,13 +95,13 @@ def frame(
 
     Args:
         dimensions: Number of dimensions d.
-        origin: Origin of the device in the scene (d,) [m]; that of the scene if None.
-        axes: Device axis along each axis of the scene, such as "x -z y", or R (d, d); the same axes if None.
+        origin: Origin of the device in the scene (d,) [m]; if None, the scene's origin.
+        axes: Device axis along each axis of the scene, such as "x -z y", or R (d, d); if None, the scene's axes.
         scale: Metres in the scene per metre of the device.
 
     Raises:
-        InputError: If the axes are not a rotation. In a plane or on a line they may also be mirrored, because a device
-            can be seen from behind.
+        InputError: If the axes are not a rotation. In a plane or on a line the axes may also be mirrored, because a
+            device can be seen from behind.
     """
     d = dimensions
     point = np.zeros(d) if origin is None else np.array(origin, dtype=float)

@@ -17,8 +17,8 @@ class Fitting:
     Attributes:
         frame: frame of the device in the scene; None for the scene's axes.
         deadman: number of the switch that must be held for a force; None without one.
-        every: number of ticks between exchanges with the device.
-        measures: measured features of this unit, which override those that its driver reports.
+        every: number of ticks from one exchange with the device to the next.
+        measures: features measured on this unit, which replace the features that the driver reports.
         jitter: smallest and largest lateness, each ignoring 1 % of the samples [s]; None if unknown.
         round_trip: part of the lateness due to reading and writing [s].
     """
@@ -36,7 +36,7 @@ class Fitting:
         return 1.0 if self.frame is None else self.frame.scale
 
     def features(self, own: Features) -> Features:
-        """Convert a device's features to the scene. A device called every m ticks has m - 1 more samples of delay."""
+        """Convert a device's features to the scene. Calls every m ticks add m - 1 samples to the delay."""
         if self.measures:
             own = replace(own, **self.measures)
         if self.every > 1:

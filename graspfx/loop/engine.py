@@ -1,4 +1,4 @@
-"""Engines that run `steps`: compiled (one machine code for all scenes) or interpreted (the same source)."""
+"""Engines that run `steps`: compiled (one machine code for all scenes) or interpreted (from the same source)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Engine(Protocol):
 
     @property
     def patience(self) -> int:
-        """Largest number of ticks per call, which bounds the wait for a stop."""
+        """Largest number of ticks per call; it bounds the delay of a stop."""
         ...
 
     def write_to(self, rows: FloatArray) -> None:
@@ -60,10 +60,10 @@ class Interpreted:
     """`steps` run by Python; every index of a third-party kernel is checked.
 
     Args:
-        arena: of the scene.
+        arena: arena of the scene.
 
     Raises:
-        KernelError: a kernel of others with a fault.
+        KernelError: a third-party kernel has a fault.
     """
 
     name = "interpreted"
@@ -97,11 +97,11 @@ class Compiled:
     """`steps` as machine code.
 
     Args:
-        arena: of the scene.
+        arena: arena of the scene.
 
     Raises:
-        MissingPackageError: no LLVM to compile with.
-        InputError: a kernel of others that cannot be compiled.
+        MissingPackageError: LLVM is needed and not installed.
+        InputError: a third-party kernel cannot be compiled.
     """
 
     name = "compiled"
@@ -113,7 +113,7 @@ class Compiled:
         self._arena, self.world, self._program = arena, arena.offset, program()
         first = Interpreted(arena) if arena.foreign else None
         self._first = first if first is not None and first.is_checked else None
-        self._left = FIRST if self._first is not None else 0  # ticks that are checked
+        self._left = FIRST if self._first is not None else 0  # number of ticks still to be checked
         self._machine = machine_codes(arena)  # keeps the code alive while it may be called
         self._bound: Bound | None = None
         self._rows: FloatArray | None = None
@@ -167,9 +167,9 @@ def engine_for(kind: str, arena: Arena) -> Engine:
     """Make an engine: "interpreted", "compiled", or "auto" (compiled where possible).
 
     Raises:
-        MissingPackageError: "compiled" without LLVM.
-        InputError: "compiled" with a kernel that cannot be compiled.
-        KernelError: a kernel of others with a fault.
+        MissingPackageError: "compiled" was requested, and LLVM is not installed.
+        InputError: "compiled" was requested, and a kernel cannot be compiled.
+        KernelError: a third-party kernel has a fault.
     """
     if kind == "interpreted":
         return Interpreted(arena)
@@ -196,7 +196,7 @@ def program() -> Native:
     if not is_heard() and sys.stderr is not None and sys.stderr.isatty():
         print(f"{text} ...", file=sys.stderr, flush=True)  # compiling at the first use makes the user wait
     with waiting(text), alone(lock_folder(), "kernels") as waited:
-        kept = kept_program() if waited else None  # another process has compiled it meanwhile
+        kept = kept_program() if waited else None  # another process may have compiled it in the meantime
         return kept or compiled(source())
 
 
@@ -227,13 +227,13 @@ def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
     """Compile the kernels of a scene that the common program lacks.
 
     Raises:
-        InputError: one that cannot be compiled.
+        InputError: a kernel cannot be compiled.
     """
     return [(each, _machine_code(each)) for each in arena.foreign]
 
 
 def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel:
-    """Make a third-party kernel index its own blocks, which may be separate."""
+    """Wrap a third-party kernel so that it indexes its own blocks, which may lie outside the common memory."""
     views = [memoryview(each) for each in foreign.blocks]
     starts = [arena.place(each) for each in foreign.blocks]
 
@@ -247,7 +247,7 @@ def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel
 
 
 def _machine_code(foreign: ForeignKernel) -> Native:
-    """Compile a kernel that the common program lacks, as a function of its block's index and numbers."""
+    """Compile a kernel that the common program lacks, as a function of its block's place and further numbers."""
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source
     from graspfx.compile.specialise.definitions import definition

@@ -34,12 +34,12 @@ class Follower:
 
         r'' = w^2 (u - r) - 2 w r',   w = 1/tau
 
-    The solution over a step of any length is exact. With e = r - u and c = r' + w e at its beginning,
+    The solution over a step of any length h is exact. With e = r - u and c = r' + w e at the step's beginning,
 
         e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
 
-    From rest it never overshoots. Its position and velocity are continuous. It lags a target of constant velocity by
-    2 tau.
+    From rest the follower never overshoots. Its position and velocity are continuous. Behind a target of constant
+    velocity the follower lags by 2 tau.
 
     Args:
         lag: time constant tau, above zero [s].
@@ -57,7 +57,7 @@ class Follower:
         self.velocity: FloatArray = np.zeros_like(self.position)
 
     def place(self, position: ArrayLike) -> None:
-        """Set it to a position, at rest."""
+        """Set the follower to a position, at rest."""
         self.position[...], self.velocity[...] = position, 0.0
 
     def follow(self, target: ArrayLike, duration: float) -> None:

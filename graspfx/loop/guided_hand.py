@@ -25,8 +25,8 @@ class GuidedHand:
 
         r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
 
-    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset. Each is critically damped
-    (`Follower`), so a target neither jumps with its goal nor overshoots it.
+    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset. Both are critically damped
+    (`Follower`), so targets neither jump nor overshoot when goals change.
 
     Args:
         hand: hand with motions of this package only.
@@ -88,22 +88,22 @@ class GuidedHand:
 
     @property
     def still(self) -> bool:
-        """Whether its targets never change; always False, because goals may change."""
+        """Whether the targets never change; always False, because goals may change."""
         return False
 
     def adopt(self, other: GuidedHand) -> None:
-        """Adopt gains, rest, motions and goals of a hand of the same structure; the followers keep their state."""
+        """Adopt gains, rest, motions and goals of a hand of the same structure; keep the state of the followers."""
         adopt_block(self, other)
         self._hand = other._hand
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then take hold of the hand again."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant must be attached to the hand again."""
         self._hand.regain(stiffness, damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s].
 
-        The followers advance to that time; they never go back.
+        The followers advance to that time; they never move back in time.
         """
         guided_target(GuidedHandState(self.state.data), time)
         return targets_of(self.state, self.ports, self.stiffness)

@@ -29,11 +29,11 @@ class Hand:
 
         r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
 
-    x is the motion, R the product of the turns about c, s the squeeze and u_i the unit vector along `inward`. The one
-    number s closes all fingers (a synergy), and its directions turn with the hand. Without motion, turns and squeeze
-    the hand is a spring and damper to `rest`; with zero gains it exerts no force.
+    x is the motion, R the product of the turns about c, s the squeeze, and u_i the unit vector along `inward`. The
+    single number s closes all fingers (a synergy); the directions of the squeeze turn with the hand. Without motion,
+    turns and squeeze the hand is a spring and damper to `rest`. With zero gains the hand exerts no force.
 
-    With motions of this package it is a `FusedHand`; with a third-party motion it has no `kernel`.
+    With motions of this package the hand is a `FusedHand`; with a third-party motion it has no `kernel`.
 
     Args:
         rest: rest positions of the fingers, (n, d) [m].
@@ -46,11 +46,11 @@ class Hand:
         inward: directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze.
         squeeze_ramp: duration of the minimum-jerk step [s].
         share: factor on the squeeze, a number or one per finger (n,).
-        turns: rotations R and centres c, applied in order; each turns about a fixed axis.
+        turns: rotations R and their centres c, applied in order, each about a fixed axis.
     """
 
     declaration = HandState
-    followers: Sequence[int] = ()  # entries of the block that are kept when a hand adopts another's parameters
+    followers: Sequence[int] = ()  # entries of the block that `adopt` does not overwrite
     goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide the hand: offsets (n d), then the squeeze
     operator: Operator | None = None  # operator model of the hand; spring and damper only if None
 
@@ -72,11 +72,11 @@ class Hand:
         self._damping = _gains("damping", damping, n, d)
         x: Motion = Rest() if motion is None else motion
         if x.dimensions not in (None, d):
-            raise InputError("motion", x.dimensions, f"a motion in {d} dimensions, as rest has")
+            raise InputError("motion", x.dimensions, f"a motion in {d} dimensions, like `rest`")
         if any(turn.dimensions != d for turn in turns):
-            raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, as rest has")
+            raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, like `rest`")
         if any(getattr(type(turn), "turned", None) is not Turn.turned for turn in turns):
-            raise InputError("turns", turns, "instances of Turn", "another course in time is a motion of its angle")
+            raise InputError("turns", turns, "instances of Turn", "give the course in time as a motion of its angle")
         closing = _squeeze(squeeze, squeeze_ramp)
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
@@ -122,15 +122,16 @@ class Hand:
     ) -> Hand:
         """Make a hand whose arm moves the fingers' mean and whose grip moves them against each other.
 
-            K = k_arm 11'/n + k_grip (I - 11'/n), B alike, on each axis
+            K = k_arm 11'/n + k_grip (I - 11'/n), and B with b_arm and b_grip, on each axis
 
-        For the mean x_e, the fingers' forces add up to n (k_arm x_e + b_arm x_e'), Z+ of Kawai and Yoshikawa, fig. 9.
-        For the deviations x_i, each finger has k_grip and b_grip, their Z- (eqs. 13-19). A rotation of the fingers
-        about their mean is part of the deviations, so the grip resists it.
+        For the mean x_e, the sum of the fingers' forces is n (k_arm x_e + b_arm x_e'), which is Z+ of Kawai and
+        Yoshikawa, fig. 9. For the deviations x_i from the mean, the force of each finger is that of k_grip and b_grip,
+        Z- of Kawai and Yoshikawa (eqs. 13-19). The grip also resists a rotation of the fingers about their mean,
+        because the rotation is part of the deviations.
 
         Args:
             arm: stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
-            grip: the same.
+            grip: stiffness [N/m] and damping [N s/m] per finger, in the same form.
         """
         n, d = _rest(rest).shape
         mean = np.full((n, n), 1.0 / n)
@@ -154,7 +155,7 @@ class Hand:
 
     @property
     def still(self) -> bool:
-        """Whether its targets never change."""
+        """Whether the hand's targets never change."""
         block = HandState(self.state)
         moves = block.turns or block.squeeze.count or block.motion.count
         return type(self).target is Hand.target and not moves
@@ -181,7 +182,8 @@ class JoinedHands:
 
     Args:
         hands: in any order.
-        order: index of each finger of the joined hand among the hands' concatenated fingers; their own order if None.
+        order: index of each finger of the joined hand among the hands' concatenated fingers; if None, the fingers keep
+            that order.
     """
 
     declaration = JoinedHandsState
@@ -273,17 +275,17 @@ class JoinedHands:
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
-    """Join several hands that share a plant into one; `order` as in JoinedHands."""
+    """Join several hands that share a plant into one; `order` is that of `JoinedHands`."""
     if len(hands) == 1 and (order is None or list(order) == sorted(order)):
         return hands[0]
     return JoinedHands(hands, order)
 
 
 def adopt_block(hand: Any, other: Any) -> None:
-    """Copy the block of another hand, from which targets are computed at each time.
+    """Copy another hand's block, which contains all parameters from which targets are computed.
 
     Raises:
-        InputError: a hand of another structure, or one with motions without kernels.
+        InputError: the other hand differs in structure, or a motion has no kernel.
     """
     followers: Sequence[int] = hand.followers
     same = type(other) is type(hand) and other.state.shape == hand.state.shape
@@ -375,7 +377,7 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def targets_of(S: FloatArray, ports: plant.HandPorts, K: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Copy the targets that a hand's kernel left in its block."""
+    """Copy the targets that a hand's kernel has written to the block."""
     d, n, _ = K.shape
     both = S[ports.position : ports.position + 2 * n * d].reshape(2, n, d).copy()
     both.flags.writeable = False

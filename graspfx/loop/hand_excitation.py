@@ -1,4 +1,4 @@
-"""Motion that a scene's hands excite, intended or as tremor and noise, computed from the table of a recording."""
+"""Motion of a scene's hands, computed from the table in a recording: intended motion, tremor and noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from graspfx.loop.operator import NOISE, Operator
 FloatArray = NDArray[np.float64]
 
 FASTEST = 10.0  # [Hz], upper bound of an operator's intended motion
-HARMONICS = 3  # highest harmonic of a sine that contacts and turns may generate
+HARMONICS = 3  # highest harmonic of a sine that contacts and rotations may generate
 CLOSE = 0.05  # relative tolerance of a frequency
 
 
@@ -27,9 +27,9 @@ class Drive:
     """Motions by which hands excite some fingers.
 
     Attributes:
-        parts: Intended motions, each with the factor that converts its offset to metres at the fingertips.
-        frequencies: Frequencies of its sines [Hz].
-        complete: False if a hand's motion is in no table, or a person moves the device.
+        parts: Intended motions, each with the factor that converts the motion's offset to metres at the fingertips.
+        frequencies: Frequencies of the sines in the intended motions [Hz].
+        complete: False if the table does not determine a hand's motion, or if a person moves the device.
         tremors: Unintended motions of the hands.
         noises: Operators with signal-dependent noise, proportional to their muscle forces.
     """
@@ -54,8 +54,8 @@ class Drive:
 
         Args:
             times: Times [s].
-            depth: Displacement of the fingers relative to the object [m]. The muscle forces cause it, so a relative
-                change of the forces changes it by the same fraction.
+            depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
+                relative change of the forces changes it by the same fraction.
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
@@ -125,7 +125,7 @@ def drive(
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
-    """Tell whether a hand may move a finger; without a hand, its device must be one that keeps its position."""
+    """Tell whether a finger has a hand, or else the device "simulated", which keeps its position without a hand."""
     device = finger.get("device")
     if isinstance(device, str):
         device = next((each for each in table.get("device") or [] if each.get("name") == device), None)

@@ -14,8 +14,8 @@ def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
     Args:
         parts: parts of the scene.
         kind: kind of the part that failed, as latched by the tick.
-        index: index of the part among its kind.
-        code: fault code of its kernel.
+        index: index of the part among the parts of this kind.
+        code: fault code of the part's kernel.
     """
     fingers = parts.layout.fingers
     if kind == SAFETY and parts.safety is not None:

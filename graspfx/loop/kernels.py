@@ -16,7 +16,7 @@ from graspfx.compile.kernel_marks import bound_late
 
 Kernel = Callable[..., Any]
 
-PARTS = (  # of devices and plants: block
+PARTS = (  # kernels of devices and plants; argument: block
     "graspfx.devices.simulated.point_sample.read",
     "graspfx.devices.simulated.point_sample.write",
     "graspfx.devices.simulated.point_sample.stop",
@@ -27,13 +27,13 @@ PARTS = (  # of devices and plants: block
     "graspfx.devices.two_link.arm_sample.stop",
     "graspfx.devices.two_link.arm_dynamics.advance",
 )
-HANDS = (  # block, time
+HANDS = (  # kernels of hands; arguments: block, time
     "graspfx.loop.motion.targets.target",
     "graspfx.loop.motion.targets.guided_target",
     "graspfx.loop.motion.targets.joined_target",
     "graspfx.loop.motion.targets.joined_guided_target",
 )
-BODIES = (  # block, block beside it, period
+BODIES = (  # kernels of bodies; arguments: block, second block, period
     "graspfx.objects.body.advance",
     "graspfx.objects.body.expect",
     "graspfx.objects.floor.floor.advance",

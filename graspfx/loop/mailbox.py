@@ -1,4 +1,4 @@
-"""A mailbox between Python and a vendor's thread, for devices whose C functions may run in that thread only."""
+"""A mailbox between Python and a vendor's thread, for devices whose C functions may be called only in that thread."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from graspfx.loop.device_calls import Calls
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 20  # turns without a message from Python after which forces are zero
+PATIENCE = 20  # turns without new forces from Python, after which forces are zero
 NAP = 2e-4  # time between two checks [s]
 
 
 class Mailbox:
-    """Exchange of some devices with Python or the native loop in a vendor's thread.
+    """Exchange between devices in a vendor's thread and Python or the native loop.
 
-    The thread calls `unsigned function(void *context)` once a period. In such a turn all devices are asked, then read,
-    and written in the reverse order: with the forces that Python has left here, or zero if it has left none for 20
-    turns. A device with a fault is stopped in this and in all later turns. While a loop drives (`drive`) it has the
-    turns instead.
+    The thread calls `unsigned function(void *context)` once a period; each call is a turn. In a turn all devices are
+    asked, then read, and then written in the reverse order. They receive the forces that Python has written here, or
+    zero if Python has written none for 20 turns. A device with a fault is stopped in this and in all later turns. While
+    a loop drives the devices (`drive`), the turns call the loop instead.
 
     Args:
-        calls: of the devices.
-        shape: (k, d) of each.
-        now, sleep: clock of the waits, and how to wait on it.
+        calls: C functions of the devices.
+        shape: shape (k, d) of each device.
+        now, sleep: function that returns the time, and function that waits.
 
     Attributes:
         function, context: addresses for the vendor's thread.
@@ -87,7 +87,7 @@ class Mailbox:
                 return before // 2, sample[0], sample[1]
 
     def write(self, i: int, forces: FloatArray) -> None:
-        """Set forces (k, d) [N] for a device; they must be finite and within its limit."""
+        """Set forces (k, d) [N] for a device; the forces must be finite and within the device's limit."""
         words = self._device(i)
         news = int(words[at.NEWS]) + 1
         self._orders[i, news % 2] = forces
@@ -98,7 +98,7 @@ class Mailbox:
         return int(self._device(i)[at.FAULT])
 
     def wait(self, turns: int, longest: float) -> bool:
-        """Wait up to a time [s] for a number of turns; return whether they were completed."""
+        """Wait for a number of turns, at most `longest` [s]; return whether the turns were completed."""
         last, end = self.turns + turns, self._now() + longest
         while self.turns < last:
             if self._now() > end:
@@ -107,12 +107,12 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let a loop use the turns, `unsigned function(void *context)`; it returns 1 for a tick, 0 for none."""
+        """Let the turns call a loop, `unsigned function(void *context)`, which returns 1 for a tick and 0 for none."""
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 
     def release(self, longest: float) -> bool:
-        """End the loop's use of the turns; return whether it ended within a time [s]."""
+        """End the calls of the loop; return whether the last call ended within `longest` [s]."""
         self._words[at.LOOP] = 0
         end = self._now() + longest
         while True:

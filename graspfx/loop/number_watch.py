@@ -1,4 +1,4 @@
-"""Detection of direct writes to numbers that only an update may change, because a recording depends on them."""
+"""Detection of direct writes to numbers that only an update may change, because the recording depends on them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ DO = "name its key in gx.open(scene, live=[...]) and use session.set"
 class Watch:
     """Watched entries of a run's memories and their expected bits.
 
-    They determine a grasp's P and gains and select what is computed. Reading them all takes a microsecond or two.
+    The watched entries determine a grasp's P and gains, and select what is computed. Reading all of them takes a
+    microsecond or two.
 
     Args:
         objects: Objects whose grasps are watched.
@@ -28,7 +29,7 @@ class Watch:
 
     def __init__(self, objects: Sequence[GraspedPart]) -> None:
         self._objects = objects
-        self._stretches: list[tuple[FloatArray, int, int]] = []  # memories, with the first entry and the end
+        self._stretches: list[tuple[FloatArray, int, int]] = []  # memory, first entry and end of each stretch
         self._views: list[memoryview] = []  # views of the stretches
         self._bits = b""
         self._seen: set[tuple[int, int]] = set()
@@ -43,7 +44,7 @@ class Watch:
         self._bits = b"".join(self._views)
 
     def require(self) -> None:
-        """Require that every entry is unchanged; gains may differ if they agree with the switches of their block.
+        """Require that every entry is unchanged. Gains may have changed if they agree with their block's switches.
 
         Raises:
             InputError: an entry was written to; the message names it.
@@ -63,7 +64,7 @@ class Watch:
         self.note()
 
     def _add(self, array: FloatArray, entries: Sequence[int]) -> None:
-        """Watch entries with their present bits, in addition to the entries watched before."""
+        """Watch further entries, with their present bits."""
         left = sorted({k for k in map(int, entries) if (id(array), k) not in self._seen})
         if not left:
             return
@@ -84,7 +85,7 @@ class Watch:
             yield from ((array, first + int(i), float(values[i])) for i in np.flatnonzero(~same))
 
     def _require_free(self, array: FloatArray, k: int, value: float) -> None:
-        """Require that an entry may differ from its former value."""
+        """Raise an error unless an entry may differ from its former value."""
         if (id(array), k) not in self._free:
             part = next(part for part in self._objects if part.grasped.block is array)
             name = f"{part.name}: {name_of(GraspState, k, array)}"
@@ -92,7 +93,7 @@ class Watch:
 
 
 def _stretches(entries: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """List the contiguous ranges of sorted entries: the first of each, and its end."""
+    """List the contiguous ranges of sorted entries: first entry and end of each range."""
     numbers = np.array(entries)
     breaks = np.flatnonzero(np.diff(numbers) > 1)
     firsts, lasts = [entries[0], *numbers[breaks + 1].tolist()], [*numbers[breaks].tolist(), entries[-1]]

@@ -1,4 +1,4 @@
-"""Operator model in addition to the hand's springs and dampers: limb, stiffening, reaction and noise."""
+"""Operator model beyond the hand's springs and dampers: limb, stiffening, reaction and noise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from graspfx.spatial import Vector
 FloatArray = NDArray[np.float64]
 
 WAVES = 24  # sines of the noise of one finger
-NOISE = 3  # last word of the seed of noise: those of a tremor's axes are 0 to 2
+NOISE = 3  # last word of the seed of noise; the last words of a tremor's axes are 0 to 2
 
 
 class FingerOperator(Record):
@@ -25,14 +25,14 @@ class FingerOperator(Record):
     limb_stiffness: Vector  # K_l, per axis [N/m]
     limb_damping: Vector  # B_l [N s/m]
     rise: float  # slope of the stiffness over the grip force [N/m per N]
-    damping_rise: float  # [N s/m per N]
+    damping_rise: float  # slope of the damping over the grip force [N s/m per N]
     grip_lag: float  # time constant by which the grip force follows the displayed force [s]
     delay: float  # delay of the voluntary force [s]
-    pull: float  # its stiffness k [N/m]
-    pull_damping: float  # its damping b [N s/m]
-    counter: float  # fraction g of the displayed force that it counteracts
-    share: float  # noise per muscle force
-    command_lag: float  # time constant with which the noise follows that force [s]
+    pull: float  # stiffness k of the voluntary force [N/m]
+    pull_damping: float  # damping b of the voluntary force [N s/m]
+    counter: float  # fraction g of the displayed force that the voluntary force counteracts
+    share: float  # standard deviation of the noise, relative to the muscle force
+    command_lag: float  # time constant with which the noise's amplitude follows the muscle force [s]
     frequency: Floats = floats("24")  # frequencies of the sines of the noise [rad/s]
     phase: Floats = floats("24")
 
@@ -44,7 +44,7 @@ class Operator:
         F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
         h(t) = (k (r - p) + b (r' - p') - g u)(t - delay) + share x(t) F_m
 
-    Without a limb y = r. F_m is the lagged muscle force, and x is noise of mean 0 and variance 1.
+    Without a limb y = r. F_m is the lagged muscle force, and x is noise with mean 0 and variance 1.
 
     Args:
         fingers: number of fingers n.
@@ -89,7 +89,7 @@ class Operator:
             finger.array(FingerOperator.phase)[:] = phase
 
     def noise(self, times: FloatArray) -> FloatArray:
-        """Compute share x(t) of each finger at times (M,), (M, n): its noise relative to the muscle force."""
+        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,), (M, n)."""
         columns = []
         for i in range(len(self.numbers)):
             finger = self.finger(i)
@@ -106,7 +106,7 @@ class Operator:
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
         """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
 
-        It is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
+        The stiffness at rest is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
             stiffness: stiffness K of the hand (d, n, n) [N/m].
@@ -124,7 +124,7 @@ class Operator:
         return np.stack(away, axis=1)
 
     def _rest(self, stiffness: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute f and the stretch of the tips' springs, each per r - p, (d, n, n)."""
+        """Compute f and the displacement of the fingertips' springs, both per r - p, (d, n, n)."""
         n = len(self.numbers)
         whole = np.array(stiffness, dtype=float)
         stretch = np.zeros_like(whole)
@@ -146,7 +146,7 @@ class Operator:
 def _with_limb(
     tip: FloatArray, limb: FloatArray, soft: NDArray[np.bool_], pull: FloatArray, counter: FloatArray
 ) -> FloatArray:
-    """Solve for x = y - p and the force f on the tips per r - p, (2 n, n): f = tip x + h where there is no limb."""
+    """Solve for x = y - p and the force f on the fingertips, both per r - p, (2 n, n); without a limb f = tip x + h."""
     n = len(tip)
     I = np.eye(n)  # noqa: E741 (the identity's letter)
     s, hard = np.diag(soft.astype(float)), np.diag((~soft).astype(float))

@@ -53,7 +53,7 @@ class FusedHand(Hand, Protocol):
 
     @property
     def state(self) -> FloatArray:
-        """S, flat, the same array for the hand's life."""
+        """Block S, flat; the same array for the hand's lifetime."""
         ...
 
     @property
@@ -68,7 +68,7 @@ class FusedHand(Hand, Protocol):
 
     @property
     def kernel(self) -> HandKernel:
-        """kernel(S, o, t) computes the targets at time t [s] of the hand whose block starts at S[o].
+        """Kernel kernel(S, o, t), which computes the targets at time t [s] of the hand whose block starts at S[o].
 
         A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it.
         """
@@ -76,19 +76,19 @@ class FusedHand(Hand, Protocol):
 
 
 class Plant(Protocol):
-    """The mechanics of one or more simulated devices: all fingers that one hand moves.
+    """The mechanics of one or more simulated devices, which one hand holds and which move together.
 
     The plant holds the true motion, which the devices read through their sensors. It starts at time zero.
     """
 
     @property
     def position(self) -> FloatArray:
-        """True fingertip positions, (n, d) [m], the same array for the plant's life."""
+        """True fingertip positions, (n, d) [m]; the same array for the plant's lifetime."""
         ...
 
     @property
     def velocity(self) -> FloatArray:
-        """True fingertip velocities, (n, d) [m/s], the same array for the plant's life."""
+        """True fingertip velocities, (n, d) [m/s]; the same array for the plant's lifetime."""
         ...
 
     def place(self, position: FloatArray) -> None:
@@ -101,9 +101,9 @@ class Plant(Protocol):
 class Ports(NamedTuple):
     """First entries of the inputs and of the motion in a plant's block, finger by finger."""
 
-    effort: int  # u, (n, d), held over the next sample
-    middle: int | None  # the hand's r, (n, d), then r', (n, d), in the middle of it, if the plant asks for them
-    end: int  # r and r' at its end
+    effort: int  # u, (n, d), constant over the next sample
+    middle: int | None  # the hand's r, (n, d), then r', (n, d), in the middle of that sample, if the plant needs them
+    end: int  # r and r' at the end of that sample
     position: int  # (n, d) [m]
     velocity: int  # (n, d) [m/s]
 
@@ -120,7 +120,7 @@ class FusedPlant(Plant, Protocol):
 
     @property
     def state(self) -> FloatArray:
-        """S, flat, the same array for the plant's life; `position` and `velocity` are views of it."""
+        """Block S, flat; the same array for the plant's lifetime. `position` and `velocity` are views of it."""
         ...
 
     @property
@@ -158,7 +158,7 @@ def is_still(hand: Hand) -> bool:
 def fused(plant: Plant) -> FusedPlant | None:
     """Return the plant if its kernel does everything that `advance` does.
 
-    None if it has no kernel, or if its class overrides the `advance` of a class with a kernel.
+    Return None if the plant has no kernel, or if its class overrides the `advance` of a class with a kernel.
     """
     if isinstance(plant, FusedPlant) and unaltered(plant, ("advance",), ("kernel",)):
         return plant

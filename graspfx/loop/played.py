@@ -1,4 +1,4 @@
-"""Devices played back from a recording: they repeat its readings and display no forces."""
+"""Devices played back from a recording: they repeat the recorded readings and display no forces."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Played(Protocol):
 
 
 class PlayedDevice:
-    """A stand-in for a recorded device, with its features; `Playback` supplies its readings.
+    """A stand-in for a recorded device, with the same features; `Playback` supplies the readings.
 
     Args:
         features: features of the recorded device.
@@ -60,7 +60,7 @@ class PlayedDevice:
         """Do nothing: no preparation is needed."""
 
     def read(self) -> Any:
-        """Read nothing by itself."""
+        """Do nothing: `Playback` writes the readings."""
         raise NotImplementedError
 
     def write(self, forces: FloatArray) -> None:
@@ -87,7 +87,7 @@ class LimitedPlayedDevice(PlayedDevice):
 
 
 class PlayedPlant:
-    """Fingertips at their recorded positions, whatever holds or drives them."""
+    """Fingertips at their recorded positions, whatever forces act on them."""
 
     def __init__(self, n: int, d: int) -> None:
         self.position: FloatArray = np.zeros((n, d))
@@ -105,7 +105,7 @@ class Playback:
 
     Args:
         recording: recording of every tick.
-        largest: second recording, with the largest force of a device if the first lacks it.
+        largest: second recording, which contains the largest force of a device if the first recording lacks it.
         phase: phase of the tick in which the first fault is repeated, if the replay has no fault by then.
     """
 
@@ -124,14 +124,14 @@ class Playback:
         self._tips: FloatArray | None = None
 
     def wirings(self, wired: Sequence[DeviceWiring]) -> tuple[list[DeviceWiring], list[PlantWiring]]:
-        """Replace devices by played devices, and add one plant if their true fingertip positions are recorded."""
+        """Replace devices by played devices, and add one plant if true fingertip positions are recorded."""
         layout = self._recording.layout
         n, d = len(layout.fingers), layout.dimensions
         stations = [DeviceWiring(_played(each.device, d), each.fingers, _calls(each.fitting)) for each in wired]
         if "true_position" not in self._sources:
             return stations, []
         plant = PlayedPlant(n, d)
-        if self._tips is None:  # a servo that is built for its numbers plays nothing
+        if self._tips is None:  # the servo is built only for its numbers and plays nothing
             self._tips = plant.position
         devices: list[Any] = [stations[0].device]
         return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The servo: runs the ticks of a scene, in one call where all parts are kernels, and takes new parameter values."""
+"""The servo: runs the ticks of a scene (in one call if all parts are kernels) and changes parameters between ticks."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Steerable(Protocol):
     """A plant or a hand whose parameters may change during a run."""
 
     def adopt(self, other: Any) -> None:
-        """Adopt the parameters of another one of the same structure and keep the present motion."""
+        """Adopt the parameters of another part of the same structure, and keep the present motion."""
 
 
 @runtime_checkable
@@ -55,7 +55,7 @@ class SteerablePlant(Steerable, Protocol):
     """A plant whose mechanics and hand may change during a run.
 
     Attributes:
-        live: whether they may change; then its `structure` lists only constant entries.
+        live: whether mechanics and hand may change; if so, `structure` lists only entries that stay constant.
     """
 
     live: bool
@@ -74,13 +74,13 @@ class CarriedPlant(Steerable, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """New values of keys of a scene, as numbers.
+    """New values of a scene's keys, converted to numbers in the parts' memories.
 
     Attributes:
         values: new values of the keys.
-        entries: memories, their entries and the new numbers.
-        parts: plants and hands, each with a part that has the new parameters.
-        plants: indices of the plants that must take hold of their hands again.
+        entries: memories, with the entries to be changed and the new numbers.
+        parts: plants and hands, each with another part that contains the new parameters.
+        plants: indices of the plants that must be attached to their hands again.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -90,14 +90,14 @@ class Update:
 
 
 class Servo:
-    """Runs a scene that has been built.
+    """Runs the parts of a scene.
 
     A non-finite motion, an error of this package from a device, body or plant, or a projection that does not converge
     latches a fault. From that tick on every force is zero; forces computed in that tick are not displayed.
 
-    If all parts are kernels, any number of ticks is one call. A Python body or plant needs one call per tick, a Python
-    device two, with its own methods in between. The recording is identical bit by bit. The exchange with a guest after
-    a tick is completed by the next tick, and after the last tick by `run`.
+    If all parts are kernels, one call runs any number of ticks. A Python body or plant requires one call per tick, and
+    a Python device two, with the methods of these parts between the calls. The recordings are identical bit by bit. The
+    exchange with a guest after a tick is completed by the next tick, and after the last tick by `run`.
 
     Args:
         engine: "auto", "compiled" or "interpreted".
@@ -127,7 +127,7 @@ class Servo:
         guards: Guards = GUARDS,
         memory: Memory | None = None,
     ) -> None:
-        self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
+        self.ticks = 0  # time is ticks x period, never the wall clock, so two runs are bit-identical
         self.period, self.layout, self.every, self.guards = period, layout, every, guards
         self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
         self.observers = observers  # one for each object, or none
@@ -161,7 +161,7 @@ class Servo:
 
     @property
     def hang(self) -> str:
-        """Description of the C function of a device that did not return; empty if all did."""
+        """Description of a device's C function that did not return; empty if all returned."""
         return "" if self.native is None else self.native.hang
 
     @property
@@ -176,7 +176,7 @@ class Servo:
 
     @property
     def parts(self) -> Parts:
-        """All that runs."""
+        """All parts of the scene."""
         return Parts(
             self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every,
             self.safety, self.host,
@@ -189,7 +189,7 @@ class Servo:
         return self._arena
 
     def prepare(self) -> DeviceExchange:
-        """Do all slow preparations before hardware is opened; return the devices in Python."""
+        """Do all slow preparations before hardware is opened; return the exchange with Python devices."""
         engine = self._ready()
         self._rehearse(engine)
         if self.hardware and isinstance(engine, Compiled):
@@ -203,7 +203,7 @@ class Servo:
         return self._devices
 
     def start(self) -> FloatArray | None:
-        """Copy its memory before the first tick, for `begin_again`; None if a run changes more than this memory."""
+        """Copy the servo's memory before the first tick, for `begin_again`; None if a run changes anything else."""
         self._ready()
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
@@ -213,17 +213,17 @@ class Servo:
         return memory.floats[: memory.used].copy()
 
     def begin_again(self, start: FloatArray) -> None:
-        """Reset the memory to the state after `start`: the next tick is the first."""
+        """Reset the memory to the copy made by `start`; the next tick is then the first."""
         self._arena.memory.floats[: start.size] = start
         self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
 
     def forget_rows(self) -> None:
-        """Release the rows that its last ticks wrote."""
+        """Release the rows to which the last ticks were recorded."""
         self.engine.write_to(self._nowhere)
         self.row = self._nowhere[0]
 
     def _rehearse(self, engine: Engine) -> None:
-        """Run one tick and one faulted tick, then restore all memories: one-time work is done afterwards."""
+        """Run one tick and one faulted tick, so that all one-time work is done; then restore all memories."""
         arrays = self._arena.arrays
         copies = [array.copy() for array in arrays]
         engine.write_to(np.empty((1, self.layout.width)))
@@ -239,7 +239,7 @@ class Servo:
 
     @property
     def why_python(self) -> str:
-        """Reason why Python runs between two wall-clock ticks; empty if it does not."""
+        """Reason why Python runs between two wall-clock ticks; empty if Python does not run there."""
         return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.arena)
 
     def run(
@@ -249,7 +249,7 @@ class Servo:
         stop: Stop | None = None,
         pacer: Pacer | None = None,
     ) -> None:
-        """Run and record a number of ticks, or fewer if `stop` returns true.
+        """Run and record a number of ticks; end earlier if `stop` returns true.
 
         `stop` is called before each call of the engine: before every interpreted tick and every tick with Python parts,
         otherwise before every 64 compiled ticks.
@@ -261,8 +261,9 @@ class Servo:
             pacer: wall-clock pacer that each tick waits for; without one, ticks run without waiting.
 
         Raises:
-            InputError: the recorder is missing or superfluous; a block was written directly where the program, a switch
-                of the block or the split of forces in the recording depends on it; or hardware has no pacer.
+            InputError: the recorder is missing or superfluous; or hardware has no pacer; or a number was written
+                directly into a block, and the program, a switch of the block, or the recording's split of forces
+                depends on that number.
         """
         if pacer is None:
             require_simulations(self.hardware)
@@ -295,7 +296,7 @@ class Servo:
             recorder: recorder of the tick and the values.
 
         Raises:
-            InputError: a block was written directly, as in `run`; nothing is changed.
+            InputError: a number was written directly into a block, as in `run`; nothing is changed.
         """
         self.watch.require()
         for memory, entries, numbers in update.entries:
@@ -353,7 +354,7 @@ class Servo:
         """Run ticks in machine code only, up to the first fault."""
         try:
             done = engine.run(self.ticks, count, row)
-        except BaseException:  # raised by other software; the ticks before it are kept
+        except BaseException:  # raised by other software; the ticks before the exception are kept
             if self._arena.world.failed:
                 self._arena.world.failed = False
                 self._finish_tick(self._arena.world.done, recorder)
@@ -363,7 +364,7 @@ class Servo:
             self._exchange()  # exchange of the tick with the fault
 
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
-        """Run ticks, each at its deadline. Hardware that waits too long is a fault; forces decay at the end."""
+        """Run ticks, each at its deadline. Waiting too long for hardware is a fault. Forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         pacer.most = self.guards.late
         if self._arena.loop is not None:
@@ -373,7 +374,7 @@ class Servo:
             if stop is not None and stop():
                 if not end.goes_on(self.ticks, stop=True, faulted=self.faulted):
                     return
-                stop = None  # the rest are few
+                stop = None  # only a few ticks remain
                 pacer.finish()
             if log is not None:
                 log.begin()
@@ -433,7 +434,7 @@ class Servo:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
-        if self._own.faulted and not is_stopped:  # a computation that failed cannot continue: its forces end now
+        if self._own.faulted and not is_stopped:  # a failed computation cannot continue, so its forces end now
             self._stop()
         self._finish_tick(1, recorder)
 
@@ -458,7 +459,7 @@ class Servo:
         self._stop_faults += self._devices.stop()
 
     def show_calls(self, word: memoryview) -> None:
-        """Before a run, choose the word that shows which Python device call is running, as `call_of` reads it."""
+        """Before a run, set the word into which the number of the running device call is written (see `call_of`)."""
         self._ready()
         self._devices.call = word
 
@@ -470,7 +471,7 @@ class Servo:
             self._notice(recorder)
 
     def _step(self, k: int, i: int) -> None:
-        """Step a body to the end of the sample; on a fault it stays at its position."""
+        """Step a body to the end of the sample; after a fault the body stays at its position."""
         if not self._own.stuck_bodies[i]:
             try:
                 self.movers[i].body.step(self.period)
@@ -545,10 +546,10 @@ def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
 
 
 def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
-    """Complete the last tick's exchange with guests; a fault is assigned to the following tick.
+    """Complete the last tick's exchange with guests; record a fault for the following tick.
 
     Args:
-        guests: indices of their movers.
+        guests: indices of the guests' movers.
         movers: movers of the scene.
         servo: memory of the tick.
         k: the following tick.

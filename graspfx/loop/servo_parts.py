@@ -1,4 +1,4 @@
-"""Parts of a servo: devices at their fingers, objects, bodies, plants and hands, observers."""
+"""Parts of a servo: devices with their fingers, objects, bodies, plants with their hands, and observers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class GraspedPart:
-    """An object and the numbers of the fingers that are assigned to it."""
+    """An object and the indices of the fingers that touch it."""
 
     name: str
     grasped: GraspedObject

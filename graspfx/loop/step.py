@@ -1,7 +1,7 @@
-"""The tick of every scene: take, read, predict, couple, add work, display; stop, record, move, advance.
+"""The tick of every scene, in stages: take, read, predict, couple, add work, display; stop, record, move, advance.
 
 `steps` runs ticks of any scene by looping over the records of its `World`. The same source runs interpreted or
-compiled, as one function for all scenes. `graspfx check SCENE --tick` shows what it does in one scene.
+compiled, as one function for all scenes. `graspfx check SCENE --tick` lists the kernels that run in one scene.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ from graspfx.loop.world import (
 def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
     """Run ticks k, ..., k + count - 1 and record tick k in row r; return the number of completed ticks.
 
-    With Python devices, the caller reads them before a tick, and `steps` returns twice per tick: when they must be
-    written (`world.phase` is WRITE) and at its end. With Python bodies or plants, it returns at the end of each tick.
-    The tick of the first fault is the last one of a call.
+    The caller reads Python devices before a tick. With Python devices, `steps` returns twice per tick: when the devices
+    must be written (`world.phase` is WRITE), and at the end of the tick. With Python bodies or plants, `steps` returns
+    at the end of each tick. The tick of the first fault is the last tick of a call.
     """
     servo = ServoState(world.buffer, world.servo)
     i = 0
@@ -116,7 +116,7 @@ def carry(memory: Floats, wire: Wire) -> None:
 
 @kernel
 def take(world: World, servo: ServoState, k: int) -> None:
-    """Copy the motion that other software gave its bodies after the last tick."""
+    """Copy the motion of bodies that other software moved after the last tick."""
     memory = Floats(world.buffer, 0)
     for body in world.bodies:
         if body.guest and memory[body.stuck] == 0.0:
@@ -164,7 +164,7 @@ def predict(world: World, servo: ServoState) -> None:
 
 @kernel
 def couple_objects(world: World, servo: ServoState, k: int) -> None:
-    """Couple the fingers to the objects: forces, limits on them, and the energies that a ledger watches."""
+    """Couple the fingers to the objects: compute forces, limit them, and update the ledger of energies."""
     memory = Floats(world.buffer, 0)
     if world.pace != NONE and not servo.faulted:
         code = keep_pace(Pace(world.buffer, world.pace), k)
@@ -197,7 +197,7 @@ def couple_objects(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def couple_safely(world: World, grasp: Grasp) -> int:
-    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces: before any brake."""
+    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces; brakes come later."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     if grasp.steered:
         adjust(state, safety)
@@ -210,7 +210,7 @@ def couple_safely(world: World, grasp: Grasp) -> int:
 
 @kernel
 def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int:
-    """Apply the forces of another program, if any, with the same soft start and trust factors as the law's."""
+    """Apply the forces of another program, if any, with the soft start and the trust factors of the law's forces."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)
@@ -225,7 +225,7 @@ def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int
 
 @kernel
 def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None:
-    """Apply the passivity controller, then limit the forces of an object; the ledger stores the displayed forces."""
+    """Apply the passivity controller, limit an object's forces, and store the displayed forces in the ledger."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     ledger = LedgerState(world.buffer, grasp.ledger)
     if grasp.ledger != NONE:
@@ -299,7 +299,7 @@ def stop(world: World) -> None:
 
 @kernel
 def record(world: World, k: int, r: int, rows: Floats) -> None:
-    """Write a row, if this tick has one."""
+    """Write a row, if this tick is recorded."""
     if world.recorded > 0 and k % world.every == 0:
         memory, columns = Floats(world.buffer, 0), world.columns
         row = r // world.every * world.width
@@ -312,10 +312,10 @@ def record(world: World, k: int, r: int, rows: Floats) -> None:
 
 @kernel
 def move(world: World, servo: ServoState, k: int) -> None:
-    """Move the bodies, and pass the wrenches on to other software that moves some of them.
+    """Move the bodies, and pass wrenches to other software for the bodies that it moves.
 
     The force of tick k has already been displayed and recorded. A fault of a body or plant is therefore a fault of tick
-    k + 1, the first one without force.
+    k + 1, the first tick without force.
     """
     memory = Floats(world.buffer, 0)
     for body in world.bodies:
@@ -353,7 +353,7 @@ def advance(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def ask(world: World, plant: Plant, servo: ServoState, k: int) -> None:
-    """Compute a hand's targets in the next sample: in its middle, if the plant needs them, and at its end."""
+    """Compute a hand's targets at the end of the next sample and, if the plant needs them, in its middle."""
     memory, n, T = Floats(world.buffer, 0), plant.width, servo.period
     position, velocity = plant.target_position, plant.target_velocity
     if plant.middle_position != NONE:

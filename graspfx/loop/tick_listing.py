@@ -1,8 +1,8 @@
-"""Listing of the step in one scene: the kernels that some of its ticks ran, the skipped parts of `steps`, and why.
+"""Listing of the step for one scene: the kernels that ran in some ticks, and the skipped parts with the reasons.
 
-The listing comes from no table. Ticks run interpreted and every call of a kernel is recorded. Calls that did not
-occur are found in the source of `graspfx.loop.step`; the reason is the first condition before them that the scene's
-`World` does not satisfy.
+The listing is observed: ticks run interpreted, and every call of a kernel is recorded. Calls that did not occur are
+found in the source of `graspfx.loop.step`. The reason for a skipped call is the first enclosing condition that the
+scene's `World` does not satisfy.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Call:
         code: Code of the function that ran.
         count: Number of calls.
         parts: Parts of the scene for which it was called, in the order of their first calls.
-        calls: Its calls of other kernels, by their code, in the order of their first calls.
+        calls: Calls that this kernel makes, by the code of the called kernel, in the order of their first calls.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Skipped:
         stage: Function that contains the call.
         name: Name of the function that would be called.
         line: Line of the call.
-        why: Reason why the scene does not make it.
+        why: Reason why the call is not made in the scene.
     """
 
     stage: str
@@ -151,7 +151,7 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
 
 
 def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
-    """List what ran of the step in a scene's first ticks, in order, and what was skipped, with the reason."""
+    """List the kernels that ran in a scene's first ticks, in order, and the skipped calls with their reasons."""
     found = used(servo, ticks)
     lines = [f"what ticks 0 to {found.ticks - 1} ran, in order: calls per tick, parts, and source", ""]
     for depth, call in found.root.walk():
@@ -224,7 +224,7 @@ def _is_kernel(code: CodeType) -> bool:
 
 
 class _Places:
-    """The part of a scene that a kernel works on, by the place in memory that it receives."""
+    """Finds the part of a scene on which a kernel operates, from the place in memory that the kernel receives."""
 
     def __init__(self, arena: Arena) -> None:
         parts, self._ranges = arena.parts, list[tuple[int, int, str]]()
@@ -254,7 +254,7 @@ class _Places:
                 add(_state(each), _listed([names[f] for f in m.fingers.tolist() if f >= 0]))
 
     def of(self, frame: FrameType) -> str | None:
-        """Return the name of the part; that of a finger if the kernel receives one beside its object."""
+        """Return the name of the part; if the kernel receives an object and a finger, return the finger's name."""
         code, values = frame.f_code, frame.f_locals
         arguments = [values[name] for name in code.co_varnames[: code.co_argcount]]
         found = [
@@ -284,7 +284,7 @@ STAGES = {
 
 
 def _is_stage(call: Call) -> bool:
-    """Tell whether a kernel belongs to the step; parts may have kernels of the same name."""
+    """Tell whether a kernel belongs to the step, because kernels of parts may have the same name."""
     return call.code.co_filename == f"<{step.__name__}.{call.name}{LOWERED_FILE}"
 
 

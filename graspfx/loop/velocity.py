@@ -1,4 +1,4 @@
-"""Velocity from sampled positions, by a window whose length adapts to the sensor's resolution."""
+"""Estimate velocity from sampled positions, with a window whose length adapts to the sensor's resolution."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 WINDOW = 16
 """Largest window of a velocity estimate [samples]."""
 
-SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exactly, up to rounding
+SLACK = 1e-6  # relative tolerance of the noise bound, because positions in whole counts reach the bound exactly
 
 
 class VelocityEstimate(Record):
@@ -38,11 +38,12 @@ def estimate_size(window: int) -> int:
 
 @kernel
 def estimate(state: VelocityEstimate, x: float) -> float:
-    """Take the next position x of a component and return its velocity.
+    """Take the next position x of a component and return the component's velocity.
 
     v_k = (x_k - x_(k-n)) / (n T), where n is the longest window for which every line from x_k to x_(k-j), j = 2 ... n,
-    passes within the noise bound of the positions between its ends (`VelocityEstimator`). A line of slope s does so
-    when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
+    passes within the noise bound h of the positions between its ends (`VelocityEstimator`). A line of slope s does so
+    if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions is
+    enough.
     """
     length = state.length
     positions = state.positions
@@ -95,9 +96,9 @@ def estimate(state: VelocityEstimate, x: float) -> float:
 def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: float) -> float:
     """Take the next position x of a component, sampled at `time`, and return its velocity.
 
-    v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)): as `estimate`, with the time in the place of the count of samples. A slope
-    is in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j. `times` is a
-    ring buffer like that of the positions.
+    v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)). The method is that of `estimate`, with times in place of counts of samples:
+    a slope must be in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j.
+    `times` is a ring buffer, parallel to that of the positions.
     """
     length = state.length
     positions = state.positions
@@ -154,18 +155,19 @@ class VelocityEstimator:
 
         v_k = (x_k - x_(k-n)) / (n T)
 
-    with n <= window the longest window up to which every line through the newest and an older position passes within
-    `noise` of all positions between (F. Janabi-Sharifi, V. Hayward and C.-S. J. Chen, Discrete-time adaptive windowing
-    for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). Motion that changes gets a short
-    window, steady motion a long one.
+    where n <= window is the longest window up to which every line through the newest and an older position passes
+    within `noise` of all positions between them (F. Janabi-Sharifi, V. Hayward and C.-S. J. Chen, Discrete-time
+    adaptive windowing for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). The window is short
+    when the velocity changes, and long in steady motion.
 
     For a sensor error of at most h and an acceleration of at most A, |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The
-    first term is noise, the second the delay of the window's centre by n T / 2. Windows longer than 1 reduce the error
-    if h / T exceeds A T, for a fast loop or a coarse sensor; otherwise the plain difference (window 1) is equally good.
+    first term is noise. The second term is due to the delay of the window's centre by n T / 2. Windows longer than 1
+    reduce the error if h / T exceeds A T, that is, for a fast loop or a coarse sensor. Otherwise the plain difference
+    (window 1) is equally good.
 
-    For samples at irregular times, pass the times to `update`. It then uses the true intervals, and an unchanged time
-    leaves the velocity unchanged. For regular samples of which some are lost, call `miss` for each lost one: lost
-    samples are interpolated linearly.
+    For samples at irregular times, pass the times to `update`. The estimate then uses the true intervals, and an
+    unchanged time leaves the velocity unchanged. If some regular samples are lost, call `miss` for each lost sample:
+    lost samples are interpolated linearly.
 
     The first velocity is zero. A non-finite position gives non-finite velocities until two finite positions have
     followed.
@@ -176,7 +178,7 @@ class VelocityEstimator:
         noise: largest error of the sensor, half its resolution [m or rad]; 0 gives the backward difference over one
             sample, whatever the window.
         window: longest window [samples].
-        memory: array for its state, `estimate_size(window)` entries per component; a new one if None.
+        memory: array for the state, `estimate_size(window)` entries per component; if None, a new array is made.
     """
 
     def __init__(
@@ -206,11 +208,11 @@ class VelocityEstimator:
         states.array(VelocityEstimate.noise)[:] = noise
         states.array(VelocityEstimate.length)[:] = self._length
         self._times: FloatArray = np.zeros((self._count, self._length + 1))
-        self._time = -np.inf  # time of the last sample that had one [s]
-        self._missed = np.zeros(1, dtype=np.int64)  # samples since the last one
+        self._time = -np.inf  # last time that was passed with a sample [s]
+        self._missed = np.zeros(1, dtype=np.int64)  # lost samples since the last position
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
-        # Floats from a memoryview take half as long as array items.
+        # reading floats from a memoryview takes half as long as from an array
         self._entries: Any = self._state.data
         self._x: Any = self._position.reshape(-1).data
         self._v: Any = self._velocity.reshape(-1).data
@@ -243,7 +245,7 @@ class VelocityEstimator:
 
         Args:
             position: position in the estimator's shape.
-            time: time of the sample [s]; one period after the last if None. Give it for all samples or for none.
+            time: time of the sample [s]; if None, one period after the last sample. Give times for all samples or none.
 
         Raises:
             InputError: the time is before the last one, or not finite.

@@ -1,7 +1,7 @@
-"""Memory layout of a scene: records of its fingers, devices, objects, bodies and plants, and the places of blocks.
+"""Memory layout of a scene: records of fingers, devices, objects, bodies and plants, with the places of their blocks.
 
-All memory of a scene is one float64 array, the arena. `World` lists the parts. Its records hold *places*: the
-entries of the arena where a part's block, or a quantity in it, begins. Place 0, `NONE`, is unused.
+All memory of a scene is one float64 array, the arena. `World` lists the parts. Its records contain *places*. A place is
+the index of the arena's entry where a part's block, or a quantity in a block, begins. Place 0, `NONE`, is unused.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
 
-NONE = 0  # place of a block that a part does not have
+NONE = 0  # place of a missing block
 CHUNK = 1024  # number of ticks for which the targets of a hand in plain Python are computed in advance
 
-# kinds of parts that cannot continue; FOREIGN is plain Python, NATIVE a device with C functions
+# kinds of parts that may have a fault; FOREIGN is plain Python, NATIVE is a device with C functions
 STATION, OBJECT_, MOVER, PLANT, FOREIGN, SAFETY, NATIVE = range(7)
 
-BEGIN, WRITE = 0, 1  # phases of a tick: it begins, or its devices are written
+BEGIN, WRITE = 0, 1  # phases of a tick: the tick begins, or its devices are written
 STILL, KERNEL, TABLE = 0, 1, 2  # kinds of hands: constant, a kernel, or plain Python with a table of targets
 
 
@@ -24,9 +24,9 @@ class ServoState(Record):
 
     faulted: bool
     tick: int  # tick of the first fault
-    kind: int  # kind of the part that failed,
-    index: int  # its index among its kind,
-    code: int  # and the cause
+    kind: int  # kind of the part that failed
+    index: int  # index of that part among the parts of its kind
+    code: int  # fault code of that part
     period: float  # sampling period T [s]
     table_start: int  # first tick of the target tables of hands in plain Python
     bodies: int
@@ -42,7 +42,7 @@ class ServoState(Record):
 
 @kernel
 def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
-    """Keep the first fault; from then on every force is zero."""
+    """Store a fault if it is the first; from then on every force is zero."""
     if not servo.faulted:
         servo.faulted = True
         servo.tick = k
@@ -62,10 +62,10 @@ class Wire(Record):
 class Finger(Record):
     """Places of one finger's quantities, d entries each."""
 
-    position: int  # as read from its device, in its object's block [m]
+    position: int  # position read from the device, in the object's block [m]
     velocity: int  # [m/s]
     force: int  # force on the object [N]
-    limit: int  # largest force that its device displays at this position [N]
+    limit: int  # largest force that the device displays at this position [N]
     displayed: int  # force on the operator [N]
     tip: int  # true position of the fingertip, or its reading if that is unknown [m]
     before: int  # position one sample ago [m]
@@ -83,13 +83,13 @@ class Channel(Record):
 
 
 class Device(Record):
-    """A device; one in plain Python is read and written by the caller of `steps`."""
+    """A device. The caller of `steps` reads and writes a device in plain Python."""
 
     plain: bool  # in plain Python
-    state: int  # its block; for a plain device an entry that tells whether it could be read
-    first: int  # first of its `channels`
+    state: int  # place of its block; for a plain device, an entry that tells whether the device could be read
+    first: int  # index of its first record in `channels`
     count: int
-    first_sensed: int  # first of its `wires`, which copy the sensed state of its plant
+    first_sensed: int  # index of its first record in `wires`, which copy the sensed state of its plant
     sensed: int
     reading: int  # kernels, by number or address
     writing: int
@@ -102,24 +102,24 @@ class Grasp(Record):
     state: int
     ledger: int
     safety: int
-    host: int  # place of the host if another program has the object
-    stuck: int  # entry for its body
+    host: int  # place of the host's block, if another program simulates the object
+    stuck: int  # place of the entry in `stuck_bodies` for the object's body
     limited: bool
     steered: bool  # a gain may change during a run
     met: Wire  # wrench of planes on the body, for the ledger
 
 
 class Body(Record):
-    """A body that kernels move, or one that other software moves between two ticks."""
+    """A body that is moved by kernels, or by other software between two ticks."""
 
     index: int
     stuck: int
     state: int
     beside: int  # block of a floor, or a guest's part of its buffer
     guest: bool
-    stepping: int  # kernels; for a guest the one that passes its wrench on
-    predicting: int  # for the implicit integrator, else NONE
-    taking: int  # for a guest
+    stepping: int  # kernel that moves the body; for a guest, the kernel that passes on its wrench
+    predicting: int  # kernel for the implicit integrator, else NONE
+    taking: int  # kernel that takes the motion of a guest
 
 
 class Exchange(Record):
@@ -137,11 +137,11 @@ class Plant(Record):
     stuck: int
     state: int
     kernel: int
-    first: int  # first of its `wires`, which copy the efforts of its devices
+    first: int  # index of its first record in `wires`, which copy the efforts of its devices
     count: int
     width: int  # n d
     hand_kind: int
-    hand: int  # place of its block or its table
+    hand: int  # place of the hand's block or of its table
     hand_kernel: int
     target_position: int  # in the hand's block
     target_velocity: int
@@ -155,11 +155,11 @@ class World(Record):
     """Index of all parts of a scene, over which a tick runs."""
 
     phase: int  # BEGIN or WRITE
-    pauses: bool  # return to the caller after each tick, who runs devices, bodies or plants in plain Python
+    pauses: bool  # return after each tick to the caller, which runs devices, bodies or plants in plain Python
     ports: int  # number of devices in plain Python
     exchanging: bool  # machine code exchanges with other software after each tick
     failed: bool  # an exchange raised an exception
-    done: int  # number of ticks of that call completed before
+    done: int  # number of ticks completed before that exception
     dimensions: int  # d
     width: int  # width of a row
     every: int  # ticks from one recorded row to the next

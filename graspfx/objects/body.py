@@ -30,7 +30,7 @@ VISCOUS_LIMIT = 2.0  # largest b T/m at which explicit viscosity decays
 
 
 class Body(Protocol):
-    """A body that moves an object. One block holds its parameters, its state and the wrench of the sample."""
+    """A body that moves an object. One block contains the body's parameters, its state and the sample's wrench."""
 
     @property
     def state(self) -> FloatArray:
@@ -77,25 +77,25 @@ class BlockBody:
 
 @kernel
 def advance(body: BodyState, beside: Record, T: float) -> int:
-    """Move a body that meets nothing; the record beside its block is unused."""
+    """Move a body that touches no obstacle; the record beside its block is unused."""
     at.step(body, T)
     return 0
 
 
 @kernel
 def expect(body: BodyState, beside: Record, T: float) -> None:
-    """Predict the motion of such a body under the implicit integrator without a wrench."""
+    """Predict the motion of a body without obstacles, with the implicit integrator and without a wrench."""
     at.predict(body, T)
 
 
 class NativeBody(BlockBody):
-    """A rigid body moved by the integrator that its block names.
+    """A rigid body that is moved by the integrator named in its block.
 
-    A run may move it by its kernels, for a block that starts at S[o] and a `buffer` that starts at F[f] (S again if
-    `buffer` is None): `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and `predicting(S, o, F, f, T)`.
+    A run may move the body by its kernels `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and
+    `predicting(S, o, F, f, T)`. The block starts at S[o] and the `buffer` at F[f]; F is S if `buffer` is None.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,); the body owns it and writes in place.
+        state: Block filled by `fill_body`, (SIZE,); the body owns the block and updates it in place.
     """
 
     stepping: Callable[..., int] = staticmethod(advance)
@@ -114,7 +114,7 @@ class NativeBody(BlockBody):
         """Fill the NEXT and COMPLIANCE entries over T [s].
 
         Raises:
-            InputError: The integrator is not "implicit"; these entries would not describe its step.
+            InputError: The integrator is not "implicit", so the entries would not describe a step.
         """
         if self._body.integrator != at.IMPLICIT:
             name = next(name for name, kind in INTEGRATORS.items() if kind == self._body.integrator)
@@ -154,7 +154,8 @@ def fill_body(
         viscosity: Viscosity b [N s/m].
         rotational_viscosity: Rotational viscosity b_w [N m s/rad].
         integrator: "explicit", "semi-implicit", "exact" or "implicit".
-        free: Mask of the free freedoms, w = 1, 3 or 6, in the order of G's rows; all by default.
+        free: Mask of the free degrees of freedom, w = 1, 3 or 6 entries in the order of G's rows; all are free by
+            default.
         gravity: Gravity, (d,) [m/s^2].
         position: Position, (d,) [m].
         orientation: Angle [rad], or unit quaternion x y z w.
@@ -217,7 +218,7 @@ def fill_body(
 
 
 def _vector(name: str, argument: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
-    """Convert an argument to an array, None to zeros; length 0 stands for a single number."""
+    """Convert an argument to an array; None becomes zeros, and the length 0 denotes a single number."""
     shape = (length,) if length else ()
     if argument is None:
         return np.zeros(shape)

@@ -1,4 +1,4 @@
-"""Bodies simulated by another program: common base of all such bodies."""
+"""Bodies simulated by another program: their common base classes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from graspfx.spatial import Quaternion, Vector, rotate
 
 
 class CarriedBody(BlockBody):
-    """Body of a block in another program's world, pushed before the world's step and read after it.
+    """A body in another program's world: receives the block's wrench before the world's step and is read afterwards.
 
-    The force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), held over the sample, applies viscosity b exactly: the
-    velocity is that of the viscous body, the position is x+ = x + T v+. Rotation is treated likewise, about the
-    principal axes.
+    The force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), is constant over the sample and models viscosity b: the
+    velocity after the sample is exactly that of the viscous body, and the position is x+ = x + T v+. Moments about the
+    principal axes are computed in the same way.
 
-    A locked freedom gets no force, and its entries in the block are never written.
+    No force acts along a locked degree of freedom, and its entries in the block are never written.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        state: Block filled by `fill_body`, (SIZE,). The motion in the block is read once, and afterwards only written.
         part: The body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
     """
 
@@ -57,19 +57,19 @@ class CarriedBody(BlockBody):
         own_part.place = Vector(*self.place)
 
     def hold(self, T: float) -> None:
-        """Compute the shares that viscosity leaves over samples of T [s]."""
+        """Compute the shares of force and moment that remain with viscosity, for samples of T [s]."""
         body, own_part = self._body, self.part
         own_part.share = decay_integrals(body.viscosity * T / body.mass)[1]
         b, J = body.rotational_viscosity, own_part.moments
         own_part.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
 
     def hand_over(self, T: float) -> None:
-        """Hand over the wrench in the block, with gravity and viscosity, for a step of T [s]."""
+        """Send the wrench in the block, with gravity and viscosity, to the other program for a step of T [s]."""
         self.handing(self._body, self.part, T)
 
     def take_over(self, T: float) -> int:
         """Write the motion after a step of T [s] to the block; return 0, or a code if the body cannot continue."""
-        body, part = self._body, self.part  # as local names, since every call of a run ends here
+        body, part = self._body, self.part  # local names, because a run executes this in every tick
         return int(source_function(self.taking)(body.buffer, body.offset, part.buffer, part.offset, T))
 
     @property
@@ -78,7 +78,7 @@ class CarriedBody(BlockBody):
         return float(np.linalg.norm(self.part.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """Compute moments of inertia such that each single free rotation uses the correct one."""
+        """Compute the moments of inertia for the other program; for a single free rotation, all are its moment."""
         moments = numbers_of(self._body, BodyState.inertia)
         if not self.turns:
             return 1.0, 1.0, 1.0
@@ -93,15 +93,15 @@ class CarriedBody(BlockBody):
 
 
 class Carrier:
-    """Bodies in a world of another program that they own: a guest of the tick.
+    """Bodies simulated by another program, in a world that contains only them and is stepped once per tick.
 
     Args:
         buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
-        carried: Bodies.
-        calls: Calls of an exchange, in order.
+        carried: Bodies of the world.
+        calls: Function calls that make one exchange, in order.
     """
 
-    program = "the other program"  # its name in messages
+    program = "the other program"  # name of the program in messages
     handing: Callable[..., None] = staticmethod(guest.hand_over)
     taking: Callable[..., int] = staticmethod(guest.take_over)
 
@@ -116,7 +116,7 @@ class Carrier:
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Calls of an exchange; empty if a subclass exchanges in its own way."""
+        """Function calls that make one exchange; empty if a subclass overrides `exchange`."""
         return self._calls if type(self).exchange is Carrier.exchange else ()
 
     def hold(self, T: float) -> None:
@@ -134,7 +134,7 @@ class Carrier:
             self._T = T
 
     def exchange(self) -> None:
-        """Push every body, step the world, read every body: everything that a tick needs."""
+        """Apply the wrench to every body, step the world, and read every body."""
         self._exchange()
 
     def take(self) -> int:
@@ -146,7 +146,7 @@ class Carrier:
         return str(self._fault(code))
 
     def step(self, T: float) -> None:
-        """Advance every body by T [s] under the held wrench in its block, and its contacts.
+        """Advance every body by T [s] under its contact forces and the wrench in its block, which is held constant.
 
         Raises:
             InputError: T is not a finite time above zero, or a body cannot continue.

@@ -1,4 +1,4 @@
-"""One freedom with linear viscosity over a sample, for each integrator: v' = u - a v with u held."""
+"""Step of one degree of freedom with linear viscosity, for each integrator: v' = u - a v with u constant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.objects.body_state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT,
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """The step x+ = x + p v + q u, v+ = r v + s u, the form of all four integrators."""
+    """Coefficients of the step x+ = x + p v + q u, v+ = r v + s u, which all four integrators share."""
 
     p: float
     q: float
@@ -22,7 +22,8 @@ class Coefficients:
 def decay_integrals(z: float) -> tuple[float, float, float, float]:
     """Compute E = exp(-z) and its integrals (1 - E)/z, (z - 1 + E)/z^2, (z + z E - 2 + 2 E)/(2 z^3), to rounding.
 
-    They give velocity, displacement and rotation of the axis under a constant wrench; a series avoids cancellation.
+    The integrals determine velocity, displacement and the rotation of the axis under a constant wrench. For small z a
+    series avoids cancellation.
     """
     if z >= 1.0:
         E = elementary.exp(-z)
@@ -70,7 +71,7 @@ def exact_coefficients(T: float, E: float, one: float, two: float) -> Coefficien
 
 @kernel
 def step_coefficients(decay: Decay, kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients; those of the exact integrator use the integrals in the block."""
+    """Compute the coefficients of any integrator; for the exact one, use the integrals in the block."""
     if kind != EXACT:
         return coefficients(kind, a, T)
     update_decay(decay, a * T)

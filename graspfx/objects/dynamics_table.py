@@ -1,4 +1,4 @@
-"""Table of the dynamics that a scene may name, with the facts that plan, certificate, checks and recording use."""
+"""Table of the values of `object.dynamics`, with the facts that plan, certificate, checks and recording use."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class Dynamics:
 
     Attributes:
         label: Name of the program in sentences.
-        package: Package that it imports; empty for none.
-        distribution: Distribution of the package, for its version. The extra `name` installs it.
-        integrator: Its own integrator, for linearised models; empty if the scene's integrator applies.
-        meets: True if its objects meet obstacles of every shape and one another, and may bounce.
-        partial: True if a body that meets others may have locked freedoms, and may be in a plane or on a line.
-        rotations: Numbers of free rotations, out of three, that a body that meets others may have.
-        least: Mass [kg] and moment of inertia [kg m^2] that a moving body has to exceed.
-        hulls: Kinds of shapes that meet others as their convex hull.
+        package: Python package of the program; empty if no package is needed.
+        distribution: Distribution that contains the package, for its version. The extra `name` installs it.
+        integrator: The program's own integrator, for linearised models; empty if the scene's integrator applies.
+        meets: True if objects collide with obstacles of every shape and with one another, and may bounce.
+        partial: True if a colliding body may have locked degrees of freedom, and may be in a plane or on a line.
+        rotations: Numbers of free rotations, out of three, that a colliding body may have.
+        least: Mass [kg] and moment of inertia [kg m^2] that a moving body must exceed.
+        hulls: Kinds of shapes whose collisions use the convex hull.
         otherwise: Alternatives to installing the package, for messages.
     """
 
@@ -39,12 +39,12 @@ class Dynamics:
 
     @property
     def missing(self) -> bool:
-        """True if its package is not installed."""
+        """True if the program's package is not installed."""
         return bool(self.package) and find_spec(self.package) is None
 
     @property
     def remedy(self) -> str:
-        """What to do if its package is not installed."""
+        """Advice for the case that the program's package is not installed."""
         return f"{installation(self.name)}{self.otherwise}"
 
 

@@ -1,6 +1,6 @@
 """Energy of a rigid body over one sample: work, viscous loss, and energy error of its integrator.
 
-With the held force F, gravity g, the planes' force C and the displacement dx of the sample,
+With the constant force F, gravity g, the contact force C of the planes, and the displacement dx of the sample,
 
     1/2 m v+^2 - 1/2 m v^2 = (F + C + m g)'dx - loss + defect
 
@@ -11,8 +11,8 @@ With the held force F, gravity g, the planes' force C and the displacement dx of
 | implicit | T b v+^2 | -1/2 m (v+ - v)^2 |
 | exact | integral of b v^2 | 0 |
 
-Rotations obey the same with moments and the rotation vector. In space the rotation of the inertia adds a defect too:
-1/2 w+'(I+ - I) w+, and -T w+'(w x I w) if w+ moves the body.
+Rotations obey the same balance, with moments and the rotation vector. In space the rotation of the inertia tensor adds
+another defect: 1/2 w+'(I+ - I) w+, and also -T w+'(w x I w) if w+ moves the body.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ SERIES = 0.5  # b T/m below which a series is used, because differences of expon
 
 
 class SampleStart(Record):
-    """Body at the beginning of a sample, and its displacement since then."""
+    """State of a body at the beginning of a sample, and the displacement since then."""
 
     motion: Motion
-    force: Vector  # held force [N]
-    moment: Vector  # held moment [N m]
-    contact_force: Vector  # force of obstacles over the sample [N]
-    contact_moment: Vector  # moment of obstacles [N m]
+    force: Vector  # force of the fingers, constant over the sample [N]
+    moment: Vector  # moment of the fingers, constant over the sample [N m]
+    contact_force: Vector  # force of the obstacles over the sample [N]
+    contact_moment: Vector  # moment of the obstacles over the sample [N m]
     shift: Vector  # displacement dx [m]
     turn: Vector  # rotation vector of the free rotations, world axes [rad]
     energy: float  # kinetic energy at the start [J]
@@ -141,7 +141,7 @@ def decay_square(z: float) -> float:
 
 
 def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
-    """Compute m (v+ - v) times the difference of the mean velocity and the step's velocity [J]."""
+    """Compute m (v+ - v) times the difference between the mean velocity and the velocity that moves the body [J]."""
     if kind == EXACT:
         return 0.0
     return (0.5 if kind == EXPLICIT else -0.5) * m * (after - before) * (after - before)
@@ -169,8 +169,8 @@ def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
 def settle_rotation(body: BodyState, start: SampleStart, T: float, done: float) -> tuple[float, float]:
     """Compute viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
 
-    The result is exact for one axis, and for a body with equal moments. If the exact integrator is of fourth order, the
-    loss is that of the mean square velocity, and the defect the remaining energy of the step.
+    The result is exact for one axis, and for a body with equal moments of inertia. If the exact integrator uses its
+    fourth-order step, the loss is computed from the mean square velocity, and the defect is the remaining energy.
     """
     kind, b = body.integrator, body.rotational_viscosity
     q, v, u = start.motion.quaternion, start.motion.angular_velocity, body.motion.angular_velocity

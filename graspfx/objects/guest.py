@@ -1,4 +1,4 @@
-"""Bodies simulated by other software: exchange of wrench and motion, and protocol of such a body."""
+"""Bodies simulated by other software: exchange of wrench and motion, and the protocol of these bodies."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from graspfx.spatial import Quaternion, Vector, exponential, rotate
 class GuestState(Record):
     """A body's part of the buffer: its properties, the wrench sent and the motion received, in world axes."""
 
-    by_spin: bool  # send the angular velocity after the step instead of a moment
+    by_spin: bool  # whether the angular velocity after the step is sent instead of a moment
     free_translation: Vector  # 1.0 or 0.0 per axis
     free_rotation: Vector
     turns: int  # number of free rotations
     axis: int  # axis of the first free rotation
-    share: float  # share of a constant force that viscosity leaves: (1 - E)/(b T/m), E = exp(-b T/m)
-    shares: Vector  # the same about the principal axes
+    share: float  # factor on a constant force that models viscosity: (1 - E)/(b T/m), E = exp(-b T/m)
+    shares: Vector  # factors on moments about the principal axes, with inertia and rotational viscosity
     moments: Vector  # moments of inertia in the software [kg m^2]
-    start: Quaternion  # orientation from which a single free rotation is counted
+    start: Quaternion  # orientation from which the angle of a single free rotation is measured
     start_angle: float  # initial angle in the plane [rad]
-    angle: float  # angle of a single free rotation since then, unwrapped [rad]
+    angle: float  # angle of a single free rotation since `start`, unwrapped [rad]
     push: Vector  # force sent [N]
     twist: Vector  # moment sent [N m], or angular velocity [rad/s]
-    waiting: bool  # a wrench was sent whose motion has not been taken yet
+    waiting: bool  # whether a wrench was sent and the resulting motion has not been taken yet
     velocity: Vector  # velocity received [m/s]
-    place: Vector  # position received [m], if a rotation is free; otherwise it is x + T v
-    turn: Quaternion  # rotation since the start; the whole orientation if several rotations are free
+    place: Vector  # position received [m], used if a rotation is free; otherwise the position is x + T v
+    turn: Quaternion  # rotation since `start`; the whole orientation if several rotations are free
     spin: Vector  # angular velocity received [rad/s]
     aim: Vector  # angular velocity intended as the mean of the step, world axes [rad/s]
-    lead: Vector  # difference of the angular velocity at the step's end from that mean [rad/s]
+    lead: Vector  # angular velocity at the step's end minus that mean [rad/s]
 
 
 SIZE = size_of(GuestState)
@@ -52,9 +52,9 @@ TOO_FAST = 1
 class Guest(Protocol):
     """A body, or a world of bodies, that other software moves in one call between two ticks.
 
-    At the end of a tick, a run computes the wrenches for the software: `handing(S, o, F, f, T)` for each body whose
-    block starts at S[o] and whose part of the buffer starts at F[f]. It then calls `exchange`. At the beginning of the
-    next tick it takes the motion: `taking(S, o, F, f, T)` returns 0, or a code if the body cannot continue.
+    At the end of a tick, a run computes the wrenches for the software by `handing(S, o, F, f, T)`. The block of each
+    body starts at S[o], and its part of the buffer at F[f]. The run then calls `exchange`. At the beginning of the next
+    tick the run takes the motion by `taking(S, o, F, f, T)`, which returns 0, or a code if the body cannot continue.
     """
 
     @property
@@ -92,7 +92,7 @@ class Guest(Protocol):
 
 @runtime_checkable
 class CallingGuest(Guest, Protocol):
-    """A guest whose `exchange` only calls functions of the software, so that a run can call them itself."""
+    """A guest whose `exchange` only calls functions of the software; a run can call the functions directly."""
 
     @property
     def calls(self) -> Sequence[Call]:
@@ -102,7 +102,7 @@ class CallingGuest(Guest, Protocol):
 
 @kernel
 def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force (f + m g - b v) (1 - E)/(b T/m), and likewise the moment, or the resulting angular velocity."""
+    """Compute the force (f + m g - b v) (1 - E)/(b T/m) to send, and the moment or the resulting angular velocity."""
     b = body.viscosity
     for a in range(3):
         push = 0.0
@@ -178,7 +178,7 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
 
 @kernel
 def unwrapped_angle(guest: GuestState, T: float) -> float:
-    """Compute the angle of the single free rotation [rad]: the quaternion's angle nearest to the expected one."""
+    """Compute the unwrapped angle of the single free rotation [rad]: the one nearest to the expected angle."""
     axis, q = guest.axis, guest.turn
     sine = q.x if axis == 0 else (q.y if axis == 1 else q.z)
     angle = 2.0 * elementary.atan2(sine, q.w)

@@ -1,7 +1,7 @@
 """Motion of a rigid body during one sample: the body's block, and its integrators.
 
-The wrench and gravity are held over the sample, and viscosity is linear: m v' + b v = f + m g and
-(I w)' + b_w w = tau. Free directions are world axes; a locked direction bears any force without motion.
+The wrench and gravity are constant over the sample, and viscosity is linear: m v' + b v = f + m g and
+(I w)' + b_w w = tau. Free directions are world axes; no force moves the body along a locked direction.
 
 | integrator | translation, plane rotation | rotation in space |
 |---|---|---|
@@ -10,8 +10,8 @@ The wrench and gravity are held over the sample, and viscosity is linear: m v' +
 | exact | matrix exponential | isotropic inertia or one free axis: w exact, q by Magnus; else RKMK4; 4th order |
 | implicit | a at the new v | (I + T b_w) w+ = I w + T (tau - w x I w); q = exp(T w+) q |
 
-Explicit and semi-implicit require b T/m < 2; exact and implicit accept any viscosity. The gyroscopic term is explicit
-in all but the exact integrator. If some rotations are locked, the equations are those of the free axes,
+Explicit and semi-implicit require b T/m < 2; exact and implicit allow any viscosity. All integrators except the exact
+one treat the gyroscopic term explicitly. If some rotations are locked, the equations are those of the free axes,
 (I w)_free' = (tau - b_w w)_free, w_locked = 0, without further approximation.
 """
 
@@ -94,8 +94,9 @@ def step(body: BodyState, T: float) -> None:
 def predict(body: BodyState, T: float) -> None:
     """Compute the motion after T [s] without a wrench, and the compliance to a wrench.
 
-    With the implicit integrator, x+ = x_next + C f to the last bit with the compliance C. In the plane
-    angle+ = angle_next + C_r moment. In space R+ = exp(C_r moment) R_next up to terms of T |w| times that rotation.
+    With the implicit integrator and the compliance C, x+ = x_next + C f to the last bit. In the plane
+    angle+ = angle_next + C_r moment. In space R+ = exp(C_r moment) R_next, with an error of order T |w| times the
+    rotation C_r moment.
     """
     d, motion, next_motion = body.dimensions, body.motion, body.next_motion
     c = coefficients(IMPLICIT, body.viscosity / body.mass, T)

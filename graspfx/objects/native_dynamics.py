@@ -11,7 +11,7 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
-    """Create the body of one object on half-spaces and planes; native objects do not meet one another."""
+    """Create the body of one object on half-spaces and planes; native objects do not collide with one another."""
     from graspfx.objects.floor.floor import FloorBody  # friction cones are only needed in scenes with obstacles
 
     [member] = members

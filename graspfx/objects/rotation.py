@@ -10,7 +10,7 @@ from graspfx.objects.body_state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import update_decay
 from graspfx.spatial import Quaternion, Vector, cross, dot, exponential, normalise, rotate, total
 
-STRIDE = 0.1  # largest |w| h and b_w h/I of a fourth-order substep, for accuracy and stability
+STRIDE = 0.1  # largest |w| h and b_w h/I of a fourth-order substep h, for accuracy and stability
 STRIDES = 10_000  # largest number of substeps, so that a diverged run still ends
 
 
@@ -44,7 +44,7 @@ def turn_by(motion: Motion, u: Vector) -> None:
 
 @kernel
 def vector_of(turn: Quaternion) -> Vector:
-    """Compute the rotation vector of a unit quaternion, of at most half a turn [rad]."""
+    """Compute the rotation vector of a unit quaternion [rad]; its length is at most half a turn."""
     u, cosine = turn.vector, turn.w
     sine = math.sqrt(dot(u, u))
     scale = 2.0
@@ -96,7 +96,7 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
 
 @kernel
 def turn_exactly(body: BodyState, T: float) -> None:
-    """Rotate by the most accurate step: exact velocity if it exists, and at least fourth order."""
+    """Rotate by the most accurate step available: exact angular velocity if possible, at least fourth order."""
     I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
     if I.x == I.y == I.z:
         turn_steadily(body, T, I.x)
@@ -119,8 +119,8 @@ def turn_exactly(body: BodyState, T: float) -> None:
 def turn_steadily(body: BodyState, T: float, J: float) -> None:
     """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, orientation by Magnus' 4th order.
 
-    log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The second is along w x m, closed
-    form.
+    log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The double integral is along w x m
+    and has a closed form.
     """
     motion, decay = body.motion, body.rotation_decay
     update_decay(decay, body.rotational_viscosity / J * T)
@@ -134,7 +134,7 @@ def turn_steadily(body: BodyState, T: float, J: float) -> None:
 
 @kernel
 def turn_freely(body: BodyState, h: float) -> None:
-    """Rotate any inertia by Euler's equations: a fourth-order Runge-Kutta-Munthe-Kaas step (Munthe-Kaas 1999).
+    """Rotate a body of any inertia: a fourth-order Runge-Kutta-Munthe-Kaas step (Munthe-Kaas 1999).
 
     The step is computed in body axes.
     """
@@ -165,7 +165,7 @@ def turn_freely(body: BodyState, h: float) -> None:
 
 @kernel
 def body_acceleration(body: BodyState, q: Quaternion, w: Vector) -> Vector:
-    """Compute the angular acceleration in body axes of a body with orientation q and angular velocity w there."""
+    """Compute the angular acceleration in body axes, for the orientation q and the angular velocity w in body axes."""
     I = body.inertia  # noqa: E741 (the inertia's letter)
     gyroscopic = Vector((I.z - I.y) * w.y * w.z, (I.x - I.z) * w.z * w.x, (I.y - I.x) * w.x * w.y)
     moment = rotate(q.conjugate, body.moment) - (body.rotational_viscosity * w + gyroscopic)

@@ -1,4 +1,4 @@
-"""Members of a world, its obstacles, and the law of contact among them."""
+"""Bodies and obstacles of a world, and the contact law between them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STIFFNESS = 1e5  # stiffness of a native contact point [N/m]: 0.1 kg on four poi
 
 @dataclass(frozen=True)
 class Member:
-    """Block (SIZE,) and shape of a body; a body without a shape meets nothing."""
+    """Block (SIZE,) and shape of a body in a world; a body without a shape touches no other."""
 
     state: FloatArray
     shape: Any
@@ -36,13 +36,13 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Law of contact among bodies.
+    """Contact law between bodies.
 
     Attributes:
         friction: Coulomb coefficient of all pairs.
         restitution: Ratio of separation speed to approach speed, 0 to 1.
         stiffness: Stiffness of a native body's contact point [N/m].
-        collide: True if the members also meet one another.
+        collide: True if the bodies also collide with one another, not only with obstacles.
     """
 
     friction: float = 0.5

@@ -1,4 +1,4 @@
-"""Contact of a finger with a surface: the result of all surface kernels."""
+"""Contact of a finger with a surface: the result that every surface kernel returns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from graspfx.spatial import Vector
 class Nearest:
     """Contact in the object's frame, with p - c = -gap n for a finger at p."""
 
-    face: int  # face of the contact, to be passed to the next sample
+    face: int  # face of the contact, an input of the next sample
     point: Vector  # c, on the surface [m]
     normal: Vector  # n, unit normal into the object
     gap: float  # > 0 outside [m]

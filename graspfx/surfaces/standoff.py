@@ -25,9 +25,9 @@ LEAST = 1e-9  # relative to the extent: remaining distance that is accepted if a
 def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> float | None:
     """Find the largest t at which t u has the distance `distance` from the shape, u the direction's unit vector.
 
-    From outside, the distance to a shape is a step that cannot pass through it. Such steps converge to the outermost
-    point and never pass it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). Newton's method along the normal
-    finishes. The distance is the gap that the finger's contact has.
+    From outside, a step as long as the distance to a shape cannot pass through the shape. Such steps converge to the
+    outermost point and never pass it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). The last steps use
+    Newton's method along the normal. The distance is the gap of the finger's contact.
 
     Args:
         shape: Shape about its centre.
@@ -35,7 +35,7 @@ def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> flo
         distance: Distance from the surface, zero or more [m].
 
     Returns:
-        t [m], or None if the ray never comes that close.
+        t [m], or None if the ray never comes that close to the shape.
     """
     u = direction / np.sqrt((direction * direction).sum())
     if getattr(shape, "endless", False):
