@@ -177,7 +177,7 @@ class Variants:
         return groups_
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
-        """Check assembled variants against built ones: the most extreme one in all keys, and another."""
+        """Compare assembled variants with built ones: the most extreme variant of each key, and a random one."""
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
         some.append(int(random.integers(len(group.members))))
